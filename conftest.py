@@ -1,0 +1,49 @@
+"""What all tests share: recordings beside the repository, and a ROS 2 graph of their own."""
+
+import os
+from pathlib import Path
+import tempfile
+
+import pytest
+
+REPOSITORY = Path(__file__).parent
+REQUIRE_SHARED_DATA = 'DG_REQUIRE_SHARED_DATA'
+
+
+class SharedData:
+    """
+    The folder of recordings and exact truths beside the repository.
+
+    `shared / 'truth/fleet.json'` is the path of that file. Where it is absent the test is
+    skipped, or fails when the environment sets DG_REQUIRE_SHARED_DATA=1.
+    """
+
+    def __init__(self, root):
+        self.root = root
+
+    def __truediv__(self, relative):
+        path = self.root / relative
+        if path.exists():
+            return path
+        reason = f'{path} is absent: this test needs the recordings beside the repository'
+        if os.environ.get(REQUIRE_SHARED_DATA) == '1':
+            pytest.fail(f'{reason}, and {REQUIRE_SHARED_DATA}=1', pytrace=False)
+        pytest.skip(reason)
+
+
+@pytest.fixture(scope='session')
+def shared():
+    return SharedData(REPOSITORY.parent / 'shared')
+
+
+def pytest_configure(config):
+    """Give each test process a ROS 2 domain that no other on this machine uses."""
+    # rclpy checks the type of every message field only where this is set at its import.
+    os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+    os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='dg_localization_log_'))
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    from dg_localization.ros.domain import claim_domain
+
+    # Kept for the life of the process: the claim ends with it.
+    config.ros_domain = claim_domain()
+    os.environ['ROS_DOMAIN_ID'] = str(config.ros_domain.domain_id)

@@ -1,0 +1,1 @@
+"""The ROS 2 side: the node and the other executables."""

@@ -1,0 +1,51 @@
+"""Install dg_localization: with pip, or as an ament_python package with colcon."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'dg_localization'
+
+EXTRAS = {
+    # A machine where ROS 2 Jazzy is sourced has these already.
+    'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+    'bags': ['rosbags>=0.10'],
+    'plots': ['matplotlib>=3.6'],
+    'speed': ['numba>=0.59'],
+    'progress': ['tqdm>=4'],
+    # colcon runs the tests with pytest because it finds it under this name.
+    'test': ['pytest>=7.4', 'pytest-timeout', 'pytest-xdist', 'hypothesis'],
+    'lint': ['ruff>=0.6', 'mypy>=1.8'],
+}
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Every placement of a robot fleet that agrees with its ranges and bearings',
+    long_description='See README.md.',
+    license='Apache-2.0',
+    maintainer='dg_localization maintainers',
+    maintainer_email='maintainers@dg-localization.invalid',
+    classifiers=[
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+    ],
+    python_requires='>=3.11',
+    packages=find_packages(include=[f'{PACKAGE}*', 'msg_adapters*']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+    ],
+    install_requires=['setuptools', 'numpy>=1.26'],
+    extras_require=EXTRAS,
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'localizer = dg_localization.ros.localizer:main',
+            'simulate_fleet = dg_localization.ros.simulate_fleet:main',
+            'replay = dg_localization.ros.replay:main',
+        ],
+    },
+)
