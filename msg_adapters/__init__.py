@@ -1,0 +1,34 @@
+"""
+Pure functions between ROS messages and plain values, both directions.
+
+One module per message family. Reading takes any object with the fields of the
+message, so messages decoded by rclpy and by `rosbags` both do; writing imports
+the message class when it is called. Importing this package imports no ROS.
+"""
+
+from msg_adapters.bearings import BearingReading
+from msg_adapters.diagnostics import Diagnostics, Level, Status
+from msg_adapters.markers import Marker, MarkerScene, Shape
+from msg_adapters.odometry import OdometryReading
+from msg_adapters.poses import PoseList, UncertainPose
+from msg_adapters.ranges import RangeReading
+from msg_adapters.registry import Adapter, UnknownTypeError, adapter_for, known_types, register
+
+__all__ = [
+    'Adapter',
+    'BearingReading',
+    'Diagnostics',
+    'Level',
+    'Marker',
+    'MarkerScene',
+    'OdometryReading',
+    'PoseList',
+    'RangeReading',
+    'Shape',
+    'Status',
+    'UncertainPose',
+    'UnknownTypeError',
+    'adapter_for',
+    'known_types',
+    'register',
+]

@@ -1,0 +1,106 @@
+"""diagnostic_msgs/DiagnosticArray <-> `Diagnostics`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+from msg_adapters.headers import header_to_message, stamp_from_message
+
+TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
+
+
+class Level(IntEnum):
+    """Level of a status, by the numbers of `diagnostic_msgs/DiagnosticStatus`."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Status:
+    """
+    The state of one part of the system.
+
+    Attributes
+    ----------
+    level : Level
+        How well it is.
+    name : str
+        What it is, unique on the robot.
+    message : str
+        One sentence.
+    hardware_id : str
+        The device it belongs to.
+    values : mapping of str to str
+        Figures, in the order to be shown.
+
+    """
+
+    level: Level
+    name: str
+    message: str
+    hardware_id: str = ''
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """States of several parts at one time (`stamp_s`, in s)."""
+
+    stamp_s: float
+    statuses: tuple[Status, ...]
+
+
+def diagnostics_from_message(message: Any) -> Diagnostics:
+    """
+    Read a `diagnostic_msgs/DiagnosticArray`.
+
+    The level may be a byte string, as rclpy has it, or a number, as `rosbags` has it.
+
+    Raises
+    ------
+    ValueError
+        If a level is not one of the four the message defines.
+
+    """
+    return Diagnostics(
+        stamp_s=stamp_from_message(message.header.stamp),
+        statuses=tuple(_status_from_message(status) for status in message.status),
+    )
+
+
+def diagnostics_to_message(diagnostics: Diagnostics) -> Any:
+    """Write a `diagnostic_msgs/DiagnosticArray`."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    return DiagnosticArray(
+        header=header_to_message(diagnostics.stamp_s, ''),
+        status=[_status_to_message(status) for status in diagnostics.statuses],
+    )
+
+
+def _status_from_message(status: Any) -> Status:
+    level = status.level[0] if isinstance(status.level, bytes) else status.level
+    return Status(
+        level=Level(level),
+        name=status.name,
+        message=status.message,
+        hardware_id=status.hardware_id,
+        values={entry.key: entry.value for entry in status.values},
+    )
+
+
+def _status_to_message(status: Status) -> Any:
+    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+    return DiagnosticStatus(
+        # rclpy sends an int given for this byte field as 0xff.
+        level=bytes([status.level]),
+        name=status.name,
+        message=status.message,
+        hardware_id=status.hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
+    )

@@ -1,0 +1,163 @@
+"""visualization_msgs/MarkerArray <-> `MarkerScene`."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_adapters.geometry import point_to_message, vector_to_message, xyz_from_message
+from msg_adapters.headers import header_to_message, stamp_from_message
+
+TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
+
+
+class Shape(IntEnum):
+    """The marker types in use, by the numbers of `visualization_msgs/Marker`."""
+
+    LINE_LIST = 5
+    SPHERE_LIST = 7
+    TEXT = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """
+    One marker of a scene, at rest in the scene's frame.
+
+    Attributes
+    ----------
+    namespace : str
+        Group that a viewer switches on and off.
+    identifier : int
+        Unique within the namespace.
+    shape : Shape
+        What is drawn at `points_m`.
+    points_m : ndarray, shape (k, 3)
+        Centres of spheres, ends of lines (two rows each), or the one place of a text, in m.
+    colors_rgba : ndarray, shape (k, 4)
+        A colour for each point, 0 to 1.
+    size_m : float
+        Diameter of a sphere, width of a line, height of a text, in m.
+    text : str
+        The text, for `Shape.TEXT`.
+
+    """
+
+    namespace: str
+    identifier: int
+    shape: Shape
+    points_m: NDArray[np.float64]
+    colors_rgba: NDArray[np.float64]
+    size_m: float
+    text: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerScene:
+    """
+    Everything to be shown at one time; it replaces what was shown before.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time in s.
+    frame_id : str
+        Frame of all points.
+    markers : tuple of Marker
+        May be empty, which clears the view.
+
+    """
+
+    stamp_s: float
+    frame_id: str
+    markers: tuple[Marker, ...] = field(default=())
+
+
+def marker_scene_to_message(scene: MarkerScene) -> Any:
+    """
+    Write a `visualization_msgs/MarkerArray`: first "delete all", then the markers.
+
+    Raises
+    ------
+    ValueError
+        If a marker has not as many colours as points.
+
+    """
+    from visualization_msgs import msg as visualization
+
+    header = header_to_message(scene.stamp_s, scene.frame_id)
+    clear = visualization.Marker(header=header, action=visualization.Marker.DELETEALL)
+    drawn = [_to_message(marker, header) for marker in scene.markers]
+    return visualization.MarkerArray(markers=[clear, *drawn])
+
+
+def marker_scene_from_message(message: Any) -> MarkerScene:
+    """
+    Read a `visualization_msgs/MarkerArray` that `marker_scene_to_message` wrote.
+
+    Raises
+    ------
+    ValueError
+        If the array does not begin with "delete all", or holds a shape not in `Shape`.
+
+    """
+    delete_all = 3
+    if not message.markers or message.markers[0].action != delete_all:
+        raise ValueError('the marker array does not begin with DELETEALL')
+    header = message.markers[0].header
+    return MarkerScene(
+        stamp_s=stamp_from_message(header.stamp),
+        frame_id=header.frame_id,
+        markers=tuple(_from_message(marker) for marker in message.markers[1:]),
+    )
+
+
+def _to_message(marker: Marker, header: Any) -> Any:
+    from visualization_msgs import msg as visualization
+
+    if len(marker.colors_rgba) != len(marker.points_m):
+        raise ValueError(
+            f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
+            f'and {len(marker.colors_rgba)} colours; give one colour for each point'
+        )
+    message = visualization.Marker(
+        header=header,
+        ns=marker.namespace,
+        id=marker.identifier,
+        type=int(marker.shape),
+        action=visualization.Marker.ADD,
+        scale=vector_to_message(np.full(3, marker.size_m)),
+        text=marker.text,
+    )
+    message.pose.orientation.w = 1.0
+    if marker.shape is Shape.TEXT:
+        message.pose.position = point_to_message(marker.points_m[0])
+        message.color = _color_to_message(marker.colors_rgba[0])
+    else:
+        message.points = [point_to_message(point) for point in marker.points_m]
+        message.colors = [_color_to_message(color) for color in marker.colors_rgba]
+    return message
+
+
+def _from_message(message: Any) -> Marker:
+    is_text = message.type == Shape.TEXT
+    points = [message.pose.position] if is_text else message.points
+    colors = [message.color] if is_text else message.colors
+    return Marker(
+        namespace=message.ns,
+        identifier=message.id,
+        shape=Shape(message.type),
+        points_m=np.reshape([xyz_from_message(point) for point in points], (-1, 3)),
+        colors_rgba=np.reshape([[c.r, c.g, c.b, c.a] for c in colors], (-1, 4)),
+        size_m=message.scale.z,
+        text=message.text,
+    )
+
+
+def _color_to_message(rgba: NDArray[np.float64]) -> Any:
+    from std_msgs.msg import ColorRGBA
+
+    red, green, blue, alpha = rgba
+    return ColorRGBA(r=float(red), g=float(green), b=float(blue), a=float(alpha))

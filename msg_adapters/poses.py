@@ -1,0 +1,130 @@
+"""geometry_msgs/PoseArray <-> `PoseList`, PoseWithCovarianceStamped <-> `UncertainPose`."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_adapters.geometry import pose_to_message, xyz_from_message, xyzw_from_message
+from msg_adapters.headers import header_to_message, stamp_from_message
+
+POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
+POSE_WITH_COVARIANCE_STAMPED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+
+
+@dataclass(frozen=True, eq=False)
+class PoseList:
+    """
+    Poses in one frame at one time.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time in s.
+    frame_id : str
+        Frame the poses are given in.
+    positions_m : ndarray, shape (k, 3)
+        Positions in m.
+    orientations_xyzw : ndarray, shape (k, 4)
+        Quaternions, scalar last.
+
+    """
+
+    stamp_s: float
+    frame_id: str
+    positions_m: NDArray[np.float64]
+    orientations_xyzw: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainPose:
+    """
+    One pose with a covariance.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time in s.
+    frame_id : str
+        Frame the pose is given in.
+    position_xyz : ndarray, shape (3,)
+        Position in m.
+    orientation_xyzw : ndarray, shape (4,)
+        Quaternion, scalar last.
+    covariance : ndarray, shape (6, 6)
+        Over x, y, z (m) and the rotations about the fixed x, y, z axes (rad).
+
+    """
+
+    stamp_s: float
+    frame_id: str
+    position_xyz: NDArray[np.float64]
+    orientation_xyzw: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def pose_array_from_message(message: Any) -> PoseList:
+    """Read a `geometry_msgs/PoseArray`; an empty one gives arrays of shape (0, 3) and (0, 4)."""
+    positions = [xyz_from_message(pose.position) for pose in message.poses]
+    orientations = [xyzw_from_message(pose.orientation) for pose in message.poses]
+    return PoseList(
+        stamp_s=stamp_from_message(message.header.stamp),
+        frame_id=message.header.frame_id,
+        positions_m=np.reshape(positions, (-1, 3)),
+        orientations_xyzw=np.reshape(orientations, (-1, 4)),
+    )
+
+
+def pose_array_to_message(poses: PoseList) -> Any:
+    """
+    Write a `geometry_msgs/PoseArray`.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many orientations as positions.
+
+    """
+    from geometry_msgs.msg import PoseArray
+
+    pairs = zip(poses.positions_m, poses.orientations_xyzw, strict=True)
+    return PoseArray(
+        header=header_to_message(poses.stamp_s, poses.frame_id),
+        poses=[pose_to_message(position, orientation) for position, orientation in pairs],
+    )
+
+
+def uncertain_pose_from_message(message: Any) -> UncertainPose:
+    """Read a `geometry_msgs/PoseWithCovarianceStamped`."""
+    pose = message.pose.pose
+    return UncertainPose(
+        stamp_s=stamp_from_message(message.header.stamp),
+        frame_id=message.header.frame_id,
+        position_xyz=xyz_from_message(pose.position),
+        orientation_xyzw=xyzw_from_message(pose.orientation),
+        covariance=np.array(message.pose.covariance, dtype=float).reshape(6, 6),
+    )
+
+
+def uncertain_pose_to_message(estimate: UncertainPose) -> Any:
+    """
+    Write a `geometry_msgs/PoseWithCovarianceStamped`.
+
+    Raises
+    ------
+    ValueError
+        If the covariance is not of shape (6, 6).
+
+    """
+    from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+
+    if np.shape(estimate.covariance) != (6, 6):
+        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
+    return PoseWithCovarianceStamped(
+        header=header_to_message(estimate.stamp_s, estimate.frame_id),
+        pose=PoseWithCovariance(
+            pose=pose_to_message(estimate.position_xyz, estimate.orientation_xyzw),
+            covariance=np.asarray(estimate.covariance, dtype=float).ravel(),
+        ),
+    )

@@ -1,0 +1,259 @@
+"""Round trips through real messages, and through CDR, without a node."""
+
+import math
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import msg_adapters
+from msg_adapters import (
+    Adapter,
+    BearingReading,
+    Diagnostics,
+    Level,
+    Marker,
+    MarkerScene,
+    OdometryReading,
+    PoseList,
+    RangeReading,
+    Shape,
+    Status,
+    UncertainPose,
+    UnknownTypeError,
+    adapter_for,
+    known_types,
+    register,
+)
+from msg_adapters.headers import stamp_from_message, stamp_to_message
+
+pytest.importorskip('sensor_msgs', reason='the ROS messages are not installed')
+
+RANGE = 'sensor_msgs/msg/Range'
+BEARING = 'geometry_msgs/msg/Vector3Stamped'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
+POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+MARKERS = 'visualization_msgs/msg/MarkerArray'
+
+QUATERNION = np.array([0.0, 0.0, 0.6, 0.8])
+BEARING_READING = BearingReading(12.25, np.array([0.5, -0.25, 0.125]), 'robot_1/base_link')
+ODOMETRY_READING = OdometryReading(
+    3.5, np.array([1.0, -2.0, 0.5]), QUATERNION, 'robot_1/odom', 'robot_1/base_link'
+)
+POSE_LIST = PoseList(
+    9.0, 'map', np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.array([QUATERNION, QUATERNION])
+)
+UNCERTAIN_POSE = UncertainPose(
+    9.0, 'map', np.array([1.0, 2.0, 0.0]), QUATERNION, np.arange(36.0).reshape(6, 6)
+)
+SCENE = MarkerScene(
+    2.0,
+    'map',
+    (
+        Marker('robots', 0, Shape.SPHERE_LIST, np.ones((3, 3)), np.full((3, 4), 0.5), 0.25),
+        Marker('links', 1, Shape.LINE_LIST, np.zeros((2, 3)), np.ones((2, 4)), 0.5),
+        Marker('names', 2, Shape.TEXT, np.ones((1, 3)), np.ones((1, 4)), 0.125, 'robot_1'),
+    ),
+)
+DIAGNOSTICS_VALUE = Diagnostics(
+    7.0,
+    (
+        Status(Level.OK, 'localizer: fleet', 'one hypothesis', 'fleet', {'hypotheses': '1'}),
+        Status(Level.WARN, 'localizer: robot robot_1', 'flexible'),
+        Status(Level.ERROR, 'localizer: input', 'contradicts'),
+        Status(Level.STALE, 'localizer: input 2', 'silent'),
+    ),
+)
+VALUES = [
+    (RANGE, RangeReading(1.5, 2.25, 0.125, 8.0, 0.0625, 'uwb')),
+    (BEARING, BEARING_READING),
+    (ODOMETRY, ODOMETRY_READING),
+    (POSE_ARRAY, POSE_LIST),
+    (POSE, UNCERTAIN_POSE),
+    (DIAGNOSTICS, DIAGNOSTICS_VALUE),
+    (MARKERS, SCENE),
+]
+
+
+def assert_same(actual, expected):
+    """Compare two plain values field by field, arrays by value and shape."""
+    assert type(actual) is type(expected)
+    for name, value in vars(expected).items():
+        other = getattr(actual, name)
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(other, value)
+            assert other.shape == value.shape
+        elif name == 'markers':
+            assert len(other) == len(value)
+            for ours, theirs in zip(other, value, strict=True):
+                assert_same(ours, theirs)
+        else:
+            assert other == value, name
+
+
+@pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])
+def test_value_survives_the_message(type_name, value):
+    adapter = adapter_for(type_name)
+    message = adapter.to_message(value)
+    assert isinstance(message, adapter.message_class())
+    assert_same(adapter.from_message(message), value)
+    assert isinstance(value, adapter.value_class)
+
+
+@pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])
+def test_value_survives_the_wire(type_name, value):
+    serialization = pytest.importorskip('rclpy.serialization')
+    adapter = adapter_for(type_name)
+    wire = serialization.serialize_message(adapter.to_message(value))
+    message = serialization.deserialize_message(wire, adapter.message_class())
+    assert_same(adapter.from_message(message), value)
+
+
+@pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])
+def test_message_decoded_by_rosbags_reads_the_same(type_name, value):
+    serialization = pytest.importorskip('rclpy.serialization')
+    typesys = pytest.importorskip('rosbags.typesys')
+    adapter = adapter_for(type_name)
+    wire = bytes(serialization.serialize_message(adapter.to_message(value)))
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    assert_same(adapter.from_message(store.deserialize_cdr(wire, type_name)), value)
+
+
+def test_every_adapter_has_a_round_trip_here():
+    assert [name for name in known_types() if name not in dict(VALUES)] == []
+
+
+@pytest.mark.parametrize('sentinel', [math.nan, math.inf, -math.inf])
+def test_range_sentinels_of_rep_117_pass_unchanged(sentinel):
+    adapter = adapter_for(RANGE)
+    message = adapter.to_message(RangeReading(1.0, sentinel, 0.5, 8.0))
+    np.testing.assert_equal(adapter.from_message(message).range_m, sentinel)
+
+
+def test_range_limits_and_variance_of_zero_are_not_given():
+    reading = adapter_for(RANGE).from_message(
+        adapter_for(RANGE).message_class()(range=2.0, min_range=0.0, max_range=0.0, variance=0.0)
+    )
+    assert (reading.min_range_m, reading.max_range_m, reading.variance_m2) == (None, None, None)
+    assert reading.stamp_s == 0.0
+
+
+def test_range_with_a_far_limit_only_keeps_both():
+    reading = adapter_for(RANGE).from_message(
+        adapter_for(RANGE).message_class()(range=2.0, max_range=8.0)
+    )
+    assert (reading.min_range_m, reading.max_range_m) == (0.0, 8.0)
+
+
+def test_range_of_a_recording_without_variance():
+    stamp = SimpleNamespace(sec=1, nanosec=500_000_000)
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp, frame_id=''), range=3.0, min_range=0.0, max_range=0.0
+    )
+    assert adapter_for(RANGE).from_message(message) == RangeReading(1.5, 3.0)
+
+
+def test_zero_ray_and_zero_quaternion_are_passed_on_for_the_fleet_to_judge():
+    bearing = adapter_for(BEARING)
+    assert not bearing.from_message(bearing.message_class()()).ray_xyz.any()
+    odometry = adapter_for(ODOMETRY)
+    message = odometry.to_message(OdometryReading(1.0, np.zeros(3), np.zeros(4)))
+    assert not odometry.from_message(message).orientation_xyzw.any()
+
+
+def test_empty_pose_array_has_shaped_arrays():
+    adapter = adapter_for(POSE_ARRAY)
+    message = adapter.to_message(PoseList(1.0, 'map', np.zeros((0, 3)), np.zeros((0, 4))))
+    assert len(message.poses) == 0
+    poses = adapter.from_message(message)
+    assert (poses.positions_m.shape, poses.orientations_xyzw.shape) == ((0, 3), (0, 4))
+
+
+def test_numpy_scalars_become_floats():
+    message = adapter_for(RANGE).to_message(
+        RangeReading(1.0, np.float32(1.5), np.float64(0.5), np.float32(8.0))
+    )
+    assert type(message.range) is float and message.range == 1.5
+
+
+def test_mismatched_poses_are_refused():
+    with pytest.raises(ValueError):
+        adapter_for(POSE_ARRAY).to_message(PoseList(1.0, '', np.zeros((2, 3)), np.zeros((1, 4))))
+
+
+def test_covariance_of_wrong_shape_is_refused():
+    with pytest.raises(ValueError, match=r'\(3, 3\), not \(6, 6\)'):
+        adapter_for(POSE).to_message(
+            UncertainPose(1.0, '', np.zeros(3), QUATERNION, np.zeros((3, 3)))
+        )
+
+
+def test_marker_scene_begins_with_delete_all_even_when_empty():
+    message = adapter_for(MARKERS).to_message(MarkerScene(1.0, 'map'))
+    assert [marker.action for marker in message.markers] == [message.markers[0].DELETEALL]
+
+
+def test_marker_array_of_another_node_is_refused():
+    adapter = adapter_for(MARKERS)
+    with pytest.raises(ValueError, match='DELETEALL'):
+        adapter.from_message(adapter.message_class()())
+
+
+def test_marker_needs_a_colour_for_each_point():
+    marker = Marker('robots', 4, Shape.SPHERE_LIST, np.zeros((2, 3)), np.zeros((1, 4)), 0.1)
+    with pytest.raises(ValueError, match='robots/4 has 2 points and 1 colours'):
+        adapter_for(MARKERS).to_message(MarkerScene(1.0, 'map', (marker,)))
+
+
+@pytest.mark.parametrize(
+    'stamp_s, sec, nanosec',
+    [(0.0, 0, 0), (1.5, 1, 500_000_000), (0.9999999999, 1, 0), (-0.25, -1, 750_000_000)],
+)
+def test_stamp_is_rounded_and_normalised(stamp_s, sec, nanosec):
+    stamp = stamp_to_message(stamp_s)
+    assert (stamp.sec, stamp.nanosec) == (sec, nanosec)
+    assert stamp_from_message(stamp) == pytest.approx(stamp_s, abs=1e-9)
+
+
+@pytest.mark.parametrize('stamp_s', [math.nan, math.inf])
+def test_stamp_that_is_no_time_is_refused(stamp_s):
+    with pytest.raises(ValueError, match='not finite'):
+        stamp_to_message(stamp_s)
+
+
+def test_level_goes_out_as_its_number():
+    message = adapter_for(DIAGNOSTICS).to_message(DIAGNOSTICS_VALUE)
+    assert [status.level for status in message.status] == [b'\0', b'\1', b'\2', b'\3']
+
+
+def test_unknown_type_is_named_with_the_known_ones():
+    with pytest.raises(UnknownTypeError, match=r"'gps_msgs/msg/Fix'; there are .*msg/Range"):
+        adapter_for('gps_msgs/msg/Fix')
+
+
+def test_own_type_is_registered_and_looked_up_lazily(monkeypatch):
+    monkeypatch.setattr('msg_adapters.registry._adapters', {})
+    register(Adapter('not_installed_msgs/msg/Thing', dict, vars, print))
+    adapter = adapter_for('not_installed_msgs/msg/Thing')
+    with pytest.raises(UnknownTypeError, match='install the ROS package not_installed_msgs'):
+        adapter.message_class()
+
+
+def test_malformed_type_name_is_refused():
+    with pytest.raises(ValueError, match='package/msg/Type'):
+        register(Adapter('Range', dict, vars, print))
+
+
+def test_import_needs_no_ros():
+    code = (
+        'import sys, msg_adapters; '
+        'ros = {"rclpy", "std_msgs", "sensor_msgs"}; '
+        'bad = [name for name in sys.modules if name in ros]; '
+        'sys.exit(str(bad) if bad else 0)'
+    )
+    subprocess.run([sys.executable, '-c', code], check=True)
+    assert msg_adapters.__all__
