@@ -1,0 +1,29 @@
+"""
+Every placement of a robot fleet that agrees with interval distances and bearings.
+
+The solver's interface is here; it needs neither ROS nor a first guess. See `solve`.
+"""
+
+from dg_localization.solver.problem import (
+    Chirality,
+    InvalidProblemError,
+    Problem,
+    Side,
+    SideConstraint,
+)
+from dg_localization.solver.result import Hypothesis, Result, SolverOptions, Statistics, Verdict
+from dg_localization.solver.solve import solve
+
+__all__ = [
+    'Chirality',
+    'Hypothesis',
+    'InvalidProblemError',
+    'Problem',
+    'Result',
+    'Side',
+    'SideConstraint',
+    'SolverOptions',
+    'Statistics',
+    'Verdict',
+    'solve',
+]

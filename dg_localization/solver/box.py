@@ -1,0 +1,68 @@
+"""
+A box in distance space: one interval per pair of points, with at most one gap in it.
+
+A box is an array of shape (4, n, n), symmetric in its last two axes, in m^2: the planes LOWER and
+UPPER bound every squared distance, and the open interval (GAP_LOWER, GAP_UPPER) holds no solution
+either. ``GAP_LOWER >= GAP_UPPER`` means that no gap is known. The same layout serves the projected
+problems and, in m, the distances on the line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.solver.jit import kernel
+
+LOWER, UPPER, GAP_LOWER, GAP_UPPER = range(4)
+
+FloatArray = NDArray[np.float64]
+
+
+@kernel
+def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
+    """Intersect pair (i, j) with [low, high], skip past its gap, and tell whether it is left."""
+    low = max(low, box[LOWER, i, j])
+    high = min(high, box[UPPER, i, j])
+    gap_low = box[GAP_LOWER, i, j]
+    gap_high = box[GAP_UPPER, i, j]
+    if gap_low < gap_high:
+        if low > gap_low:
+            low = max(low, gap_high)
+        if high < gap_high:
+            high = min(high, gap_low)
+        if low > gap_low or high < gap_high:
+            box[GAP_LOWER, i, j] = box[GAP_LOWER, j, i] = 0.0
+            box[GAP_UPPER, i, j] = box[GAP_UPPER, j, i] = 0.0
+    box[LOWER, i, j] = box[LOWER, j, i] = low
+    box[UPPER, i, j] = box[UPPER, j, i] = high
+    return low <= high
+
+
+@kernel
+def exclude(box: FloatArray, i: int, j: int, gap_low: float, gap_high: float) -> bool:
+    """
+    Remove the open interval (gap_low, gap_high) from pair (i, j); tell whether something is left.
+
+    An interval over an end of the range shortens the range. An inner one becomes the pair's gap:
+    joined with the known gap where the two overlap, else the wider of the two is remembered.
+    """
+    if gap_low >= gap_high:
+        return True
+    low = box[LOWER, i, j]
+    high = box[UPPER, i, j]
+    if gap_low < low:
+        return narrow(box, i, j, gap_high, high) if gap_high > low else True
+    if gap_high > high:
+        return narrow(box, i, j, low, gap_low) if gap_low < high else True
+    known_low = box[GAP_LOWER, i, j]
+    known_high = box[GAP_UPPER, i, j]
+    if known_low < known_high:
+        if gap_low < known_high and known_low < gap_high:
+            gap_low = min(gap_low, known_low)
+            gap_high = max(gap_high, known_high)
+        elif known_high - known_low >= gap_high - gap_low:
+            return True
+    box[GAP_LOWER, i, j] = box[GAP_LOWER, j, i] = gap_low
+    box[GAP_UPPER, i, j] = box[GAP_UPPER, j, i] = gap_high
+    return True

@@ -1,0 +1,64 @@
+"""
+The one decorator of the numerical kernels: compiled by numba when it is installed.
+
+A kernel is a plain scalar loop over arrays. With numba it becomes machine code that releases the
+interpreter lock; without it (or with ``NUMBA_DISABLE_JIT=1``) the very same function runs in
+Python. Both give the same bounds to the last bit: numba neither reorders nor fuses operations
+unless told to, and it is not told to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import hashlib
+import os
+from pathlib import Path
+from typing import Any, TypeVar
+
+try:
+    import numba
+except ImportError:
+    numba = None
+
+Function = TypeVar('Function', bound=Callable[..., Any])
+
+
+def _cache_directory() -> Path:
+    """
+    Return where compiled kernels of exactly these sources are kept.
+
+    Numba dates a cached kernel by its own file only, although the kernels it calls are compiled
+    into it: an edited callee would leave a stale caller. A folder per state of the sources cannot
+    go stale, and lies outside the installation, which may be read-only.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob('*.py')):
+        digest.update(source.read_bytes())
+    base = os.environ.get('NUMBA_CACHE_DIR') or os.environ.get('XDG_CACHE_HOME')
+    root = Path(base) if base else Path.home() / '.cache'
+    return root / 'dg_localization' / digest.hexdigest()[:16]
+
+
+def _compile(function: Function) -> Function:
+    """Return `function` as a lazily compiled numba kernel, cached on disk where possible."""
+    options = {'nogil': True, 'error_model': 'numpy'}
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _CACHE_DIRECTORY
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except (OSError, RuntimeError):
+        # No writable folder anywhere: compile anew in every process.
+        return numba.njit(**options)(function)
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
+if numba is None:
+
+    def kernel(function: Function) -> Function:
+        """Return `function` itself: numba is not installed."""
+        return function
+
+else:
+    _CACHE_DIRECTORY = str(_cache_directory())
+    kernel = _compile

@@ -1,0 +1,290 @@
+"""
+Placements: coordinates inside a box, and the proof that they agree with the measurements.
+
+A first placement comes from the Cholesky factorization of the Gram matrix of the box's middle
+(Section 3, Eqs. 1-3). Least squares then pulls it into the intervals. Whether it agrees is
+decided afterwards and apart, with outward rounding: nothing here can turn a guess into a proof.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+import math
+from typing import Any
+
+import numpy as np
+
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.jit import kernel
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.rounding import UNIT, down, square_down, square_up, up
+
+MARGIN = 0.1
+"""Least squares aims this fraction of an interval's width inside its ends."""
+
+MAX_STEPS = 40
+
+
+@kernel
+def _factor(middle: FloatArray, dimension: int) -> FloatArray:
+    """
+    Return the first coordinates of the Cholesky factorization of the Gram matrix.
+
+    The pivot of each step is the point farthest from the space spanned so far, which keeps the
+    factorization stable and makes points that coincide with the origin harmless.
+    """
+    n_points = len(middle)
+    gram = np.empty((n_points, n_points))
+    for i in range(n_points):
+        for j in range(n_points):
+            gram[i, j] = 0.5 * (middle[0, i] + middle[0, j] - middle[i, j])
+    positions = np.zeros((n_points, dimension))
+    for axis in range(dimension):
+        pivot = 0
+        for i in range(n_points):
+            if gram[i, i] > gram[pivot, pivot]:
+                pivot = i
+        length = gram[pivot, pivot]
+        if length <= 0.0:
+            break
+        root = math.sqrt(length)
+        for i in range(n_points):
+            positions[i, axis] = gram[i, pivot] / root
+        for i in range(n_points):
+            for j in range(n_points):
+                gram[i, j] -= positions[i, axis] * positions[j, axis]
+    return positions
+
+
+@kernel
+def _assemble(
+    positions: FloatArray, box: FloatArray, matrix: FloatArray, vector: FloatArray
+) -> float:
+    """Write the normal equations of the misfit of every distance; return its sum of squares."""
+    n_points, dimension = positions.shape
+    matrix[:] = 0.0
+    vector[:] = 0.0
+    total = 0.0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            low = box[LOWER, i, j]
+            high = box[UPPER, i, j]
+            squared = 0.0
+            for axis in range(dimension):
+                squared += (positions[i, axis] - positions[j, axis]) ** 2
+            if not math.isinf(high):
+                margin = MARGIN * (high - low)
+                low += margin
+                high -= margin
+            misfit = squared - min(max(squared, low), high)
+            # Divided by the distance, so that metres are compared and not their squares.
+            weight = 1.0 / max(squared, 0.5 * (low + min(high, squared + low)), 1e-300)
+            if misfit == 0.0:
+                weight *= 1e-3
+            total += weight * misfit * misfit
+            for axis in range(dimension):
+                row = 2.0 * (positions[i, axis] - positions[j, axis])
+                vector[i * dimension + axis] += weight * misfit * row
+                vector[j * dimension + axis] -= weight * misfit * row
+                for other in range(dimension):
+                    value = weight * row * 2.0 * (positions[i, other] - positions[j, other])
+                    matrix[i * dimension + axis, i * dimension + other] += value
+                    matrix[j * dimension + axis, j * dimension + other] += value
+                    matrix[i * dimension + axis, j * dimension + other] -= value
+                    matrix[j * dimension + axis, i * dimension + other] -= value
+    return total
+
+
+@kernel
+def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
+    """Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down."""
+    size = len(vector)
+    for i in range(size):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            if i == j:
+                value += damping
+            for k in range(j):
+                value -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if value <= 0.0:
+                    return False
+                matrix[i, i] = math.sqrt(value)
+            else:
+                matrix[i, j] = value / matrix[j, j]
+    for i in range(size):
+        for k in range(i):
+            vector[i] -= matrix[i, k] * vector[k]
+        vector[i] /= matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            vector[i] -= matrix[k, i] * vector[k]
+        vector[i] /= matrix[i, i]
+    return True
+
+
+@kernel
+def _refine(positions: FloatArray, box: FloatArray) -> FloatArray:
+    """Pull a placement into the intervals of a box by damped least squares."""
+    n_points, dimension = positions.shape
+    size = n_points * dimension
+    matrix = np.empty((size, size))
+    vector = np.empty(size)
+    best = positions.copy()
+    damping = 1e-6
+    misfit = _assemble(best, box, matrix, vector)
+    for _ in range(MAX_STEPS):
+        if misfit == 0.0:
+            break
+        scale = 0.0
+        for i in range(size):
+            scale = max(scale, matrix[i, i])
+        if not _solve_damped(matrix, vector, damping * scale + 1e-300):
+            break
+        trial = best - vector.reshape((n_points, dimension))
+        trial_misfit = _assemble(trial, box, matrix, vector)
+        if trial_misfit < misfit:
+            if trial_misfit > 0.999999 * misfit:
+                break
+            best = trial
+            misfit = trial_misfit
+            damping = max(0.1 * damping, 1e-12)
+        else:
+            damping *= 10.0
+            if damping > 1e3:
+                break
+            misfit = _assemble(best, box, matrix, vector)
+    return best
+
+
+@kernel
+def place(box: FloatArray, dimension: int) -> FloatArray:
+    """
+    Return the coordinates of a placement near or in a box, with no claim that it is inside.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2; all its upper bounds are finite.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        Coordinates in m, of either handedness.
+
+    """
+    middle = 0.5 * (box[LOWER] + box[UPPER])
+    return _refine(_factor(middle, dimension), box)
+
+
+@kernel
+def _distances_agree(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> bool:
+    """Tell whether every squared distance, with all rounding, lies in its interval."""
+    n_points, dimension = positions.shape
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            low = 0.0
+            high = 0.0
+            for axis in range(dimension):
+                difference = abs(positions[i, axis] - positions[j, axis])
+                low = down(low + square_down(max(0.0, down(difference))))
+                high = up(high + square_up(up(difference)))
+            if low < lower[i, j] or high > upper[i, j]:
+                return False
+    return True
+
+
+def sign_of_determinant(points: FloatArray) -> int:
+    """
+    Return the exact sign of det[p2 - p1, ..., p(q+1) - p1].
+
+    The floating-point determinant decides where it exceeds its forward error, a few units of
+    rounding times the permanent of the absolute values; exact rationals decide otherwise.
+
+    Parameters
+    ----------
+    points : ndarray, shape (q + 1, q)
+        The corners of the simplex in m.
+
+    Returns
+    -------
+    int
+        -1, 0 or +1; 0 when the points lie in one hyperplane.
+
+    """
+    edges = points[1:] - points[0]
+    determinant = _determinant(edges.tolist())
+    if abs(determinant) > 64.0 * UNIT * _permanent(np.abs(edges).tolist()):
+        return 1 if determinant > 0.0 else -1
+    exact = [[Fraction(x) for x in point] for point in points.tolist()]
+    rows = [[x - y for x, y in zip(point, exact[0], strict=True)] for point in exact[1:]]
+    determinant = _determinant(rows)
+    return (determinant > 0) - (determinant < 0)
+
+
+def _determinant(rows: list[list[Any]]) -> Any:
+    """Expand a determinant of size 1, 2 or 3 in the arithmetic of its entries."""
+    if len(rows) == 1:
+        return rows[0][0]
+    if len(rows) == 2:
+        return rows[0][0] * rows[1][1] - rows[0][1] * rows[1][0]
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+def _permanent(rows: list[list[float]]) -> float:
+    """Expand a permanent of size 1, 2 or 3."""
+    if len(rows) == 1:
+        return rows[0][0]
+    if len(rows) == 2:
+        return rows[0][0] * rows[1][1] + rows[0][1] * rows[1][0]
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * (e * i + f * h) + b * (d * i + f * g) + c * (d * h + e * g)
+
+
+def with_handedness(problem: Problem, positions: FloatArray) -> FloatArray:
+    """Return `positions` or their mirror image, whichever has the problem's first chirality."""
+    for chirality in problem.chiralities:
+        sign = sign_of_determinant(positions[list(chirality.points)])
+        if sign:
+            if sign != chirality.sign:
+                positions = positions.copy()
+                positions[:, -1] = -positions[:, -1]
+            break
+    return positions
+
+
+def agrees(problem: Problem, positions: FloatArray) -> bool:
+    """
+    Prove that a placement meets every constraint of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    positions : ndarray, shape (n, q)
+        Coordinates in m, taken as exact.
+
+    Returns
+    -------
+    bool
+        True is a proof: distances are compared after outward rounding, orientations by exact
+        signs. False means that the placement fails or is too close to call.
+
+    """
+    if not np.isfinite(positions).all():
+        return False
+    if not _distances_agree(positions, problem.lower, problem.upper):
+        return False
+    for constraint in problem.sides:
+        first = sign_of_determinant(positions[[*constraint.face, constraint.first]])
+        second = sign_of_determinant(positions[[*constraint.face, constraint.second]])
+        # Opposite orientations of the two simplices mean opposite sides.
+        if first * second * constraint.side > 0:
+            return False
+    return all(
+        sign_of_determinant(positions[list(chirality.points)]) != -chirality.sign
+        for chirality in problem.chiralities
+    )
