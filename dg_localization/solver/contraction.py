@@ -1,8 +1,9 @@
 """
 Contraction of a box to a fixed point: project, reduce, back-project along the axes (Section 4).
 
-The space of dimension q is projected q - 1 times; the recursion of `_sweep` over the levels is
-the paper's, and what it does at the last level is the line of Section 4.2.
+The space of dimension q is projected q - 1 times; what is left is the line of Section 4.2. Level
+k of the workspace holds the problem after k projections. (The levels are spelt out: numba cannot
+load a self-recursive kernel from its cache.)
 """
 
 from __future__ import annotations
@@ -108,44 +109,69 @@ def _reduce_shadow(
 
 
 @kernel
-def _reduce_axis(
-    work: Workspace, sides: Sides, dimension: int, level: int, count: int, a: int, b: int, face: int
+def _reduce_plane(
+    work: Workspace, sides: Sides, level: int, count: int, a: int, b: int, f0: int, f1: int, f2: int
 ) -> bool:
-    """
-    Project along (a, b), reduce what is below, and back-project.
-
-    `face` is the point that the earlier axes share with `a`, -1 at the first level and -2 when
-    the axes do not span a face.
-    """
-    box = work.boxes[level]
-    shadow = work.boxes[level + 1]
-    shadow_points = work.points[level + 1]
-    coordinates = work.coordinates[level]
+    """Project the plane at `level` along (a, b) to a line that shows a face, reduce, and return."""
     shadow_count = project(
-        box, shadow, coordinates, work.points[level], count, shadow_points, a, b
+        work.boxes[level],
+        work.boxes[level + 1],
+        work.coordinates[level],
+        work.points[level],
+        count,
+        work.points[level + 1],
+        a,
+        b,
     )
     if shadow_count < 0:
         return False
-    if dimension - level == 2:
-        if face == -1:
-            left = _reduce_shadow(work, sides, level + 1, shadow_count, a, a, b, -1)
-        elif face >= 0:
-            left = _reduce_shadow(work, sides, level + 1, shadow_count, a, a, face, b)
-        else:
-            left = _reduce_shadow(work, sides, level + 1, shadow_count, -1, -1, -1, -1)
-        if not left:
-            return False
-    else:
-        for x in range(shadow_count):
-            for y in range(x + 1, shadow_count):
-                c = shadow_points[x]
-                e = shadow_points[y]
-                next_face = b if c == a else -2
-                if not _reduce_axis(
-                    work, sides, dimension, level + 1, shadow_count, c, e, next_face
-                ):
-                    return False
-    return back_project(box, shadow, coordinates, shadow_points, shadow_count, a, b)
+    if not _reduce_shadow(work, sides, level + 1, shadow_count, a, f0, f1, f2):
+        return False
+    return back_project(
+        work.boxes[level],
+        work.boxes[level + 1],
+        work.coordinates[level],
+        work.points[level + 1],
+        shadow_count,
+        a,
+        b,
+    )
+
+
+@kernel
+def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
+    """Project space along (a, b) to a plane, reduce that along all its axes, and return."""
+    shadow_count = project(
+        work.boxes[0],
+        work.boxes[1],
+        work.coordinates[0],
+        work.points[0],
+        count,
+        work.points[1],
+        a,
+        b,
+    )
+    if shadow_count < 0:
+        return False
+    for x in range(shadow_count):
+        for y in range(x + 1, shadow_count):
+            c = work.points[1, x]
+            e = work.points[1, y]
+            if work.boxes[1, UPPER, c, e] == np.inf:
+                continue
+            # Only axes through the common image of a and b span a face, {a, b, e}.
+            f0, f1, f2 = (a, b, e) if c == a else (-1, -1, -1)
+            if not _reduce_plane(work, sides, 1, shadow_count, c, e, f0, f1, f2):
+                return False
+    return back_project(
+        work.boxes[0],
+        work.boxes[1],
+        work.coordinates[0],
+        work.points[1],
+        shadow_count,
+        a,
+        b,
+    )
 
 
 @kernel
@@ -237,7 +263,10 @@ def contract(
                 b = axes[x, 1]
                 if work.boxes[0, UPPER, a, b] == np.inf or work.boxes[0, LOWER, a, b] <= 0.0:
                     continue
-                left = _reduce_axis(work, sides, dimension, 0, n_points, a, b, -1)
+                if dimension == 2:
+                    left = _reduce_plane(work, sides, 0, n_points, a, b, a, b, -1)
+                else:
+                    left = _reduce_space(work, sides, n_points, a, b)
                 if not left:
                     break
         if left and _largest_gain(work.boxes[0], widths, n_points) < least_gain:

@@ -16,6 +16,9 @@ from dg_localization.solver.box import FloatArray
 RANK_TOLERANCE = 1e-6
 """Singular values below this fraction of the largest count as zero."""
 
+SMALLEST_ERROR = 1e-13
+"""Exact measurements count as having this relative error, so that weights stay finite."""
+
 
 def _gradients(
     positions: FloatArray, pairs: tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -95,7 +98,8 @@ def explained_widths(
     edges = np.nonzero(np.triu(measured, 1))
     pairs = np.triu_indices(n_points, 1)
     error = half_widths[edges]
-    error = np.maximum(error, 1e-12 * max(1e-300, float(error.max())))
+    lengths_m2 = ((positions[edges[0]] - positions[edges[1]]) ** 2).sum(axis=1)
+    error = np.maximum(error, SMALLEST_ERROR * max(float(lengths_m2.max()), 1e-300))
     weighted = _gradients(positions, edges) / error[:, None]
     inverse = np.linalg.pinv(weighted, rcond=1e-9)
     spread = np.abs(_gradients(positions, pairs) @ inverse).sum(axis=1)
