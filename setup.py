@@ -9,7 +9,7 @@ PACKAGE = 'dg_localization'
 EXTRAS = {
     # A machine where ROS 2 Jazzy is sourced has these already.
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-    'bags': ['rosbags>=0.10'],
+    'bags': ['rosbags>=0.11'],
     'plots': ['matplotlib>=3.6'],
     'speed': ['numba>=0.59'],
     'progress': ['tqdm>=4'],

@@ -1,0 +1,46 @@
+"""How an executable starts, and how it ends on SIGINT and SIGTERM: exit code 0, no traceback."""
+
+from collections.abc import Callable
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+
+class WrongParameterError(ValueError):
+    """A parameter of a node has a value that is not allowed."""
+
+
+def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+    """
+    Make a node and spin it until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    make_node : callable
+        Called without arguments once rclpy is initialized.
+    args : list of str, optional
+        Command line; that of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 after telling which parameter is wrong.
+
+    """
+    rclpy.init(args=args)
+    try:
+        node = make_node()
+        try:
+            rclpy.spin(node)
+        finally:
+            node.destroy_node()
+    except WrongParameterError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+    return 0

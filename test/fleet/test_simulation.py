@@ -1,0 +1,147 @@
+"""The simulated fleet is the paper's, moves within its bounds, and its sensors do too."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet.simulation import (
+    EDGES,
+    ROBOTS,
+    FleetMotion,
+    FleetSensors,
+    odometry,
+    rotation,
+)
+
+TIMES_S = np.linspace(0.0, 600.0, 301)
+
+
+def orientation(a, b, c):
+    """Return the chirality of three points in the plane."""
+    (x1, y1), (x2, y2) = b - a, c - a
+    return np.sign(x1 * y2 - y1 * x2)
+
+
+def test_it_starts_as_the_fleet_of_the_paper(shared):
+    truth = json.loads((shared / 'truth/fleet.json').read_text())
+    positions = FleetMotion().state(0.0).positions_m
+    solution = truth['solutions'][0]['s']
+    for first, second in itertools.combinations(range(6), 2):
+        name = f's{first + 1}{second + 1}'
+        expected = {**truth['edges_squared_m2'], **solution}[name]
+        gap = positions[first] - positions[second]
+        assert gap @ gap == pytest.approx(expected, abs=1e-9), name
+
+
+def test_the_edges_are_those_of_the_paper(shared):
+    truth = json.loads((shared / 'truth/fleet.json').read_text())
+    assert {f's{a + 1}{b + 1}' for a, b in EDGES} == set(truth['edges_squared_m2'])
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_sides_of_the_paper_hold_all_the_time(seed):
+    motion = FleetMotion(speed_m_s=0.5, seed=seed)
+    for time_s in TIMES_S:
+        p = motion.state(time_s).positions_m
+        for a, b, i, k in ((1, 2, 0, 3), (1, 3, 2, 5), (1, 5, 3, 4)):
+            assert orientation(p[a], p[b], p[i]) == -orientation(p[a], p[b], p[k])
+
+
+@pytest.mark.parametrize('speed', [0.05, 0.5])
+def test_no_robot_is_faster_than_the_bound_and_each_drives_forward(speed):
+    motion = FleetMotion(speed_m_s=speed, seed=3)
+    step_s = 1e-3
+    for time_s in TIMES_S:
+        now, later = motion.state(time_s), motion.state(time_s + step_s)
+        velocity = (later.positions_m - now.positions_m) / step_s
+        norms = np.linalg.norm(velocity, axis=1)
+        assert np.all(norms <= speed * (1.0 + 1e-6))
+        for robot in range(len(ROBOTS)):
+            forward = rotation(now.yaws_rad[robot])[:, 0]
+            assert velocity[robot] @ forward == pytest.approx(norms[robot], rel=1e-3)
+
+
+def test_the_shape_of_the_fleet_changes():
+    motion = FleetMotion(speed_m_s=0.1)
+    shapes = [motion.state(time_s).positions_m for time_s in (0.0, 20.0)]
+    distances = [np.linalg.norm(p[:, None] - p[None], axis=-1) for p in shapes]
+    assert np.abs(distances[0] - distances[1]).max() > 0.1
+
+
+def test_a_fleet_at_rest_has_headings_and_stays():
+    motion = FleetMotion(speed_m_s=0.0)
+    early, late = motion.state(0.0), motion.state(1e4)
+    np.testing.assert_array_equal(early.positions_m, late.positions_m)
+    np.testing.assert_array_equal(early.yaws_rad, late.yaws_rad)
+
+
+@pytest.mark.parametrize('error', [0.0, 0.03, 0.2])
+def test_ranges_are_within_the_bound_of_truth_and_of_reading(error):
+    motion, sensors = FleetMotion(seed=1), FleetSensors(range_error=error, seed=1)
+    errors = []
+    for time_s in TIMES_S:
+        state = motion.state(time_s)
+        readings = list(sensors.ranges(state))
+        assert len(readings) == 9
+        for reading in readings:
+            observer, target = ROBOTS.index(reading.observer), ROBOTS.index(reading.target)
+            truth = np.linalg.norm(state.positions_m[observer] - state.positions_m[target])
+            gap = abs(reading.range_m - truth)
+            assert gap <= error * min(truth, reading.range_m) * (1 + 1e-12)
+            errors.append(reading.range_m / truth - 1.0)
+    assert np.ptp(errors) >= 1.9 * error / (1 + error)  # the bound is used
+
+
+def test_bearings_are_within_the_bound():
+    bound = 0.02
+    motion, sensors = FleetMotion(seed=2), FleetSensors(bearing_error_rad=bound, seed=2)
+    for time_s in TIMES_S[::10]:
+        state = motion.state(time_s)
+        readings = list(sensors.bearings(state))
+        assert {(r.observer, r.target) for r in readings} == {
+            (ROBOTS[a], ROBOTS[b]) for edge in EDGES for a, b in (edge, edge[::-1])
+        }
+        for reading in readings:
+            observer, target = ROBOTS.index(reading.observer), ROBOTS.index(reading.target)
+            ray = np.array(reading.ray)
+            assert np.linalg.norm(ray) == pytest.approx(1.0)
+            seen = rotation(state.yaws_rad[observer]) @ ray[:2]
+            towards = state.positions_m[target] - state.positions_m[observer]
+            cosine = seen @ towards / np.linalg.norm(towards)
+            assert np.arccos(min(cosine, 1.0)) <= bound + 1e-7
+
+
+def test_the_same_seed_gives_the_same_readings():
+    def readings(seed):
+        state = FleetMotion(seed=seed).state(5.0)
+        sensors = FleetSensors(seed=seed)
+        return [*sensors.ranges(state), *sensors.bearings(state)]
+
+    assert readings(7) == readings(7)
+    assert readings(7) != readings(8)
+
+
+def test_odometry_leads_from_the_start_to_the_state():
+    motion = FleetMotion(speed_m_s=0.3, seed=4)
+    start, state = motion.state(2.0), motion.state(40.0)
+    for robot, reading in enumerate(odometry(start, state)):
+        assert reading.robot == ROBOTS[robot]
+        moved = rotation(start.yaws_rad[robot]) @ np.array(reading.position_m)
+        np.testing.assert_allclose(start.positions_m[robot] + moved, state.positions_m[robot])
+        assert start.yaws_rad[robot] + reading.yaw_rad == pytest.approx(state.yaws_rad[robot])
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: FleetMotion(speed_m_s=-1.0),
+        lambda: FleetMotion(speed_m_s=float('nan')),
+        lambda: FleetSensors(range_error=1.0),
+        lambda: FleetSensors(bearing_error_rad=-0.1),
+    ],
+)
+def test_values_out_of_range_are_refused(make):
+    with pytest.raises(ValueError, match='must be'):
+        make()

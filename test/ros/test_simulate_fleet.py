@@ -1,0 +1,162 @@
+"""The executable `simulate_fleet`, over real topics and as a process."""
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from geometry_msgs.msg import PoseArray, Vector3Stamped  # noqa: E402
+from nav_msgs.msg import Odometry  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import qos_profile_sensor_data  # noqa: E402
+from sensor_msgs.msg import Range  # noqa: E402
+
+from dg_localization.fleet import simulation  # noqa: E402
+from dg_localization.ros.process import WrongParameterError  # noqa: E402
+from dg_localization.ros.simulate_fleet import FleetSimulator, quaternions  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[2]
+EDGES = [(simulation.ROBOTS[a], simulation.ROBOTS[b]) for a, b in simulation.EDGES]
+
+
+@pytest.fixture
+def context():
+    context = Context()
+    rclpy.init(context=context)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+def listen(context, simulator, topics, enough, timeout_s=20.0):
+    """Spin the simulator and a listener on {topic: class} until `enough(received)`."""
+    listener = Node('listener', context=context)
+    received = {topic: [] for topic in topics}
+    for topic, message_class in topics.items():
+        listener.create_subscription(
+            message_class, topic, received[topic].append, qos_profile_sensor_data
+        )
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(simulator)
+    executor.add_node(listener)
+    deadline = time.monotonic() + timeout_s
+    while not enough(received) and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.1)
+    listener.destroy_node()
+    simulator.destroy_node()
+    assert enough(received), {topic: len(messages) for topic, messages in received.items()}
+    return received
+
+
+def stamp(message):
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+def test_every_sensor_measures_the_truth_of_its_stamp(context):
+    simulator = FleetSimulator(
+        context=context,
+        parameter_overrides=[Parameter('rate', value=20), Parameter('odometry', value=True)],
+    )
+    ranges = {f'/{a}/range/{b}': (a, b) for a, b in EDGES}
+    bearings = {f'/{a}/bearing/{b}': (a, b) for edge in EDGES for a, b in (edge, edge[::-1])}
+    truth_topic = '/simulate_fleet/ground_truth'
+    topics = {
+        **dict.fromkeys(ranges, Range),
+        **dict.fromkeys(bearings, Vector3Stamped),
+        **{f'/{robot}/odom': Odometry for robot in simulation.ROBOTS},
+        truth_topic: PoseArray,
+    }
+    received = listen(
+        context, simulator, topics, lambda got: min(len(heard) for heard in got.values()) >= 5
+    )
+    truth = {
+        stamp(message): np.array([[p.position.x, p.position.y] for p in message.poses])
+        for message in received[truth_topic]
+    }
+    compared = 0
+    for topic, (observer, target) in ranges.items():
+        for message in received[topic]:
+            if stamp(message) not in truth:
+                continue
+            positions = truth[stamp(message)]
+            a, b = simulation.ROBOTS.index(observer), simulation.ROBOTS.index(target)
+            distance = np.linalg.norm(positions[a] - positions[b])
+            assert abs(message.range - distance) <= 0.03 * distance
+            assert message.header.frame_id == observer
+            assert message.min_range < message.range < message.max_range
+            compared += 1
+    assert compared >= 9
+    for topic in bearings:
+        for message in received[topic]:
+            ray = message.vector
+            assert np.linalg.norm([ray.x, ray.y, ray.z]) == pytest.approx(1.0)
+
+
+def test_without_cameras_there_is_no_bearing_topic(context):
+    simulator = FleetSimulator(
+        context=context, parameter_overrides=[Parameter('cameras', value=False)]
+    )
+    names = {name for name, _ in simulator.get_topic_names_and_types()}
+    assert '/robot_1/range/robot_2' in names
+    assert not [name for name in names if 'bearing' in name or 'odom' in name]
+    simulator.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'allowed'),
+    [
+        ('rate', 0.0, '>= 0.1'),
+        ('error', 0.9, '<= 0.5'),
+        ('speed', 'fast', 'a number'),
+        ('cameras', 1, 'true or false'),
+        ('seed', -1, '>= 0'),
+    ],
+)
+def test_a_wrong_parameter_is_refused_with_the_allowed_values(context, name, value, allowed):
+    with pytest.raises(WrongParameterError, match=f'{name}.*{allowed}'):
+        FleetSimulator(context=context, parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_quaternions_turn_about_z():
+    np.testing.assert_allclose(
+        quaternions([0.0, np.pi / 2]), [[0, 0, 0, 1], [0, 0, 0.5**0.5, 0.5**0.5]]
+    )
+
+
+def start(*arguments):
+    return subprocess.Popen(
+        [sys.executable, '-m', 'dg_localization.ros.simulate_fleet', *arguments],
+        cwd=REPOSITORY,
+        env={**os.environ, 'PYTHONUNBUFFERED': '1', 'RCUTILS_LOGGING_USE_STDOUT': '1'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_process_cleanly(number):
+    process = start('--ros-args', '-p', 'rate:=200')
+    assert 'measurement topics' in process.stdout.readline()
+    time.sleep(0.5)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert 'Traceback' not in errors and not errors.strip()
+
+
+def test_a_wrong_parameter_ends_the_process_with_a_sentence():
+    process = start('--ros-args', '-p', 'rate:=-5')
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert "'rate': -5" in errors and '>= 0.1' in errors
+    assert 'Traceback' not in errors
