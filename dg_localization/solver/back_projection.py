@@ -14,15 +14,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dg_localization.solver.box import (
     GAP_LOWER,
     GAP_UPPER,
     LOWER,
     UPPER,
     FloatArray,
+    IntArray,
     exclude,
     narrow,
 )
@@ -123,7 +121,7 @@ def _narrow_end(
     square_low: float,
     square_high: float,
 ) -> bool:
-    """Narrow the squared distance of `i` to an axis end to [low, high] and carry a gap of p over."""
+    """Narrow the squared distance of `i` to an axis end, and carry a gap of p over."""
     if not narrow(box, end, i, low, high):
         return False
     if height_gap_low < height_gap_high:
@@ -248,7 +246,7 @@ def back_project(
     box: FloatArray,
     shadow: FloatArray,
     coordinates: FloatArray,
-    shadow_points: NDArray[np.int64],
+    shadow_points: IntArray,
     shadow_count: int,
     a: int,
     b: int,

@@ -17,6 +17,7 @@ from dg_localization.solver.jit import kernel
 LOWER, UPPER, GAP_LOWER, GAP_UPPER = range(4)
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @kernel

@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.solver.back_projection import back_project
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.line import reduce_line
 from dg_localization.solver.projection import project
 from dg_localization.solver.smoothing import smooth_triangles
-
-IntArray = NDArray[np.int64]
 
 
 class Sides(NamedTuple):
@@ -64,7 +62,7 @@ def make_workspace(n_points: int, dimension: int) -> Workspace:
 def _set_sigma(
     sigma: NDArray[np.int8], sides: Sides, f0: int, f1: int, third: int, value: int
 ) -> bool:
-    """Write `value` times the side of every pair of apexes of one face; tell whether any is known."""
+    """Write `value` times the side of all pairs of apexes of a face; tell if any is known."""
     known = False
     stop = sides.stop[f0, f1]
     for x in range(sides.start[f0, f1], stop):
@@ -110,9 +108,17 @@ def _reduce_shadow(
 
 @kernel
 def _reduce_plane(
-    work: Workspace, sides: Sides, level: int, count: int, a: int, b: int, f0: int, f1: int, f2: int
+    work: Workspace,
+    sides: Sides,
+    level: int,
+    count: int,
+    a: int,
+    b: int,
+    f0: int,
+    f1: int,
+    f2: int,
 ) -> bool:
-    """Project the plane at `level` along (a, b) to a line that shows a face, reduce, and return."""
+    """Project the plane at `level` along (a, b) to a line, reduce that, and return."""
     shadow_count = project(
         work.boxes[level],
         work.boxes[level + 1],

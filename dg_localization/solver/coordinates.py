@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dg_localization.solver.back_projection import reverse_square
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.jit import kernel
 from dg_localization.solver.projection import axis_coordinate, project
 from dg_localization.solver.rounding import sqrt_down, sqrt_up
 
@@ -42,49 +43,79 @@ def enclose_coordinates(lower: FloatArray, upper: FloatArray, frame: Sequence[in
         these distances.
 
     """
-    dimension = len(frame) - 1
-    if dimension < 1 or len(set(frame)) < len(frame):
+    if not 2 <= len(frame) <= 4 or len(set(frame)) < len(frame):
         raise ValueError(f'frame is {tuple(frame)}, it must name 2 to 4 different points')
-    n_points = len(lower)
-    box = np.zeros((4, n_points, n_points))
+    box = np.zeros((4, len(lower), len(lower)))
     box[LOWER] = lower
     box[UPPER] = upper
+    enclosure = enclose_in_frame(box, np.array(frame, dtype=np.int64))
+    if np.any(enclosure[:, LOWER] > enclosure[:, UPPER]):
+        raise ValueError('no placement has these distances')
+    return enclosure
+
+
+@kernel
+def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
+    """
+    Bound all coordinates in a frame; see `enclose_coordinates`.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2.
+    frame : ndarray of int, shape (q + 1,)
+        The points that make the frame.
+
+    Returns
+    -------
+    ndarray, shape (n, 2, q)
+        The bounds in m; some are reversed when no placement has these distances.
+
+    """
+    n_points = box.shape[1]
+    dimension = len(frame) - 1
     enclosure = np.empty((n_points, 2, dimension))
     enclosure[:, LOWER] = -np.inf
     enclosure[:, UPPER] = np.inf
-    points = np.arange(n_points, dtype=np.int64)
     origin = frame[0]
     enclosure[origin] = 0.0
+    points = np.arange(n_points)
+    count = n_points
+    coordinates = np.empty((2, n_points))
     for axis in range(dimension):
         end = frame[axis + 1]
         if np.isinf(box[UPPER, origin, end]):
             break
-        for earlier in frame[1 : axis + 1]:
-            enclosure[earlier, :, axis] = 0.0
+        for earlier in range(1, axis + 1):
+            enclosure[frame[earlier], :, axis] = 0.0
         enclosure[end, LOWER, axis] = sqrt_down(box[LOWER, origin, end])
         enclosure[end, UPPER, axis] = sqrt_up(box[UPPER, origin, end])
-        last = axis == dimension - 1
-        for point in points[(points != origin) & (points != end)]:
-            enclosure[point, :, axis] = _coordinate(box, origin, end, point, last)
-        if not last:
+        on_line = axis == dimension - 1
+        for x in range(count):
+            point = points[x]
+            if point != origin and point != end:
+                low, high = _coordinate(box, origin, end, point, on_line)
+                enclosure[point, LOWER, axis] = low
+                enclosure[point, UPPER, axis] = high
+        if not on_line:
             shadow = np.zeros_like(box)
-            coordinates = np.zeros((2, n_points))
-            next_points = np.zeros(n_points, dtype=np.int64)
-            next_count = project(
-                box, shadow, coordinates, points, len(points), next_points, origin, end
-            )
-            if next_count < 0:
-                raise ValueError('no placement has these distances')
-            box, points = shadow, next_points[:next_count]
+            shadow_points = np.zeros_like(points)
+            count = project(box, shadow, coordinates, points, count, shadow_points, origin, end)
+            if count < 0:
+                enclosure[:, LOWER] = np.inf
+                enclosure[:, UPPER] = -np.inf
+                break
+            box, points = shadow, shadow_points
     return enclosure
 
 
+@kernel
 def _coordinate(
     box: FloatArray, origin: int, end: int, point: int, on_line: bool
 ) -> tuple[float, float]:
     """Bound the coordinate of a point along one axis of the frame."""
-    near_lower, near_upper = box[:2, origin, point]
-    far_lower, far_upper = box[:2, end, point]
+    near_lower, near_upper = box[LOWER, origin, point], box[UPPER, origin, point]
+    far_lower, far_upper = box[LOWER, end, point], box[UPPER, end, point]
     if np.isinf(near_upper) or np.isinf(far_upper):
         return -np.inf, np.inf
     low, high = axis_coordinate(
@@ -97,6 +128,4 @@ def _coordinate(
     )
     if on_line:
         low, high = reverse_square(low, high, near_lower, near_upper)
-    if low > high:
-        raise ValueError('no placement has these distances')
     return low, high

@@ -20,6 +20,7 @@ from dg_localization.solver.box import (
     LOWER,
     UPPER,
     FloatArray,
+    IntArray,
     exclude,
     narrow,
 )
@@ -81,7 +82,7 @@ def _restrict(
 
 
 @kernel
-def _roots(box: FloatArray, distance: FloatArray, points: NDArray[np.int64], count: int) -> None:
+def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
     for x in range(count):
         i = points[x]
@@ -102,7 +103,7 @@ def _roots(box: FloatArray, distance: FloatArray, points: NDArray[np.int64], cou
 def reduce_line(
     box: FloatArray,
     distance: FloatArray,
-    points: NDArray[np.int64],
+    points: IntArray,
     count: int,
     merged: int,
     sigma: NDArray[np.int8],

@@ -19,15 +19,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dg_localization.solver.box import (
     GAP_LOWER,
     GAP_UPPER,
     LOWER,
     UPPER,
     FloatArray,
+    IntArray,
     exclude,
 )
 from dg_localization.solver.jit import kernel
@@ -222,9 +220,9 @@ def project(
     box: FloatArray,
     shadow: FloatArray,
     coordinates: FloatArray,
-    points: NDArray[np.int64],
+    points: IntArray,
     count: int,
-    shadow_points: NDArray[np.int64],
+    shadow_points: IntArray,
     a: int,
     b: int,
 ) -> int:

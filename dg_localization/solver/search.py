@@ -112,9 +112,7 @@ class Pruner:
                 distances_m = np.sqrt(0.5 * (box[LOWER] + box[UPPER]))
                 tolerated = EXPLAINED_FACTOR * explained + self._resolution * 2.0 * distances_m
                 width = box[UPPER] - box[LOWER]
-                return np.divide(
-                    width, tolerated, out=np.zeros_like(width), where=tolerated > 0.0
-                )
+                return np.divide(width, tolerated, out=np.zeros_like(width), where=tolerated > 0.0)
         return widths_m / self._resolution
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
-from dg_localization.solver.contraction import IntArray, Sides
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.contraction import Sides
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.rounding import down, up

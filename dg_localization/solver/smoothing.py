@@ -1,19 +1,16 @@
-"""Triangle-inequality smoothing of a distance box, the paper's step from D1 to D2 (Section 5.1)."""
+"""Triangle-inequality smoothing of a distance box, from D1 to D2 (Section 5.1)."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, narrow
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
 
 @kernel
-def smooth_triangles(
-    box: FloatArray, distance: FloatArray, points: NDArray[np.int64], count: int
-) -> bool:
+def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> bool:
     """
     Enforce d_ij - d_jk <= d_ik <= d_ij + d_jk over all triangles, in place.
 
