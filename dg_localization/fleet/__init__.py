@@ -1,0 +1,48 @@
+"""
+The fleet room: from measurements to every placement that agrees with them, free of ROS.
+
+`Localizer` takes ranges, bearings and odometry as plain numbers, freezes them into a `Snapshot`
+at a time, and answers it with an `Estimate`.
+"""
+
+from dg_localization.fleet.config import (
+    Anchor,
+    ConfigError,
+    FleetConfig,
+    LinkOverride,
+    RangeErrorModel,
+)
+from dg_localization.fleet.estimate import (
+    Conflict,
+    Estimate,
+    FixedFrame,
+    InputState,
+    LinkKey,
+    LinkKind,
+    LinkState,
+    Placement,
+    Rejection,
+    RejectionReason,
+)
+from dg_localization.fleet.localizer import Localizer
+from dg_localization.fleet.snapshot import Snapshot
+
+__all__ = [
+    'Anchor',
+    'ConfigError',
+    'Conflict',
+    'Estimate',
+    'FixedFrame',
+    'FleetConfig',
+    'InputState',
+    'LinkKey',
+    'LinkKind',
+    'LinkOverride',
+    'LinkState',
+    'Localizer',
+    'Placement',
+    'RangeErrorModel',
+    'Rejection',
+    'RejectionReason',
+    'Snapshot',
+]

@@ -1,0 +1,120 @@
+"""From one reading of a snapshot to its placements: constraints, frame, solver, coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from dg_localization.fleet.constraints import Constraints
+from dg_localization.fleet.estimate import LinkKey, Placement
+from dg_localization.fleet.frames import FramePlan, Placer
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.solver.result import SolverOptions, Statistics, Verdict
+from dg_localization.solver.solve import solve
+
+
+class Cancel(Protocol):
+    """Something that can be set to stop a computation, such as `threading.Event`."""
+
+    def is_set(self) -> bool:
+        """Return whether to stop."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    What one choice of links gives.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    placements : tuple of Placement
+    statistics : Statistics
+        Of all problems solved.
+
+    """
+
+    verdict: Verdict
+    placements: tuple[Placement, ...]
+    statistics: Statistics
+
+
+NO_WORK = Statistics(processed=0, empty=0, split=0, kept=0, pending=0, seconds=0.0)
+CONTRADICTION = Answer(Verdict.INFEASIBLE, (), NO_WORK)
+
+
+def answer(
+    snapshot: Snapshot,
+    constraints: Constraints,
+    plan: FramePlan,
+    options: SolverOptions,
+    dropped: frozenset[LinkKey] = frozenset(),
+    cancel: Cancel | None = None,
+) -> Answer:
+    """
+    Return every placement that agrees with the constraints, in the frame of the plan.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    constraints : Constraints
+        What the snapshot says without the dropped links.
+    plan : FramePlan
+    options : SolverOptions
+    dropped : frozenset of LinkKey
+    cancel : Cancel, optional
+        Stops the search when set; what was not examined is part of the answer.
+
+    Returns
+    -------
+    Answer
+
+    """
+    if constraints.contradictory:
+        return CONTRADICTION
+    elsewhere = _elsewhere(constraints, plan, options, cancel)
+    if elsewhere.verdict is Verdict.INFEASIBLE:
+        return elsewhere
+    result = solve(constraints.problem(plan.points), options, cancel)
+    statistics = add_statistics(elsewhere.statistics, result.statistics)
+    placer = Placer(snapshot.config, constraints, plan, dropped)
+    placements = tuple(
+        placement
+        for hypothesis in result.hypotheses
+        for placement in placer.placements(hypothesis)
+    )
+    # A hypothesis whose headings contradict the rays is no placement after all.
+    verdict = result.verdict if placements else Verdict.INFEASIBLE
+    return Answer(verdict, placements, statistics)
+
+
+def _elsewhere(
+    constraints: Constraints, plan: FramePlan, options: SolverOptions, cancel: Cancel | None
+) -> Answer:
+    """Return whether the parts of the fleet outside the frame contradict themselves."""
+    done = set(plan.points)
+    statistics = NO_WORK
+    for point in range(len(constraints.lower)):
+        if point in done:
+            continue
+        points = constraints.component_of(point)
+        done |= set(points)
+        if len(points) < 3:
+            continue
+        result = solve(constraints.problem(points), options, cancel)
+        statistics = add_statistics(statistics, result.statistics)
+        if result.verdict is Verdict.INFEASIBLE:
+            return replace(CONTRADICTION, statistics=statistics)
+    return Answer(Verdict.COVERED, (), statistics)
+
+
+def add_statistics(first: Statistics, second: Statistics) -> Statistics:
+    """Return the work of two searches together."""
+    return Statistics(
+        processed=first.processed + second.processed,
+        empty=first.empty + second.empty,
+        split=first.split + second.split,
+        kept=first.kept + second.kept,
+        pending=first.pending + second.pending,
+        seconds=first.seconds + second.seconds,
+    )

@@ -1,0 +1,82 @@
+"""Contraction of coordinate boxes by bounds of the distances between them, a compiled kernel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.solver.jit import kernel
+from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
+
+FloatArray = NDArray[np.float64]
+
+
+@kernel
+def contract_boxes(
+    low: FloatArray, high: FloatArray, near: FloatArray, far: FloatArray, sweeps: int
+) -> bool:
+    """
+    Shrink boxes of coordinates to what the distances between them allow, in place.
+
+    Along one axis, the squared distance leaves between ``near - most`` and ``far - least`` for
+    the gap of two points, where `least` and `most` bound what the other axes contribute.
+
+    Parameters
+    ----------
+    low, high : ndarray, shape (n, q)
+        Bounds of the coordinates in m; may be infinite.
+    near, far : ndarray, shape (n, n)
+        Bounds of the squared distances in m^2.
+    sweeps : int
+        Most passes over all pairs; fewer when nothing changes.
+
+    Returns
+    -------
+    bool
+        False when some box is left without any point.
+
+    """
+    n_points, dimension = low.shape
+    for _ in range(sweeps):
+        gained = False
+        for i in range(n_points):
+            for j in range(n_points):
+                if i == j or (math.isinf(far[i, j]) and near[i, j] <= 0.0):
+                    continue
+                for axis in range(dimension):
+                    least = 0.0
+                    most = 0.0
+                    for other in range(dimension):
+                        if other == axis:
+                            continue
+                        gap_low = down(low[i, other] - high[j, other])
+                        gap_high = up(high[i, other] - low[j, other])
+                        nearest = max(0.0, max(gap_low, -gap_high))
+                        least = max(0.0, down(least + square_down(nearest)))
+                        most = up(most + square_up(max(abs(gap_low), abs(gap_high))))
+                    room = up(far[i, j] - least)
+                    if room < 0.0:
+                        return False
+                    reach = sqrt_up(room)
+                    new_low = max(low[i, axis], down(low[j, axis] - reach))
+                    new_high = min(high[i, axis], up(high[j, axis] + reach))
+                    gap = sqrt_down(down(near[i, j] - most))
+                    if gap > 0.0:
+                        left = up(high[j, axis] - gap)
+                        right = down(low[j, axis] + gap)
+                        if left < new_low and new_low < right:
+                            new_low = right
+                        if left < new_high and new_high < right:
+                            new_high = left
+                    if new_low > new_high:
+                        return False
+                    width = high[i, axis] - low[i, axis]
+                    if new_high - new_low < 0.99 * width:
+                        gained = True
+                    low[i, axis] = new_low
+                    high[i, axis] = new_high
+        if not gained:
+            break
+    return True

@@ -1,0 +1,365 @@
+"""
+What a fleet is and how wrong its sensors may be: the validated settings of the fleet room.
+
+Every dataclass here is frozen and checks itself when made. A wrong value raises `ConfigError`,
+whose message names the field, the value, and what would be right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+import math
+from types import MappingProxyType
+
+from dg_localization.solver.result import SolverOptions
+
+
+class ConfigError(ValueError):
+    """A setting has a value it cannot have."""
+
+
+def _require_number(
+    name: str,
+    value: float,
+    *,
+    at_least: float = -math.inf,
+    at_most: float = math.inf,
+    finite: bool = True,
+) -> None:
+    """Raise `ConfigError` unless `value` is a number within the limits."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if number and at_least <= value <= at_most and (math.isfinite(value) or not finite):
+        return
+    kind = 'a finite number' if finite else 'a number'
+    limits = []
+    if at_least > -math.inf:
+        limits.append(f'>= {at_least:g}')
+    if at_most < math.inf:
+        limits.append(f'<= {at_most:g}')
+    wanted = ' '.join([kind, ' and '.join(limits)]).strip()
+    raise ConfigError(f'{name}: {value!r} is not allowed, it must be {wanted}')
+
+
+def _require_integer(name: str, value: int, at_least: int) -> None:
+    """Raise `ConfigError` unless `value` is an integer of at least `at_least`."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
+        raise ConfigError(f'{name}: {value!r} is not allowed, it must be an integer >= {at_least}')
+
+
+@dataclass(frozen=True)
+class RangeErrorModel:
+    """
+    Bounds of the error of a range, which is the reading minus the true distance.
+
+    A reading r means a true distance in ``[r - high, r - low]`` with
+    ``high = max_error_m + max_error_relative * r + sigma_factor * sigma`` and
+    ``low = min_error_m + min_error_relative * r - sigma_factor * sigma``, where sigma is the
+    standard deviation the measurement came with (zero when it came with none). Ultra-wideband
+    reads too long far more often than too short, so `max_error_m` is usually the larger one.
+
+    Parameters
+    ----------
+    min_error_m, max_error_m : float
+        Least and greatest error in m, whatever the distance.
+    min_error_relative, max_error_relative : float
+        Least and greatest error as a fraction of the reading.
+    sigma_factor : float
+        How many standard deviations to add on both sides; 0 ignores reported variances.
+    beyond_max_is_far : bool
+        Whether a reading of +inf (REP-117: nothing within ``max_range``) proves that the target
+        is farther than ``max_range``. It does not when readings simply get lost.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite or a minimum exceeds its maximum.
+
+    """
+
+    min_error_m: float = 0.0
+    max_error_m: float = 0.0
+    min_error_relative: float = -0.03
+    max_error_relative: float = 0.03
+    sigma_factor: float = 0.0
+    beyond_max_is_far: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
+            _require_number(f'range.{name}', getattr(self, name))
+        _require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
+        for low, high in (
+            ('min_error_m', 'max_error_m'),
+            ('min_error_relative', 'max_error_relative'),
+        ):
+            if getattr(self, low) > getattr(self, high):
+                raise ConfigError(
+                    f'range.{low}: {getattr(self, low)!r} is not allowed, it must be at most '
+                    f'range.{high}, which is {getattr(self, high)!r}'
+                )
+        if self.max_error_relative >= 1.0:
+            raise ConfigError(
+                f'range.max_error_relative: {self.max_error_relative!r} is not allowed, it must '
+                'be below 1: the error is a fraction of the reading'
+            )
+
+
+@dataclass(frozen=True)
+class LinkOverride:
+    """
+    Error bounds of one link that differ from those of the fleet.
+
+    Parameters
+    ----------
+    observer, target : str
+        Who measures whom, as in the names of the measurements.
+    range_error : RangeErrorModel, optional
+        Replaces the model of the fleet for ranges of this link.
+    bearing_half_width_rad : float, optional
+        Replaces the half width of the fleet for bearings of this link.
+
+    Raises
+    ------
+    ConfigError
+        If the half width is negative, above pi or not finite.
+
+    """
+
+    observer: str
+    target: str
+    range_error: RangeErrorModel | None = None
+    bearing_half_width_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.bearing_half_width_rad is not None:
+            _require_number(
+                f'links[{self.observer}->{self.target}].bearing_half_width_rad',
+                self.bearing_half_width_rad,
+                at_least=0.0,
+                at_most=math.pi,
+            )
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """
+    A point whose coordinates are known.
+
+    Parameters
+    ----------
+    coordinates_m : tuple of float, length q
+        Where it is, in the fixed frame.
+    bound_m : float
+        How far the true point may be from there, in m.
+
+    Raises
+    ------
+    ConfigError
+        If a coordinate is not finite or the bound is negative.
+
+    """
+
+    coordinates_m: tuple[float, ...]
+    bound_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for value in self.coordinates_m:
+            _require_number('anchor.coordinates_m', value)
+        object.__setattr__(self, 'coordinates_m', tuple(float(v) for v in self.coordinates_m))
+        _require_number('anchor.bound_m', self.bound_m, at_least=0.0)
+
+
+@dataclass(frozen=True)
+class FleetConfig:
+    """
+    Everything the fleet room needs to know before the first measurement.
+
+    Parameters
+    ----------
+    robots : tuple of str
+        Names of the robots; the order of all rows of an estimate.
+    dimension : {2, 3}
+        Dimension q of the space the robots move in.
+    reference_robot : str
+        The robot whose frame is the fixed frame when the anchors do not give one; empty means
+        the first of `robots`.
+    max_age_s : float
+        Older measurements are not used.
+    max_future_s : float
+        How far a stamp may lie ahead of the clock.
+    max_repeats : int
+        How many of the newest readings of one link are kept and intersected.
+    range_error : RangeErrorModel
+        Error bounds of every range that no override names.
+    bearing_half_width_rad : float
+        Greatest angle between a measured ray and the true direction.
+    links : tuple of LinkOverride
+        Links with error bounds of their own.
+    anchors : mapping of str to Anchor
+        Points of known coordinates. A name that is also in `robots` is a parked robot, any other
+        is a landmark. Anchors do not move.
+    max_speed_m_s : float
+        No robot moves faster; decides how much an old measurement widens.
+    robot_max_speed_m_s : mapping of str to float
+        Speeds of the robots that differ from it.
+    max_turn_rate_rad_s : float
+        No robot turns faster; decides how much an old bearing widens.
+    min_separation_m : float
+        No two robots come nearer than this; their size, say.
+    odometry_relative_error : float
+        Greatest error of an odometry displacement (and turn) as a fraction of the path length
+        (and of the sum of all turns) between its two stamps.
+    max_hypotheses : int
+        How many placements an estimate lists.
+    max_outliers : int
+        How many contradicting links may be dropped to get an answer.
+    max_conflict_solves : int
+        How many problems may be solved to explain one contradiction; 0 explains none.
+    max_conflict_seconds : float
+        How long that may take.
+    solver : SolverOptions
+        Resolution and budget of the solver.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range, or a name is unknown or repeated.
+
+    """
+
+    robots: tuple[str, ...]
+    dimension: int = 2
+    reference_robot: str = ''
+    max_age_s: float = 1.0
+    max_future_s: float = 0.1
+    max_repeats: int = 8
+    range_error: RangeErrorModel = RangeErrorModel()
+    bearing_half_width_rad: float = 0.05
+    links: tuple[LinkOverride, ...] = ()
+    anchors: Mapping[str, Anchor] = field(default_factory=dict)
+    max_speed_m_s: float = 1.0
+    robot_max_speed_m_s: Mapping[str, float] = field(default_factory=dict)
+    max_turn_rate_rad_s: float = 1.0
+    min_separation_m: float = 0.0
+    odometry_relative_error: float = 0.05
+    max_hypotheses: int = 64
+    max_outliers: int = 0
+    max_conflict_solves: int = 200
+    max_conflict_seconds: float = 2.0
+    solver: SolverOptions = field(default_factory=SolverOptions)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'robots', tuple(self.robots))
+        object.__setattr__(self, 'links', tuple(self.links))
+        object.__setattr__(self, 'anchors', MappingProxyType(dict(self.anchors)))
+        object.__setattr__(
+            self, 'robot_max_speed_m_s', MappingProxyType(dict(self.robot_max_speed_m_s))
+        )
+        self._check_names()
+        self._check_numbers()
+        self._check_anchors()
+
+    def _check_names(self) -> None:
+        """Raise `ConfigError` on a repeated, missing or unknown name."""
+        if not self.robots:
+            raise ConfigError('robots: () is not allowed, it must name at least one robot')
+        for name in self.robots:
+            if not isinstance(name, str) or not name:
+                raise ConfigError(f'robots: {name!r} is not allowed, names must not be empty')
+            if self.robots.count(name) > 1:
+                raise ConfigError(f'robots: {name!r} is repeated, each robot must be named once')
+        if not self.reference_robot:
+            object.__setattr__(self, 'reference_robot', self.robots[0])
+        if self.reference_robot not in self.robots:
+            raise ConfigError(
+                f'reference_robot: {self.reference_robot!r} is not allowed, it must be one of '
+                f'{list(self.robots)}'
+            )
+        for name in self.robot_max_speed_m_s:
+            if name not in self.robots:
+                raise ConfigError(
+                    f'robot_max_speed_m_s: {name!r} is not allowed, it must be one of '
+                    f'{list(self.robots)}'
+                )
+        self._check_links()
+
+    def _check_links(self) -> None:
+        """Raise `ConfigError` on an override of an unknown or repeated link."""
+        for link in self.links:
+            for name in (link.observer, link.target):
+                if name not in self.points:
+                    raise ConfigError(
+                        f'links: {name!r} is not allowed, it must be one of {list(self.points)}'
+                    )
+            if link.observer == link.target:
+                raise ConfigError(
+                    f'links: {link.observer}->{link.target} is not allowed, a link must join two '
+                    'different points'
+                )
+        if len(self._overrides) < len(self.links):
+            names = [f'{link.observer}->{link.target}' for link in self.links]
+            raise ConfigError(f'links: {names} is not allowed, each link must be named once')
+
+    def _check_numbers(self) -> None:
+        """Raise `ConfigError` on a number out of its range."""
+        if self.dimension not in (2, 3):
+            raise ConfigError(f'dimension: {self.dimension!r} is not allowed, it must be 2 or 3')
+        for name in ('max_age_s', 'max_future_s', 'max_turn_rate_rad_s', 'max_conflict_seconds'):
+            _require_number(name, getattr(self, name), at_least=0.0)
+        _require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
+        for robot, speed in self.robot_max_speed_m_s.items():
+            _require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
+        _require_number(
+            'bearing_half_width_rad', self.bearing_half_width_rad, at_least=0.0, at_most=math.pi
+        )
+        _require_number('min_separation_m', self.min_separation_m, at_least=0.0)
+        _require_number('odometry_relative_error', self.odometry_relative_error, at_least=0.0)
+        _require_integer('max_repeats', self.max_repeats, 1)
+        _require_integer('max_hypotheses', self.max_hypotheses, 1)
+        _require_integer('max_outliers', self.max_outliers, 0)
+        _require_integer('max_conflict_solves', self.max_conflict_solves, 0)
+
+    def _check_anchors(self) -> None:
+        """Raise `ConfigError` on an anchor without a name or of another dimension."""
+        for name, anchor in self.anchors.items():
+            if not isinstance(name, str) or not name:
+                raise ConfigError(f'anchors: {name!r} is not allowed, names must not be empty')
+            if len(anchor.coordinates_m) != self.dimension:
+                raise ConfigError(
+                    f'anchors[{name}].coordinates_m: {anchor.coordinates_m!r} is not allowed, it '
+                    f'must have {self.dimension} coordinates (dimension)'
+                )
+
+    @property
+    def landmarks(self) -> tuple[str, ...]:
+        """Names of the anchors that are not robots, in their given order."""
+        return tuple(name for name in self.anchors if name not in self.robots)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of all points of the problem: the robots, then the landmarks."""
+        return self.robots + self.landmarks
+
+    def speed_m_s(self, point: str) -> float:
+        """Return the greatest speed of `point` in m/s; an anchor has none."""
+        if point in self.anchors:
+            return 0.0
+        return float(self.robot_max_speed_m_s.get(point, self.max_speed_m_s))
+
+    @cached_property
+    def _overrides(self) -> dict[tuple[str, str], LinkOverride]:
+        """Return the overrides by (observer, target)."""
+        return {(link.observer, link.target): link for link in self.links}
+
+    def range_error_of(self, observer: str, target: str) -> RangeErrorModel:
+        """Return the error bounds of ranges from `observer` to `target`."""
+        override = self._overrides.get((observer, target))
+        return override.range_error if override and override.range_error else self.range_error
+
+    def bearing_half_width_of(self, observer: str, target: str) -> float:
+        """Return the greatest angle in rad between a ray of this link and the truth."""
+        override = self._overrides.get((observer, target))
+        if override is None or override.bearing_half_width_rad is None:
+            return self.bearing_half_width_rad
+        return override.bearing_half_width_rad

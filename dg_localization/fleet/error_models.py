@@ -1,0 +1,158 @@
+"""
+From a reading to bounds: ranges (REP-117 included) and rays.
+
+Bounds are rounded outward. The reading itself is taken as the exact number it is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dg_localization.fleet.config import RangeErrorModel
+from dg_localization.fleet.estimate import Rejection, RejectionReason
+
+
+def _up(value: float) -> float:
+    """Return the next number above `value`."""
+    return math.nextafter(value, math.inf)
+
+
+def _down(value: float) -> float:
+    """Return the next number below `value`."""
+    return math.nextafter(value, -math.inf)
+
+
+def distance_bounds_m(
+    model: RangeErrorModel, range_m: float, variance_m2: float = 0.0
+) -> tuple[float, float]:
+    """
+    Return all true distances a reading allows.
+
+    Parameters
+    ----------
+    model : RangeErrorModel
+    range_m : float
+        Finite and not negative.
+    variance_m2 : float
+        Variance of the reading; counts only where the model has a `sigma_factor`.
+
+    Returns
+    -------
+    lower, upper : float
+        In m. The upper one is below zero when no distance could give the reading.
+
+    """
+    spread = 0.0
+    if model.sigma_factor > 0.0:
+        spread = _up(model.sigma_factor * _up(math.sqrt(variance_m2)))
+    high = _up(_up(model.max_error_m + _up(model.max_error_relative * range_m)) + spread)
+    low = _down(_down(model.min_error_m + _down(model.min_error_relative * range_m)) - spread)
+    return max(0.0, _down(range_m - high)), _up(range_m - low)
+
+
+def interpret_range(
+    model: RangeErrorModel,
+    range_m: float,
+    min_range_m: float | None = None,
+    max_range_m: float | None = None,
+    variance_m2: float | None = None,
+) -> tuple[float, float] | Rejection:
+    """
+    Return all true distances a reading allows, following REP-117, or why it says nothing.
+
+    Parameters
+    ----------
+    model : RangeErrorModel
+    range_m : float
+        NaN is no reading, +inf is nothing within `max_range_m`, -inf is closer than
+        `min_range_m`.
+    min_range_m, max_range_m : float, optional
+        Limits of the sensor. None and NaN mean not given, and so does a maximum of zero.
+    variance_m2 : float, optional
+        Variance of the reading.
+
+    Returns
+    -------
+    tuple of float or Rejection
+        Lower and upper distance in m.
+
+    """
+    minimum = 0.0 if min_range_m is None or math.isnan(min_range_m) else min_range_m
+    maximum = math.inf if not max_range_m or math.isnan(max_range_m) else max_range_m
+    variance = 0.0 if variance_m2 is None else variance_m2
+    if model.sigma_factor > 0.0 and not variance >= 0.0:
+        text = f'variance {variance_m2} m^2 is not allowed, it must be >= 0'
+        return Rejection(RejectionReason.INVALID_VARIANCE, text)
+    if math.isinf(variance) and model.sigma_factor > 0.0:
+        return 0.0, math.inf
+    if math.isinf(range_m):
+        return _interpret_infinite(model, range_m, minimum, maximum, variance)
+    rejection = _reject_reading(range_m, minimum, maximum)
+    return rejection or distance_bounds_m(model, range_m, variance)
+
+
+def _interpret_infinite(
+    model: RangeErrorModel, range_m: float, minimum: float, maximum: float, variance: float
+) -> tuple[float, float] | Rejection:
+    """Return what a reading of +inf or -inf says."""
+    if range_m > 0.0:
+        if model.beyond_max_is_far and math.isfinite(maximum):
+            return distance_bounds_m(model, maximum, variance)[0], math.inf
+        text = f'range inf m: nothing within max_range {maximum} m, which is no reading'
+        return Rejection(RejectionReason.NOTHING_IN_RANGE, text)
+    if minimum > 0.0 and math.isfinite(minimum):
+        return 0.0, distance_bounds_m(model, minimum, variance)[1]
+    text = f'range -inf m: closer than min_range, but min_range is {minimum} m'
+    return Rejection(RejectionReason.TOO_CLOSE, text)
+
+
+def _reject_reading(range_m: float, minimum: float, maximum: float) -> Rejection | None:
+    """Return why a reading that is not infinite is none, if so."""
+    if math.isnan(range_m):
+        return Rejection(RejectionReason.NAN, 'range nan m is no reading')
+    if range_m < 0.0:
+        text = f'range {range_m} m is negative, it must be >= 0'
+        return Rejection(RejectionReason.NEGATIVE, text)
+    if range_m > maximum:
+        text = f'range {range_m} m is above max_range {maximum} m'
+        return Rejection(RejectionReason.ABOVE_MAX, text)
+    if range_m < minimum:
+        text = f'range {range_m} m is below min_range {minimum} m'
+        return Rejection(RejectionReason.BELOW_MIN, text)
+    return None
+
+
+def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
+    """
+    Return the unit vector of a measured ray, or why there is none.
+
+    Parameters
+    ----------
+    ray_xyz : array_like, shape (3,)
+        In the body frame, of any length above zero.
+    dimension : {2, 3}
+        In the plane only the horizontal part counts.
+
+    Returns
+    -------
+    numpy.ndarray, shape (3,), or Rejection
+
+    """
+    ray = np.asarray(ray_xyz, dtype=float).reshape(-1)
+    if ray.shape != (3,) or not np.all(np.isfinite(ray)):
+        text = f'ray {ray.tolist()} is not allowed, it must have three finite components'
+        return Rejection(RejectionReason.INVALID_RAY, text)
+    largest = np.abs(ray).max()
+    # Scaled first: the squares of tiny and of huge components would leave the number range.
+    scaled = ray / largest if largest > 0.0 else ray
+    if dimension == 2:
+        scaled = scaled * (1.0, 1.0, 0.0)
+    length = np.linalg.norm(scaled)
+    if not length > 1e-6:
+        part = ' in the horizontal plane' if dimension == 2 else ''
+        text = f'ray {ray.tolist()} has no direction{part}'
+        return Rejection(RejectionReason.ZERO_RAY, text)
+    return scaled / length

@@ -1,0 +1,256 @@
+"""
+The measurements that have arrived: checked, counted, and kept while they are young.
+
+A measurement that cannot be used is never an exception: it is a `Rejection`, counted by reason
+on the input it came in by.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.error_models import interpret_range, interpret_ray
+from dg_localization.fleet.estimate import (
+    InputState,
+    LinkKey,
+    LinkKind,
+    Rejection,
+    RejectionReason,
+)
+from dg_localization.fleet.motion import OdometrySample, OdometryTrack, rotation_of_quaternion
+
+
+@dataclass(frozen=True)
+class DistanceReading:
+    """Bounds in m of the distance of two points at the time of the stamp."""
+
+    stamp_s: float
+    lower_m: float
+    upper_m: float
+
+
+@dataclass(frozen=True)
+class RayReading:
+    """A unit vector in the body frame of the observer at the time of the stamp."""
+
+    stamp_s: float
+    ray: np.ndarray
+    half_width_rad: float
+
+
+@dataclass
+class _Input:
+    """What has come in by one input: the young readings, oldest first, and the counts."""
+
+    readings: list[DistanceReading | RayReading] = field(default_factory=list)
+    newest_stamp_s: float = -math.inf
+    accepted: int = 0
+    rejected: Counter[RejectionReason] = field(default_factory=Counter)
+    last_reason_text: str = ''
+
+    def count_accepted(self, stamp_s: float) -> None:
+        """Note that a measurement was taken."""
+        self.accepted += 1
+        self.newest_stamp_s = max(self.newest_stamp_s, stamp_s)
+
+    def keep(self, reading: DistanceReading | RayReading, most: int) -> None:
+        """Add a reading and forget all but the newest `most`."""
+        self.readings.append(reading)
+        self.readings.sort(key=lambda kept: kept.stamp_s)
+        del self.readings[:-most]
+
+
+class MeasurementStore:
+    """
+    All inputs of a fleet.
+
+    Parameters
+    ----------
+    config : FleetConfig
+
+    """
+
+    def __init__(self, config: FleetConfig) -> None:
+        self._config = config
+        self._points = frozenset(config.points)
+        self._inputs: dict[LinkKey, _Input] = {}
+        self._tracks: dict[str, OdometryTrack] = {}
+
+    def add_range(
+        self,
+        key: LinkKey,
+        range_m: float,
+        stamp_s: float,
+        now_s: float,
+        min_range_m: float | None,
+        max_range_m: float | None,
+        variance_m2: float | None,
+    ) -> Rejection | None:
+        """Take a range, or return why not."""
+        rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
+        if rejection:
+            return self._reject(key, rejection)
+        model = self._config.range_error_of(key.observer, key.target)
+        bounds = interpret_range(model, range_m, min_range_m, max_range_m, variance_m2)
+        if isinstance(bounds, Rejection):
+            return self._reject(key, bounds)
+        self._keep(key, DistanceReading(stamp_s, *bounds))
+        return None
+
+    def add_bearing(
+        self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """Take a ray, or return why not."""
+        rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
+        if rejection:
+            return self._reject(key, rejection)
+        ray = interpret_ray(ray_xyz, self._config.dimension)
+        if isinstance(ray, Rejection):
+            return self._reject(key, ray)
+        half_width_rad = self._config.bearing_half_width_of(key.observer, key.target)
+        self._keep(key, RayReading(stamp_s, ray, half_width_rad))
+        return None
+
+    def add_odometry(
+        self,
+        key: LinkKey,
+        position_xyz: ArrayLike,
+        orientation_xyzw: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+    ) -> Rejection | None:
+        """Take an odometry pose, or return why not."""
+        rejection = self._check_names(key.observer) or self._check_stamp(stamp_s, now_s)
+        if rejection:
+            return self._reject(key, rejection)
+        position = np.asarray(position_xyz, dtype=float).reshape(-1)
+        quaternion = np.asarray(orientation_xyzw, dtype=float).reshape(-1)
+        rejection = _check_pose(position, quaternion) or self._check_order(key, stamp_s)
+        if rejection:
+            return self._reject(key, rejection)
+        rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
+        self._track(key.observer).append(stamp_s, position, rotation)
+        self._input(key).count_accepted(stamp_s)
+        return None
+
+    def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
+        """Return the readings of every range and bearing that count at `now_s`, in fixed order."""
+        return {
+            key: [r for r in self._inputs[key].readings if self._is_young(r.stamp_s, now_s)]
+            for key in sorted(self._inputs)
+            if key.kind is not LinkKind.ODOMETRY and self._inputs[key].accepted
+        }
+
+    def newest_stamp_s(self, key: LinkKey) -> float:
+        """Return the stamp of the newest measurement of an input; -inf when there is none."""
+        return self._inputs[key].newest_stamp_s
+
+    def odometry_samples(self) -> dict[str, tuple[OdometrySample, ...]]:
+        """Return the odometry of every robot that has some."""
+        return {robot: track.samples for robot, track in self._tracks.items()}
+
+    def input_states(self, now_s: float) -> list[InputState]:
+        """Return what every input has delivered, in fixed order."""
+        return [
+            InputState(
+                kind=key.kind,
+                observer=key.observer,
+                target=key.target,
+                accepted=source.accepted,
+                rejected=dict(source.rejected),
+                last_reason_text=source.last_reason_text,
+                age_s=now_s - source.newest_stamp_s,
+                in_use=self._is_young(source.newest_stamp_s, now_s),
+            )
+            for key, source in sorted(self._inputs.items())
+        ]
+
+    def _is_young(self, stamp_s: float, now_s: float) -> bool:
+        """Return whether a measurement of that time counts at `now_s`."""
+        return -self._config.max_future_s <= now_s - stamp_s <= self._config.max_age_s
+
+    def _input(self, key: LinkKey) -> _Input:
+        """Return the input of that name, made on first use."""
+        return self._inputs.setdefault(key, _Input())
+
+    def _track(self, robot: str) -> OdometryTrack:
+        """Return the odometry of `robot`, made on first use."""
+        if robot not in self._tracks:
+            keep_s = self._config.max_age_s + self._config.max_future_s
+            self._tracks[robot] = OdometryTrack(self._config.speed_m_s(robot), keep_s)
+        return self._tracks[robot]
+
+    def _keep(self, key: LinkKey, reading: DistanceReading | RayReading) -> None:
+        """Store a reading and count it."""
+        source = self._input(key)
+        source.keep(reading, self._config.max_repeats)
+        source.count_accepted(reading.stamp_s)
+
+    def _reject(self, key: LinkKey, rejection: Rejection) -> Rejection:
+        """Count a rejection on its input and return it."""
+        source = self._input(key)
+        source.rejected[rejection.reason] += 1
+        source.last_reason_text = rejection.text
+        return rejection
+
+    def _check_names(self, *names: str) -> Rejection | None:
+        """Return a rejection when a name is not one of the fleet."""
+        for name in names:
+            if name not in self._points:
+                text = f'{name!r} is not one of the robots and anchors {sorted(self._points)}'
+                return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
+        return None
+
+    def _check_link(self, key: LinkKey) -> Rejection | None:
+        """Return a rejection when a link does not join two points of the fleet."""
+        if key.observer == key.target:
+            text = f'{key.observer!r} is both observer and target'
+            return Rejection(RejectionReason.SAME_ROBOT, text)
+        return self._check_names(key.observer, key.target)
+
+    def _check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
+        """Return a rejection when a stamp is none, or too far from now."""
+        if not math.isfinite(stamp_s):
+            text = f'stamp {stamp_s} s is not a finite number'
+            return Rejection(RejectionReason.INVALID_STAMP, text)
+        if stamp_s == 0.0:
+            text = 'stamp 0 s: the source does not fill it in'
+            return Rejection(RejectionReason.ZERO_STAMP, text)
+        age_s = now_s - stamp_s
+        if age_s > self._config.max_age_s:
+            text = f'stamp {stamp_s} s is {age_s:.3f} s old, max_age is {self._config.max_age_s} s'
+            return Rejection(RejectionReason.TOO_OLD, text)
+        if -age_s > self._config.max_future_s:
+            text = (
+                f'stamp {stamp_s} s is {-age_s:.3f} s in the future, '
+                f'max_future is {self._config.max_future_s} s'
+            )
+            return Rejection(RejectionReason.FUTURE, text)
+        return None
+
+    def _check_order(self, key: LinkKey, stamp_s: float) -> Rejection | None:
+        """Return a rejection when odometry is not newer than the odometry before it."""
+        newest = self._input(key).newest_stamp_s
+        if stamp_s > newest:
+            return None
+        text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest} s'
+        return Rejection(RejectionReason.TOO_OLD, text)
+
+
+def _check_pose(position: np.ndarray, quaternion: np.ndarray) -> Rejection | None:
+    """Return a rejection when a pose is not made of a position and a unit quaternion."""
+    values_ok = position.shape == (3,) and quaternion.shape == (4,)
+    values_ok = values_ok and bool(np.isfinite(position).all() and np.isfinite(quaternion).all())
+    if values_ok and abs(float(np.linalg.norm(quaternion)) - 1.0) < 0.01:
+        return None
+    text = (
+        f'position {position.tolist()}, orientation {quaternion.tolist()}: it must be three '
+        'finite numbers and a unit quaternion'
+    )
+    return Rejection(RejectionReason.INVALID_ODOMETRY, text)

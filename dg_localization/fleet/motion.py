@@ -1,0 +1,183 @@
+"""How far a robot can have moved and turned between two times: speed limits and odometry."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from dg_localization.fleet.intervals import ROUNDING_RAD
+
+
+@dataclass(frozen=True)
+class OdometrySample:
+    """
+    One pose of a robot in its own odometry frame, and the way up to it.
+
+    Parameters
+    ----------
+    stamp_s : float
+    position_m : numpy.ndarray, shape (3,)
+    rotation : numpy.ndarray, shape (3, 3)
+        From body to odometry frame.
+    path_m, turned_rad : float
+        Sums of all steps and of all turns since the first sample.
+
+    """
+
+    stamp_s: float
+    position_m: np.ndarray
+    rotation: np.ndarray
+    path_m: float
+    turned_rad: float
+
+
+def rotation_of_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a unit quaternion."""
+    x, y, z, w = quaternion_xyzw
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rotation_angle_rad(rotation: np.ndarray) -> float:
+    """Return the angle of a rotation matrix, in [0, pi]."""
+    axis = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
+
+
+def elapsed_s(first_s: float, second_s: float) -> float:
+    """
+    Return an upper bound of the time between two stamps.
+
+    A stamp of nanoseconds since 1970 does not fit a double: each may be half a unit off.
+    """
+    if first_s == second_s:
+        return math.ulp(first_s)
+    return abs(first_s - second_s) + 2.0 * math.ulp(max(abs(first_s), abs(second_s)))
+
+
+class OdometryTrack:
+    """The newest odometry of one robot, oldest first."""
+
+    def __init__(self, max_speed_m_s: float, keep_s: float) -> None:
+        self._max_speed_m_s = max_speed_m_s
+        self._keep_s = keep_s
+        self._samples: list[OdometrySample] = []
+
+    @property
+    def samples(self) -> tuple[OdometrySample, ...]:
+        """The samples kept."""
+        return tuple(self._samples)
+
+    def append(self, stamp_s: float, position_m: np.ndarray, rotation: np.ndarray) -> None:
+        """
+        Add a pose, which must be newer than the last one.
+
+        A step that is faster than the robot can move is a restart of the odometry, which says
+        nothing about the way before it: the older samples are forgotten.
+        """
+        path_m = turned_rad = 0.0
+        if self._samples:
+            last = self._samples[-1]
+            step_m = float(np.linalg.norm(position_m - last.position_m))
+            if step_m > self._max_speed_m_s * elapsed_s(stamp_s, last.stamp_s) * 1.5 + 1e-3:
+                self._samples.clear()
+            else:
+                path_m = last.path_m + step_m
+                turned_rad = last.turned_rad + rotation_angle_rad(last.rotation.T @ rotation)
+        self._samples.append(OdometrySample(stamp_s, position_m, rotation, path_m, turned_rad))
+        self._forget_before(stamp_s - self._keep_s)
+
+    def _forget_before(self, stamp_s: float) -> None:
+        """Drop samples older than `stamp_s`, but keep the last one of them."""
+        first_kept = bisect_left(self._samples, stamp_s, key=lambda sample: sample.stamp_s)
+        del self._samples[: max(0, first_kept - 1)]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    What every point can have done between two times.
+
+    Parameters
+    ----------
+    max_speed_m_s : mapping of str to float
+        By point.
+    max_turn_rate_rad_s : float
+    relative_error : float
+        Of odometry, as a fraction of the path and of the sum of the turns.
+    tracks : mapping of str to tuple of OdometrySample
+        By robot, oldest first.
+
+    """
+
+    max_speed_m_s: Mapping[str, float]
+    max_turn_rate_rad_s: float
+    relative_error: float
+    tracks: Mapping[str, tuple[OdometrySample, ...]]
+
+    def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
+        """Return an upper bound of how far `point` moved between two times."""
+        speed = self.max_speed_m_s[point]
+        limit = speed * elapsed_s(first_s, second_s)
+        track = self.tracks.get(point)
+        if track:
+            start, end = _nearest(track, first_s), _nearest(track, second_s)
+            gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
+            limit = min(
+                limit,
+                float(np.linalg.norm(end.position_m - start.position_m))
+                + self.relative_error * abs(end.path_m - start.path_m)
+                + speed * gaps_s,
+            )
+        # A handful of roundings, each below 1.2e-16 of the result.
+        return limit * (1.0 + 1e-14)
+
+    def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
+        """
+        Return how `point` turned between two times.
+
+        Returns
+        -------
+        rotation : numpy.ndarray, shape (3, 3)
+            Takes a fixed direction from body coordinates at the first time to body coordinates
+            at the second.
+        half_width_rad : float
+            Greatest angle by which that may be wrong.
+
+        """
+        rate = self.max_turn_rate_rad_s
+        blind_rad = rate * elapsed_s(first_s, second_s)
+        track = self.tracks.get(point)
+        if track:
+            start, end = _nearest(track, first_s), _nearest(track, second_s)
+            gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
+            error_rad = (
+                self.relative_error * abs(end.turned_rad - start.turned_rad)
+                + rate * gaps_s
+                + ROUNDING_RAD
+            )
+            if error_rad < blind_rad:
+                return end.rotation.T @ start.rotation, error_rad
+        return np.eye(3), blind_rad * (1.0 + 1e-14)
+
+
+def _nearest(track: tuple[OdometrySample, ...], stamp_s: float) -> OdometrySample:
+    """Return the sample whose stamp is nearest."""
+    after = bisect_left(track, stamp_s, key=lambda sample: sample.stamp_s)
+    around = track[max(0, after - 1) : after + 1]
+    return min(around, key=lambda sample: abs(sample.stamp_s - stamp_s))
