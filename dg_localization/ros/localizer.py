@@ -1,0 +1,302 @@
+"""
+The executable `localizer`: a managed node that publishes every feasible placement of a fleet.
+
+It converts messages, calls the ROS-free `Localizer`, and publishes what it answers. Measurements
+are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial, wraps
+import sys
+import traceback
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import Trigger
+
+from dg_localization.fleet import Estimate, LinkKey, Localizer, Rejection
+from dg_localization.ros.diagnostics import Report, statuses
+from dg_localization.ros.links import Link
+from dg_localization.ros.outputs import DiagnosticsPublisher, EstimatePublishers
+from dg_localization.ros.parameters import declare_settings
+from dg_localization.ros.process import run_node
+from dg_localization.ros.worker import EstimateWorker
+from msg_adapters import (
+    Adapter,
+    BearingReading,
+    Diagnostics,
+    OdometryReading,
+    RangeReading,
+    adapter_for,
+)
+
+DIAGNOSTICS_PERIOD_S = 1.0
+REPEATED_WARNING_S = 5.0
+
+Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
+
+
+def transition(method: Callable[['LocalizerNode'], None]) -> Transition:
+    """Make a transition callback of a method that raises when it fails; rclpy would not log it."""
+
+    @wraps(method)
+    def callback(node: 'LocalizerNode', state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            method(node)
+        except Exception:
+            node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    return callback
+
+
+class LocalizerNode(LifecycleNode):
+    """
+    The node.
+
+    Parameters
+    ----------
+    **kwargs
+        Passed on to `rclpy.node.Node`, such as `context` and `parameter_overrides`.
+
+    Raises
+    ------
+    WrongParameterError
+        If a parameter is unknown or has a value it cannot have.
+
+    """
+
+    _outputs: EstimatePublishers
+    _worker: EstimateWorker
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('localizer', **kwargs)
+        self.settings = declare_settings(self)
+        self._localizer = Localizer(self.settings.fleet)
+        self._add: dict[type, Callable[..., Rejection | None]] = {
+            RangeReading: self._add_range,
+            BearingReading: self._add_bearing,
+            OdometryReading: self._add_odometry,
+        }
+        self._state = 'unconfigured'
+        self._made_to_configure = ExitStack()
+        self._made_to_activate = ExitStack()
+        self._estimate: Estimate | None = None
+        self._failure = ''
+        self._malformed: dict[str, str] = {}
+        self._last_now_s = 0.0
+        self._diagnostics = DiagnosticsPublisher(self)
+        # The node's own time stands still while a simulation pauses; the diagnostics must not.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
+        if self.settings.autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    @transition
+    def on_configure(self) -> None:
+        """Make the outputs, the reset service and the worker; receive nothing yet."""
+        made, fleet = self._made_to_configure, self.settings.fleet
+        self._outputs = EstimatePublishers(self, fleet.robots, self.settings.fixed_frame)
+        made.callback(self._outputs.destroy)
+        answer_ready = self.create_guard_condition(self._on_answer)
+        made.callback(self.destroy_guard_condition, answer_ready)
+        self._worker = EstimateWorker(self._localizer.estimate, answer_ready.trigger)
+        made.callback(self._worker.close)
+        service = self.create_service(Trigger, '~/reset', self._on_reset)
+        made.callback(self.destroy_service, service)
+        self._state = 'inactive'
+
+    @transition
+    def on_activate(self) -> None:
+        """Receive, and localize at the given rate."""
+        made = self._made_to_activate
+        made.callback(self._forget, 'deactivated')
+        for link in self.settings.links:
+            made.callback(self.destroy_subscription, self._subscribe(link))
+        timer = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
+        made.callback(self.destroy_timer, timer)
+        self._state = 'active'
+
+    @transition
+    def on_deactivate(self) -> None:
+        """Receive no more, forget every measurement, and take back the last answer."""
+        self._state = 'inactive'
+        self._made_to_activate.close()
+
+    @transition
+    def on_cleanup(self) -> None:
+        """Take the outputs off the graph."""
+        self._state = 'unconfigured'
+        self._made_to_configure.close()
+
+    @transition
+    def on_shutdown(self) -> None:
+        """End from any state."""
+        self._state = 'finalized'
+        self._dismantle()
+
+    @transition
+    def on_error(self) -> None:
+        """Go back to where nothing is made."""
+        self._state = 'unconfigured'
+        self._dismantle()
+
+    def destroy_node(self) -> None:
+        """Stop the worker and destroy the node."""
+        self._dismantle()
+        super().destroy_node()
+
+    def _dismantle(self) -> None:
+        self._made_to_activate.close()
+        self._made_to_configure.close()
+
+    def _subscribe(self, link: Link) -> Any:
+        adapter = adapter_for(link.type_name)
+        callback = partial(self._on_message, link, adapter)
+        return self.create_subscription(
+            adapter.message_class(), link.topic, callback, qos_profile_sensor_data
+        )
+
+    def _on_message(self, link: Link, adapter: Adapter, message: Any) -> None:
+        """Take one measurement; whatever is wrong with it is counted, never raised."""
+        now_s = self._now_s()
+        if now_s is None:
+            return
+        try:
+            reading = adapter.from_message(message)
+        except Exception as error:  # an adapter of somebody else's type may raise anything
+            self._malformed[link.topic] = f'{type(error).__name__}: {error}'
+            return
+        stamp_s = reading.stamp_s if self.settings.use_header_stamp else now_s
+        rejection = self._add[adapter.value_class](link.key, reading, stamp_s, now_s)
+        if rejection is not None:
+            self.get_logger().warning(
+                f'{link.topic}: {rejection}', throttle_duration_sec=REPEATED_WARNING_S
+            )
+
+    def _add_range(
+        self, key: LinkKey, reading: RangeReading, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        return self._localizer.add_range(
+            key.observer,
+            key.target,
+            reading.range_m,
+            stamp_s,
+            now_s,
+            min_range_m=reading.min_range_m,
+            max_range_m=reading.max_range_m,
+            variance_m2=reading.variance_m2,
+        )
+
+    def _add_bearing(
+        self, key: LinkKey, reading: BearingReading, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        return self._localizer.add_bearing(
+            key.observer, key.target, reading.ray_xyz, stamp_s, now_s
+        )
+
+    def _add_odometry(
+        self, key: LinkKey, reading: OdometryReading, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        return self._localizer.add_odometry(
+            key.observer, reading.position_xyz, reading.orientation_xyzw, stamp_s, now_s
+        )
+
+    def _on_tick(self) -> None:
+        """Have the newest measurements answered, unless the worker is still at older ones."""
+        now_s = self._now_s()
+        if now_s is not None and not self._worker.busy:
+            self._worker.submit(self._localizer.snapshot(now_s))
+
+    def _on_answer(self) -> None:
+        """Publish what the worker found."""
+        try:
+            estimate = self._worker.take()
+        except Exception as error:  # a defect of ours: say so instead of showing an old answer
+            self.get_logger().error(f'the estimate failed:\n{traceback.format_exc()}')
+            self._failure = f'internal error: {type(error).__name__}: {error}'
+            self._publish(self._no_estimate(self._failure))
+            return
+        if estimate is not None:
+            self._failure = ''
+            self._publish(estimate)
+
+    def _publish(self, estimate: Estimate) -> None:
+        self._estimate = estimate
+        self._outputs.publish(estimate)
+        self._diagnostics.publish_change(self._diagnose())
+
+    def _publish_diagnostics(self) -> None:
+        self._diagnostics.publish(self._diagnose())
+
+    def _diagnose(self) -> Diagnostics:
+        now_s = self._clock_s()
+        states = self._localizer.input_states(now_s)
+        report = Report(
+            node=self.get_name(),
+            trouble=self._trouble(now_s),
+            failure=self._failure,
+            estimate=self._estimate,
+            robots=self.settings.fleet.robots,
+            links=self.settings.links,
+            inputs={LinkKey(state.kind, state.observer, state.target): state for state in states},
+            malformed=self._malformed,
+        )
+        return Diagnostics(now_s, statuses(report))
+
+    def _trouble(self, now_s: float) -> str:
+        if self._state != 'active':
+            return f'the node is {self._state}'
+        return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._forget('reset')
+        response.success = True
+        response.message = 'all measurements are forgotten'
+        return response
+
+    def _forget(self, reason: str) -> None:
+        """Stop the running estimate, forget every measurement, and take back the last answer."""
+        self._worker.cancel()
+        self._localizer.reset()
+        self._malformed.clear()
+        self._failure = ''
+        # On SIGINT and SIGTERM the context is gone before the node is.
+        if self.context.ok():
+            self.get_logger().info(f'{reason}: all measurements are forgotten')
+            self._publish(self._no_estimate(reason))
+
+    def _no_estimate(self, reason: str) -> Estimate:
+        return Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
+
+    def _clock_s(self) -> float:
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _now_s(self) -> float | None:
+        """
+        Return the time, None before the first one of a simulation.
+
+        A bag that loops, a simulation that restarts and a clock that is set right make time jump
+        back. What was measured before the jump is then forgotten, whichever callback sees it
+        first.
+        """
+        now_s = self._clock_s()
+        jump_s = self._last_now_s - now_s
+        self._last_now_s = now_s
+        if jump_s > 0.0:
+            self._forget(f'time jumped back by {jump_s:.3f} s')
+        return now_s if now_s > 0.0 else None
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    return run_node(LocalizerNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,306 @@
+"""A fleet on real topics for the tests of the node, and what the node says about it."""
+
+from dataclasses import dataclass, field
+import json
+import math
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, Vector3Stamped  # noqa: E402
+from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import Range  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from msg_adapters import (  # noqa: E402
+    BearingReading,
+    Level,
+    RangeReading,
+    adapter_for,
+)
+
+REPOSITORY = Path(__file__).parents[2]
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEADLINE_S = 20.0
+SEND_PERIOD_S = 0.1
+
+range_to_message = adapter_for('sensor_msgs/msg/Range').to_message
+bearing_to_message = adapter_for('geometry_msgs/msg/Vector3Stamped').to_message
+diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
+poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
+pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
+
+
+@dataclass
+class PaperFleet:
+    """The paper's fleet at rest: positions, headings, measured pairs, its eight solutions."""
+
+    robots: list
+    positions_m: np.ndarray
+    yaws_rad: np.ndarray
+    edges: list
+    solutions: list
+
+    def range_m(self, observer, target):
+        return float(np.linalg.norm(self.positions_m[target] - self.positions_m[observer]))
+
+    def ray(self, observer, target):
+        """Return the unit vector to `target` in the body frame of `observer`."""
+        gap = self.positions_m[target] - self.positions_m[observer]
+        angle = math.atan2(gap[1], gap[0]) - self.yaws_rad[observer]
+        return np.array([math.cos(angle), math.sin(angle), 0.0])
+
+    def in_frame_of(self, reference):
+        """Return the true positions and headings in the body frame of a robot."""
+        yaw = self.yaws_rad[reference]
+        turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+        return (self.positions_m - self.positions_m[reference]) @ turn.T, self.yaws_rad - yaw
+
+
+@pytest.fixture(scope='session')
+def paper_fleet(shared):
+    truth = json.loads((shared / 'truth/fleet.json').read_text())
+    known = truth['positions_of_D3_solution_P2_origin_P1_on_x_m']
+    positions = np.array([known.get(f'P{i}', [0.0, 0.0]) for i in range(1, 7)])
+    edges = [(int(name[1]) - 1, int(name[2]) - 1) for name in truth['edges_squared_m2']]
+    return PaperFleet(
+        robots=[f'robot_{i}' for i in range(1, 7)],
+        positions_m=positions,
+        yaws_rad=np.array([0.4, -0.7, 1.9, 3.0, -2.2, 0.0]),
+        edges=edges,
+        solutions=[
+            {(int(k[1]) - 1, int(k[2]) - 1): v for k, v in solution['s'].items()}
+            for solution in truth['solutions']
+        ],
+    )
+
+
+@dataclass
+class Heard:
+    """What the node has said, newest last."""
+
+    fleet: list = field(default_factory=list)
+    markers: list = field(default_factory=list)
+    robots: dict = field(default_factory=dict)
+    poses: dict = field(default_factory=dict)
+    statuses: dict = field(default_factory=dict)
+    diagnostics: int = 0
+
+
+class Bench:
+    """A node beside the localizer: it plays the sensors and listens to every output."""
+
+    def __init__(self, robots):
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = Node('bench', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard = Heard()
+        self.sending = []
+        self._next_send_s = 0.0
+        self._publishers = {}
+        self._clients = {}
+        self._listen(robots)
+
+    def _listen(self, robots):
+        heard, listen = self.heard, self.node.create_subscription
+        listen(PoseArray, '/localizer/feasible_poses', heard.fleet.append, LATCHED)
+        listen(MarkerArray, '/localizer/markers', heard.markers.append, LATCHED)
+        listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        for robot in robots:
+            arrays, poses = [], []
+            heard.robots[robot], heard.poses[robot] = arrays, poses
+            listen(PoseArray, f'/localizer/{robot}/feasible_poses', arrays.append, LATCHED)
+            listen(PoseWithCovarianceStamped, f'/localizer/{robot}/pose', poses.append, 10)
+
+    def _on_diagnostics(self, message):
+        self.heard.diagnostics += 1
+        for status in diagnostics_from_message(message).statuses:
+            self.heard.statuses[status.name] = status
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def forget(self):
+        """Forget what was heard and stop sending; wait until the localizer has forgotten too."""
+        self.sending = []
+        self.call('/localizer/reset', Trigger)
+        self.clear()
+
+    def clear(self):
+        heard = self.heard
+        lists = [heard.fleet, heard.markers, *heard.robots.values(), *heard.poses.values()]
+        for messages in lists:
+            messages.clear()
+        heard.statuses.clear()
+        heard.diagnostics = 0
+
+    def now_s(self):
+        return self.node.get_clock().now().nanoseconds * 1e-9
+
+    def publisher(self, message_class, topic, qos=qos_profile_sensor_data):
+        if topic not in self._publishers:
+            publisher = self.node.create_publisher(message_class, topic, qos)
+            self._publishers[topic] = publisher
+            self.until(lambda: publisher.get_subscription_count(), f'a subscription to {topic}')
+        return self._publishers[topic]
+
+    def send_range(self, observer, target, range_m, stamp_s=None, topic=None, **limits):
+        topic = topic or f'/{observer}/range/{target}'
+        stamp_s = self.now_s() if stamp_s is None else stamp_s
+        message = range_to_message(RangeReading(stamp_s, range_m, **limits))
+        self.publisher(Range, topic).publish(message)
+
+    def send_bearing(self, observer, target, ray, stamp_s=None):
+        stamp_s = self.now_s() if stamp_s is None else stamp_s
+        message = bearing_to_message(BearingReading(stamp_s, ray))
+        self.publisher(Vector3Stamped, f'/{observer}/bearing/{target}').publish(message)
+
+    def send_clock(self, time_s):
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = divmod(round(time_s * 1e9), 1_000_000_000)
+        self.publisher(Clock, '/clock').publish(clock)
+
+    def play(self, fleet, cameras, stretch=None):
+        """Keep sending all ranges, and bearings both ways; `stretch` scales ranges by pair."""
+
+        def send():
+            for a, b in fleet.edges:
+                scale = (stretch or {}).get((a, b), 1.0)
+                self.send_range(fleet.robots[a], fleet.robots[b], fleet.range_m(a, b) * scale)
+                for observer, target in ((a, b), (b, a)) if cameras else ():
+                    ray = fleet.ray(observer, target)
+                    self.send_bearing(fleet.robots[observer], fleet.robots[target], ray)
+
+        self.sending = [send]
+
+    def until(self, condition, what, deadline_s=DEADLINE_S):
+        """Spin, and send what is being played, until `condition()` is true; return its value."""
+        end_s = time.monotonic() + deadline_s
+        while time.monotonic() < end_s:
+            if time.monotonic() >= self._next_send_s:
+                self._next_send_s = time.monotonic() + SEND_PERIOD_S
+                for send in self.sending:
+                    send()
+            self.executor.spin_once(timeout_sec=0.02)
+            value = condition()
+            if value:
+                return value
+        pytest.fail(f'waited {deadline_s} s for {what}; diagnostics: {self.summary()}')
+
+    def summary(self):
+        levels = {name: (s.level.name, s.message) for name, s in self.heard.statuses.items()}
+        return json.dumps(levels, indent=1)
+
+    def status(self, part):
+        return self.heard.statuses.get(f'localizer: {part}')
+
+    def until_status(self, part, level, text='', deadline_s=DEADLINE_S):
+        def reached():
+            status = self.status(part)
+            return status if status and status.level == level and text in status.message else None
+
+        what = f"'{part}' at {Level(level).name} with '{text}'"
+        return self.until(reached, what, deadline_s)
+
+    def until_values(self, part, **wanted):
+        """Wait until a status has these values, and return all its values."""
+
+        def reached():
+            values = dict(self.status(part).values) if self.status(part) else {}
+            return values if wanted.items() <= values.items() else None
+
+        return self.until(reached, f"'{part}' with {wanted}")
+
+    def call(self, name, service, request=None):
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service, name)
+        client = self._clients[name]
+        self.until(client.service_is_ready, f'the service {name}')
+        future = client.call_async(request or service.Request())
+        self.until(future.done, f'an answer of {name}')
+        return future.result()
+
+    def transition(self, label):
+        request = ChangeState.Request()
+        request.transition.label = label
+        return self.call('/localizer/change_state', ChangeState, request).success
+
+    def state(self):
+        return self.call('/localizer/get_state', GetState).current_state.label
+
+    def last_poses(self):
+        return poses_from_message(self.heard.fleet[-1])
+
+
+class LocalizerProcess:
+    """The executable as a process of its own."""
+
+    def __init__(self, log, *ros_args):
+        self._log = log
+        command = [sys.executable, '-m', 'dg_localization.ros.localizer']
+        with open(log, 'w') as output:
+            self.process = subprocess.Popen(
+                [*command, *(['--ros-args', *ros_args] if ros_args else [])],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                cwd=REPOSITORY,
+                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+            )
+
+    def output(self):
+        return Path(self._log).read_text()
+
+    def stop(self, number=signal.SIGINT):
+        """Signal the process, and return its exit code and all it printed."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.wait(), self.output()
+
+    def wait(self):
+        try:
+            return self.process.wait(timeout=DEADLINE_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            pytest.fail(f'the localizer did not end within {DEADLINE_S} s: {self.output()}')
+
+
+@pytest.fixture(scope='module')
+def start_localizer(tmp_path_factory):
+    """Start the executable with ROS arguments; it is stopped at the end of the module."""
+    folder = tmp_path_factory.mktemp('localizer')
+    started = []
+
+    def start(*ros_args):
+        started.append(LocalizerProcess(folder / f'{len(started)}.log', *ros_args))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.stop()
+
+
+@pytest.fixture(scope='module')
+def bench(paper_fleet):
+    bench = Bench(paper_fleet.robots)
+    yield bench
+    bench.close()

@@ -1,0 +1,195 @@
+"""The parameter table, without a node."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+import yaml  # noqa: E402
+
+from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
+from dg_localization.ros.links import parse_link  # noqa: E402
+from dg_localization.ros.parameters import TABLE, check_values, settings_from  # noqa: E402
+from dg_localization.ros.process import WrongParameterError  # noqa: E402
+
+CONFIG = Path(__file__).parents[2] / 'config'
+ROBOTS = {'robots': ['a', 'b', 'c']}
+
+
+def settings(**given):
+    return settings_from(check_values({**ROBOTS, **given}))
+
+
+def given_by(name):
+    """Return the parameters of a file in config/, flattened as ROS does."""
+    tree = yaml.safe_load((CONFIG / name).read_text())['/**']['ros__parameters']
+
+    def flatten(prefix, node):
+        for key, value in node.items():
+            if isinstance(value, dict):
+                yield from flatten(f'{prefix}{key}.', value)
+            else:
+                yield f'{prefix}{key}', None if value == [] else value
+
+    return dict(flatten('', tree))
+
+
+def test_names_are_unique_and_described():
+    assert len({spec.name for spec in TABLE}) == len(TABLE)
+    assert all(spec.description for spec in TABLE)
+
+
+@pytest.mark.parametrize('spec', TABLE, ids=lambda spec: spec.name)
+def test_default_is_allowed_and_descriptor_can_be_made(spec):
+    assert spec.check(spec.default) == spec.default
+    descriptor = spec.descriptor()
+    assert descriptor.read_only
+    assert spec.description in descriptor.description and spec.unit in descriptor.description
+
+
+def test_commented_file_holds_every_parameter_with_its_default():
+    given = given_by('localizer.yaml')
+    assert len(given.pop('robots')) == 3
+    defaults = {spec.name: spec.default for spec in TABLE if spec.name != 'robots'}
+    assert {name: value or [] if value is None else value for name, value in given.items()} == (
+        defaults
+    )
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.name)
+def test_every_file_gives_settings(path):
+    assert settings_from(check_values(given_by(path.name))).fleet.robots
+
+
+def test_recording_has_six_links_and_no_templates():
+    found = settings_from(check_values(given_by('tiers_uwb.yaml')))
+    assert [link.key.kind for link in found.links] == [LinkKind.RANGE] * 6
+    assert {name for link in found.links for name in (link.key.observer, link.key.target)} == set(
+        found.fleet.robots
+    )
+    assert not found.use_header_stamp
+
+
+@pytest.mark.parametrize(
+    'name, value, wanted',
+    [
+        ('rate', 0.0, r"'rate': 0.0 is not .* a number >= 0.01 and <= 1000 \(Hz\)"),
+        ('rate', 'fast', r"'rate': 'fast' is not allowed, it must be a number"),
+        ('rate', math.nan, "'rate': nan is not allowed"),
+        ('dimension', 4, "'dimension': 4 is not allowed, it must be an integer >= 2 and <= 3"),
+        ('dimension', 2.0, "'dimension': 2.0 is not allowed, it must be an integer"),
+        ('dimension', True, "'dimension': True is not allowed"),
+        ('stamp_source', 'now', "'now' is not allowed, it must be 'header' or 'receive'"),
+        ('autostart', 'yes', "'autostart': 'yes' is not allowed, it must be true or false"),
+        ('fixed_frame', 3, "'fixed_frame': 3 is not allowed, it must be a string"),
+        ('robots', [1, 2], r"'robots': \[1, 2\] is not allowed, it must be a list of strings"),
+        ('robots', None, 'robots: .* must name at least one robot'),
+        ('robots', ['a', 'a'], "'a' is repeated"),
+        ('robots', ['a b'], "'robots': 'a b' is not allowed, a name must begin with a letter"),
+        ('reference_robot', 'z', "reference_robot: 'z' is not allowed, it must be one of"),
+        ('max_speed', -1.0, "'max_speed': -1.0 is not allowed, it must be a number >= 0"),
+        ('max_speed', math.inf, 'max_speed.*inf is not allowed'),
+        ('bearing.half_width', 4.0, "'bearing.half_width': 4.0 is not allowed"),
+        ('range.min_error', 1.0, 'range.min_error_m: 1.0 .* at most range.max_error_m'),
+        ('range.topic', '/range', 'it must hold {observer} and {target}'),
+        ('range.topic', '/{observer}/{peer}', 'it must hold {observer} and {target}'),
+        ('range.topic', '/{observer', 'it is no template'),
+        ('range.topic', '/a b/{observer}/{target}', "topic '/a b/a/b' of range a->b"),
+        ('bearing.topic', '/{observer}/range/{target}', 'is named twice'),
+        ('odometry.topic', '/{target}/odom', 'it must hold {robot}'),
+        ('links', ['/t sensor_msgs/msg/Range a'], 'needs an observer and a target'),
+        ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
+        ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
+        ('links', ['/t gps_msgs/msg/Fix a b'], "type 'gps_msgs/msg/Fix' is no input; .*Range"),
+        ('links', ['/t sensor_msgs/msg/Range a b max_eror=1'], "'max_eror' cannot"),
+        ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a number'),
+        ('links', ['/t sensor_msgs/msg/Range a b max_error=-9'], 'range.min_error_m'),
+        ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
+        ('solver.resolution', 0.0, "'solver.resolution': 0.0 is not allowed"),
+        ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
+        ('solver.resolutoin', 0.1, "'solver.resolutoin' is unknown; did you mean 'solver.resol"),
+        ('anchors.names', ['x.y'], "'anchors.names': 'x.y' is not allowed"),
+        ('anchors.beacon.position', [0.0, 0.0], "name the anchor in 'anchors.names'"),
+    ],
+)
+def test_wrong_value_is_refused_by_name_with_the_allowed_values(name, value, wanted):
+    with pytest.raises(WrongParameterError, match=wanted):
+        settings(**{name: value})
+
+
+def test_integers_are_taken_for_numbers_as_people_write_them():
+    assert settings(rate=5).rate_hz == 5.0
+    found = settings(**{'anchors.names': ['p'], 'anchors.p.position': [1, 2]})
+    assert found.fleet.anchors['p'].coordinates_m == (1.0, 2.0)
+
+
+def test_anchors_have_their_own_bound_or_the_common_one():
+    found = settings(
+        **{
+            'anchors.names': ['p', 'q'],
+            'anchors.bound': 0.1,
+            'anchors.p.position': [1.0, 2.0],
+            'anchors.q.position': [3.0, 4.0],
+            'anchors.q.bound': 0.5,
+        }
+    )
+    assert {name: anchor.bound_m for name, anchor in found.fleet.anchors.items()} == {
+        'p': 0.1,
+        'q': 0.5,
+    }
+
+
+def test_anchor_without_enough_coordinates_is_refused():
+    with pytest.raises(WrongParameterError, match='2 coordinates'):
+        settings(**{'anchors.names': ['p'], 'anchors.p.position': [1.0]})
+
+
+def test_templates_reach_from_every_robot_to_every_other_point():
+    found = settings(**{'anchors.names': ['p'], 'anchors.p.position': [1.0, 2.0]})
+    topics = {link.topic: link.key for link in found.links}
+    assert topics['/a/range/p'] == LinkKey(LinkKind.RANGE, 'a', 'p')
+    assert topics['/b/bearing/a'] == LinkKey(LinkKind.BEARING, 'b', 'a')
+    assert topics['/c/odom'] == LinkKey(LinkKind.ODOMETRY, 'c', '')
+    assert len(topics) == 3 * 3 * 2 + 3
+    assert not any(link.explicit for link in found.links)
+
+
+def test_explicit_link_replaces_what_the_template_gives():
+    found = settings(links=['/uwb/ab sensor_msgs/msg/Range a b max_error=1.5 min_error=0.5'])
+    topics = [link.topic for link in found.links]
+    assert '/uwb/ab' in topics and '/a/range/b' not in topics and '/b/range/a' in topics
+    assert found.fleet.range_error_of('a', 'b').max_error_m == 1.5
+    assert found.fleet.range_error_of('a', 'b').max_error_relative == 0.03
+    assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
+
+
+def test_bounds_of_range_and_bearing_of_one_pair_are_gathered():
+    found = settings(
+        links=[
+            '/uwb/ab sensor_msgs/msg/Range a b max_error=1.5',
+            '/cam/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.2',
+        ]
+    )
+    assert found.fleet.range_error_of('a', 'b').max_error_m == 1.5
+    assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
+
+
+def test_empty_template_means_no_topics():
+    found = settings(**{'range.topic': '', 'bearing.topic': '', 'odometry.topic': ''})
+    assert found.links == ()
+
+
+def test_link_to_a_robot_outside_the_fleet_is_kept_for_its_counts():
+    found = settings(links=['/uwb/az sensor_msgs/msg/Range a z max_error=1.0'])
+    assert found.links[0].key == LinkKey(LinkKind.RANGE, 'a', 'z')
+
+
+def test_link_string_is_read_in_any_order_of_overrides():
+    link = parse_link('/t sigma_factor=3 sensor_msgs/msg/Range a b min_error=-1e-1')
+    assert (link.topic, dict(link.overrides)) == ('/t', {'sigma_factor': 3.0, 'min_error': -0.1})
+
+
+def test_parameters_of_others_are_left_alone():
+    given = {**ROBOTS, 'use_sim_time': True, 'qos_overrides./tf.publisher.depth': 5}
+    assert 'use_sim_time' not in check_values(given, ignored=['use_sim_time'])
