@@ -5,7 +5,10 @@ import sys
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+
+RCLError = rclpy_implementation.RCLError
 
 
 class WrongParameterError(ValueError):
@@ -41,6 +44,10 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> in
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        # The signal shuts the context down under whatever a callback is publishing.
+        if rclpy.ok():
+            raise
     finally:
         rclpy.try_shutdown()
     return 0

@@ -1,0 +1,131 @@
+"""The demonstration: how it compares, what it prints and draws, and the whole of it once."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.fleet.simulation import ROBOTS, FleetMotion  # noqa: E402
+from dg_localization.ros import demo, demo_compare  # noqa: E402
+from dg_localization.ros.simulate_fleet import quaternions  # noqa: E402
+
+
+@pytest.fixture
+def truth():
+    state = FleetMotion().state(5.0)
+    return demo_compare.Truth(100.0, state.positions_m, state.yaws_rad)
+
+
+@pytest.fixture
+def compared(truth):
+    """An answer of the true placement and its mirror image."""
+    frame = 'origin at robot_2, x towards robot_3'
+    seen = truth.in_frame(frame)
+    positions_m = np.stack([seen.positions_m, seen.positions_m * [1.0, -1.0]])
+    boxes_m = np.stack([positions_m - 0.2, positions_m + 0.2], axis=2)
+    yaws_rad = np.full((2, len(ROBOTS)), np.nan)
+    return demo_compare.Compared(
+        demo_compare.Answer(100.0, positions_m, yaws_rad, boxes_m), seen, frame
+    )
+
+
+def distances(positions_m):
+    return np.linalg.norm(positions_m[:, None] - positions_m[None], axis=-1)
+
+
+def test_the_truth_is_turned_into_a_frame_of_two_robots(truth):
+    seen = truth.in_frame('origin at robot_2, x towards robot_1')
+    np.testing.assert_allclose(seen.positions_m[1], 0.0)
+    assert seen.positions_m[0, 0] > 0.0
+    assert seen.positions_m[0, 1] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(distances(seen.positions_m), distances(truth.positions_m))
+
+
+def test_the_truth_is_turned_into_the_body_frame_of_a_robot(truth):
+    seen = truth.in_frame('body frame of robot_4')
+    np.testing.assert_allclose(seen.positions_m[3], 0.0)
+    assert seen.yaws_rad[3] == 0.0
+    np.testing.assert_allclose(distances(seen.positions_m), distances(truth.positions_m))
+
+
+def test_a_frame_it_does_not_know_is_an_error(truth):
+    with pytest.raises(demo_compare.DemoError, match='describes its frame as'):
+        truth.in_frame('somewhere')
+
+
+def test_only_the_hypothesis_with_the_truth_holds_it(compared):
+    assert compared.held_by.tolist() == [0]
+    outside = demo_compare.Answer(
+        100.0,
+        compared.answer.positions_m,
+        compared.answer.yaws_rad,
+        compared.answer.enclosures_m + [0.0, 0.3],
+    )
+    assert len(demo_compare.Compared(outside, compared.truth, compared.frame).held_by) == 0
+
+
+def test_the_table_points_to_the_truth(compared):
+    lines = demo_compare.table(compared).splitlines()
+    first, second = (line for line in lines if line[2:8].strip() in ('1', '2'))
+    assert first.startswith('->') and first.count('*') == len(ROBOTS)
+    assert second.startswith('  ') and second.count('*') == 2  # those that define the axis
+    assert max(map(len, lines)) <= 100
+
+
+def test_headings_are_in_the_table_when_known(compared):
+    answer = compared.answer
+    yaws_rad = np.full_like(answer.yaws_rad, np.pi / 2)
+    yaws_rad[0, 5] = np.nan
+    known = demo_compare.Answer(100.0, answer.positions_m, yaws_rad, answer.enclosures_m)
+    text = demo_compare.table(demo_compare.Compared(known, compared.truth, compared.frame))
+    assert text.count('90.0\N{DEGREE SIGN}') == 11
+    assert text.count('?') == 1
+
+
+def test_mirror_images_are_counted_as_such(compared):
+    answer = compared.answer
+    assert demo_compare.count_text(answer) == '1 hypothesis and its mirror image'
+    alone = demo_compare.Answer(
+        100.0, answer.positions_m[:1], answer.yaws_rad[:1], answer.enclosures_m[:1]
+    )
+    assert demo_compare.count_text(alone) == '1 hypothesis'
+
+
+def test_the_truth_is_interpolated_across_the_turn():
+    zeros = np.zeros((6, 2))
+    before = demo_compare.Truth(1.0, zeros, np.full(6, np.pi - 0.1))
+    after = demo_compare.Truth(2.0, zeros + 1.0, np.full(6, -np.pi + 0.1))
+    middle = demo_compare.truth_at([before, after], 1.5)
+    np.testing.assert_allclose(middle.positions_m, 0.5)
+    np.testing.assert_allclose(np.cos(middle.yaws_rad), -1.0)
+    assert demo_compare.truth_at([before, after], 2.5) is None
+    assert demo_compare.truth_at([before, after], 0.5) is None
+
+
+def test_yaws_survive_quaternions_and_zero_is_unknown():
+    yaws_rad = np.array([-3.0, -0.5, 0.0, 2.0])
+    np.testing.assert_allclose(demo_compare.yaws_of(quaternions(yaws_rad)), yaws_rad)
+    assert np.isnan(demo_compare.yaws_of(np.zeros((1, 4)))).all()
+
+
+def test_a_process_that_ends_early_is_told_with_what_it_wrote():
+    executable = demo.Executable('simulate_fleet', '--ros-args', '-p', 'rate:=-1')
+    executable._process.wait(20)
+    with pytest.raises(
+        demo_compare.DemoError, match="(?s)simulate_fleet ended with exit code 1.*'rate'"
+    ):
+        executable.check()
+    with pytest.raises(demo_compare.DemoError):
+        executable.end()
+
+
+def test_the_whole_demonstration(tmp_path, capsys):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    picture = tmp_path / 'demo.png'
+    code = demo.main(['--seconds', '3', '--picture', str(picture)])
+    told = capsys.readouterr()
+    assert code == 0, told
+    without, _, with_cameras = told.out.partition('With cameras:')
+    assert '8 hypotheses and their mirror images' in without
+    assert '1 hypothesis' in with_cameras and 'mirror' not in with_cameras
+    assert picture.read_bytes().startswith(b'\x89PNG')
