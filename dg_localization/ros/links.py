@@ -9,6 +9,7 @@ from msg_adapters import (
     BearingReading,
     OdometryReading,
     RangeReading,
+    UnknownTypeError,
     adapter_for,
     known_types,
 )
@@ -101,7 +102,12 @@ def _kind_of(type_name: str) -> LinkKind:
     inputs = [name for name in known_types() if adapter_for(name).value_class in KIND_OF_VALUE]
     if type_name not in inputs:
         raise ValueError(f"type '{type_name}' is no input; it must be one of {', '.join(inputs)}")
-    return KIND_OF_VALUE[adapter_for(type_name).value_class]
+    adapter = adapter_for(type_name)
+    try:
+        adapter.message_class()
+    except UnknownTypeError as error:
+        raise ValueError(str(error)) from None
+    return KIND_OF_VALUE[adapter.value_class]
 
 
 def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:

@@ -47,7 +47,9 @@ def transition(method: Callable[['LocalizerNode'], None]) -> Transition:
         try:
             method(node)
         except Exception:
-            node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
+            # A signal takes the context away in the middle; the executor will tell.
+            if node.context.ok():
+                node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
@@ -94,8 +96,8 @@ class LocalizerNode(LifecycleNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         if self.settings.autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+            if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+                self.trigger_activate()
 
     @transition
     def on_configure(self) -> None:

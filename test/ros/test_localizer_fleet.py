@@ -1,0 +1,239 @@
+"""The executable `localizer` as a process, driven over DDS with the paper's fleet."""
+
+import math
+import signal
+
+from geometry_msgs.msg import PoseArray
+import numpy as np
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+from msg_adapters import Level, adapter_for
+
+CONFIG = 'config/paper_fleet.yaml'
+# Ranges known to 1 %, so that the eight solutions are far apart.
+SHARP = (
+    *('-p', 'range.min_error_relative:=-0.01'),
+    *('-p', 'range.max_error_relative:=0.01'),
+    *('-p', 'bearing.half_width:=0.02'),
+    *('-p', 'max_speed:=0.05'),
+    *('-p', 'max_turn_rate:=0.05'),
+)
+GHOST = '/uwb/ghost'
+REFERENCE = 1
+pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
+poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
+
+
+@pytest.fixture(scope='module')
+def process(bench, start_localizer):
+    link = f"links:=['{GHOST} sensor_msgs/msg/Range robot_1 ghost']"
+    process = start_localizer('--params-file', CONFIG, *SHARP, '-p', link)
+    bench.until_status('fleet', Level.WARN, 'no usable measurement', deadline_s=60.0)
+    return process
+
+
+@pytest.fixture
+def fresh(bench, process):
+    """One localizer for all tests of this module, which remembers nothing."""
+    bench.forget()
+    return bench
+
+
+def gaps_m(positions_m):
+    return np.linalg.norm(positions_m[:, None] - positions_m[None, :], axis=-1)
+
+
+def hypotheses(bench):
+    """Return the newest positions as (hypothesis, robot, 3)."""
+    return bench.last_poses().positions_m.reshape(-1, 6, 3)
+
+
+def until_nothing_is_left(bench):
+    """Wait until every latched topic is empty: no old answer is there for anybody."""
+
+    def is_empty():
+        arrays = [bench.heard.fleet, *bench.heard.robots.values()]
+        cleared = bench.heard.markers and len(bench.heard.markers[-1].markers) == 1  # DELETEALL
+        return cleared and all(heard and not heard[-1].poses for heard in arrays)
+
+    bench.until(is_empty, 'empty arrays and a cleared view')
+
+
+def test_ranges_alone_give_the_eight_solutions_and_their_mirror_images(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=False)
+    status = fresh.until_status('fleet', Level.WARN, 'ambiguous: 16 hypotheses')
+    assert status.values['hypotheses_proved'] == '16'
+    fresh.until(lambda: len(fresh.heard.fleet[-1].poses) == 16 * 6, 'sixteen placements')
+    found = [gaps_m(positions) for positions in hypotheses(fresh)]
+    for solution in paper_fleet.solutions:
+        errors = [
+            max(abs(gaps[pair] - math.sqrt(s)) for pair, s in solution.items()) for gaps in found
+        ]
+        # Ranges off by 1 % move a robot at the far end of two triangles by several times that.
+        assert sum(error < 0.8 for error in errors) == 2, errors
+    assert not any(fresh.heard.poses.values())
+
+
+def test_robot_arrays_agree_with_the_fleet_array(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=False)
+    fresh.until(lambda: fresh.heard.fleet and fresh.heard.fleet[-1].poses, 'placements')
+    fleet = fresh.heard.fleet[-1]
+    assert fleet.header.frame_id == 'map'
+    for row, (robot, arrays) in enumerate(fresh.heard.robots.items()):
+        poses = fleet.poses[row::6]
+        fresh.until(
+            lambda arrays=arrays, poses=poses: any(
+                array.header == fleet.header and array.poses == poses for array in arrays
+            ),
+            f'the same poses of {robot}',
+        )
+
+
+def test_cameras_leave_the_true_placement_only(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=True)
+    fresh.until_status('fleet', Level.OK, 'one hypothesis')
+    fresh.clear()
+    fresh.until(lambda: all(fresh.heard.poses.values()), 'a pose of every robot')
+    positions, yaws = paper_fleet.in_frame_of(REFERENCE)
+    for row, messages in enumerate(fresh.heard.poses.values()):
+        pose = pose_from_message(messages[-1])
+        half_widths = np.sqrt(np.diag(pose.covariance))
+        assert (np.abs(pose.position_xyz[:2] - positions[row]) <= half_widths[:2] + 1e-9).all()
+        assert half_widths[:2].max() < 1.0
+        assert (half_widths[2:5] == 0.0).all()
+        z, w = pose.orientation_xyzw[2:]
+        turn = (2.0 * math.atan2(z, w) - yaws[row] + math.pi) % (2.0 * math.pi) - math.pi
+        assert abs(turn) <= half_widths[5] < 0.5
+    assert fresh.until_status('robot robot_4', Level.OK, 'localized')
+
+
+def test_markers_clear_what_was_there_and_color_links(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=True)
+    fresh.until(
+        lambda: fresh.heard.markers and len(fresh.heard.markers[-1].markers) > 1, 'markers'
+    )
+    scene = adapter_for('visualization_msgs/msg/MarkerArray').from_message(fresh.heard.markers[-1])
+    by_namespace = {marker.namespace: marker for marker in scene.markers}
+    assert set(by_namespace) == {'robots', 'headings', 'names', 'enclosures', 'links'}
+    assert len(by_namespace['robots'].points_m) == 6
+    assert scene.frame_id == 'map'
+
+
+def test_late_listener_gets_the_last_answer(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=False)
+    fresh.until(lambda: fresh.heard.fleet and fresh.heard.fleet[-1].poses, 'placements')
+    heard = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = fresh.node.create_subscription(
+        PoseArray, '/localizer/feasible_poses', heard.append, latched
+    )
+    fresh.until(lambda: heard, 'the latched answer')
+    fresh.node.destroy_subscription(late)
+
+
+def test_wrong_readings_are_counted_and_named_and_none_is_used(fresh, paper_fleet):
+    now_s = fresh.now_s()
+    limits = {'min_range_m': 0.1, 'max_range_m': 30.0}
+    wrong = {
+        'nan': {'range_m': math.nan},
+        'nothing_in_range': {'range_m': math.inf, **limits},
+        'too_close': {'range_m': -math.inf},
+        'negative': {'range_m': -1.0},
+        'above_max': {'range_m': 31.0, **limits},
+        'below_min': {'range_m': 0.05, **limits},
+        'too_old': {'range_m': 5.0, 'stamp_s': now_s - 60.0},
+        'future': {'range_m': 5.0, 'stamp_s': now_s + 60.0},
+        'zero_stamp': {'range_m': 5.0, 'stamp_s': 0.0},
+    }
+    # A topic each: sensor data is best effort, a burst on one topic may lose some.
+    for reading, (a, b) in zip(wrong.values(), paper_fleet.edges, strict=True):
+        fresh.send_range(paper_fleet.robots[a], paper_fleet.robots[b], **reading)
+    for reason, (a, b) in zip(wrong, paper_fleet.edges, strict=True):
+        part = f'input range {paper_fleet.robots[a]}->{paper_fleet.robots[b]}'
+        values = fresh.until_values(part, **{f'rejected_{reason}': '1'})
+        assert (values['accepted'], values['rejected']) == ('0', '1')
+        assert values['last_rejection']
+        fresh.until_status(part, Level.WARN, values['last_rejection'])
+    status = fresh.until_status('fleet', Level.WARN, 'no usable measurement')
+    assert status.values['inputs_in_use'] == '0'
+    until_nothing_is_left(fresh)
+
+
+def test_closer_than_the_sensor_can_see_is_a_bound(fresh):
+    fresh.send_range('robot_1', 'robot_2', -math.inf, min_range_m=0.5, max_range_m=30.0)
+    values = fresh.until_values('input range robot_1->robot_2', accepted='1')
+    assert values['rejected'] == '0'
+
+
+def test_robot_that_is_not_of_the_fleet_is_counted_and_named(fresh):
+    fresh.send_range('robot_1', 'ghost', 5.0, topic=GHOST)
+    values = fresh.until_values('input range robot_1->ghost', rejected_unknown_robot='1')
+    assert 'ghost' in values['last_rejection'] and values['topic'] == GHOST
+    fresh.until_status('fleet', Level.WARN, 'no usable measurement')
+
+
+def test_zero_and_nan_rays_are_counted_and_named(fresh):
+    fresh.send_bearing('robot_1', 'robot_2', np.zeros(3))
+    fresh.send_bearing('robot_2', 'robot_1', np.array([math.nan, 1.0, 0.0]))
+    fresh.until_values('input bearing robot_1->robot_2', rejected_zero_ray='1', accepted='0')
+    fresh.until_values('input bearing robot_2->robot_1', rejected_invalid_ray='1', accepted='0')
+
+
+def test_contradiction_empties_everything_and_heals(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=False)
+    fresh.until(lambda: fresh.heard.fleet and fresh.heard.fleet[-1].poses, 'placements')
+    # Triangle 1-2-3 cannot close: the sides are 7.3, 6.4 and four times 7.6 m.
+    fresh.play(paper_fleet, cameras=False, stretch={(0, 1): 4.0})
+    fresh.until_status('fleet', Level.ERROR, 'contradiction')
+    until_nothing_is_left(fresh)
+    fresh.until_status('input range robot_1->robot_2', Level.ERROR, 'contradicts')
+    fresh.until_status('robot robot_1', Level.ERROR, 'contradict')
+    assert 'range robot_1->robot_2' in fresh.status('fleet').values['conflict_0']
+    fresh.play(paper_fleet, cameras=False)
+    fresh.until_status('fleet', Level.WARN, 'ambiguous')
+    fresh.until(lambda: fresh.heard.fleet[-1].poses, 'placements again')
+
+
+def test_silence_leaves_no_stale_answer(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=True)
+    fresh.until_status('fleet', Level.OK)
+    fresh.sending = []
+    fresh.until_status('fleet', Level.WARN, 'stale')
+    fresh.until_status('input range robot_1->robot_2', Level.WARN, 'stale')
+    until_nothing_is_left(fresh)
+
+
+def test_diagnostics_come_every_second_without_any_change(fresh):
+    fresh.clear()
+    fresh.until(lambda: fresh.heard.diagnostics >= 2, 'two diagnostics', deadline_s=5.0)
+    assert 'localizer: robot robot_1' in fresh.heard.statuses
+
+
+def test_reset_forgets_at_once(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=False)
+    fresh.until(lambda: fresh.heard.fleet and fresh.heard.fleet[-1].poses, 'placements')
+    fresh.sending = []
+    answer = fresh.call('/localizer/reset', Trigger)
+    assert answer.success and 'forgotten' in answer.message
+    fresh.until(lambda: not fresh.heard.fleet[-1].poses, 'an empty array')
+    fresh.clear()
+    fresh.until_status('fleet', Level.WARN, 'no usable measurement')
+    assert fresh.status('input range robot_1->robot_2') is None
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_working_node_cleanly(bench, paper_fleet, process, start_localizer, number):
+    """Leave this the last test: it ends the localizer of the module."""
+    if process.process.poll() is None:
+        ending = process
+        bench.forget()
+    else:
+        ending = start_localizer('--params-file', CONFIG)
+        bench.clear()
+    bench.play(paper_fleet, cameras=False)
+    bench.until(lambda: bench.heard.fleet and bench.heard.fleet[-1].poses, 'placements')
+    code, output = ending.stop(number)
+    assert code == 0, output
+    assert 'Traceback' not in output and 'Failed' not in output, output

@@ -1,0 +1,253 @@
+"""The node inside the test process: lifecycle, time, parameters from files, failures."""
+
+import signal
+import time
+
+from lifecycle_msgs.srv import ChangeState
+import pytest
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from dg_localization.ros.localizer import LocalizerNode
+from dg_localization.ros.process import WrongParameterError
+from msg_adapters import Adapter, Level, RangeReading, register
+
+ROBOTS = ['robot_1', 'robot_2', 'robot_3']
+TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
+
+
+@pytest.fixture
+def make_node(bench):
+    """Make a localizer that spins beside the bench."""
+    made = []
+
+    def make(*cli_args, **parameters):
+        parameters.setdefault('robots', ROBOTS)
+        node = LocalizerNode(
+            context=bench.context,
+            cli_args=['--ros-args', *cli_args],
+            parameter_overrides=[
+                Parameter(name.replace('__', '.'), value=value)
+                for name, value in parameters.items()
+            ],
+        )
+        made.append(node)
+        bench.executor.add_node(node)
+        return node
+
+    bench.sending = []
+    bench.clear()
+    yield make
+    for node in made:
+        bench.executor.remove_node(node)
+        node.destroy_node()
+
+
+def play_triangle(bench, **stamp):
+    def send():
+        for (observer, target), range_m in TRIANGLE.items():
+            bench.send_range(observer, target, range_m, **stamp)
+
+    bench.sending = [send]
+
+
+def wait_for_placements(bench, number):
+    bench.until(
+        lambda: bench.heard.fleet and len(bench.heard.fleet[-1].poses) == number * len(ROBOTS),
+        f'{number} placements',
+    )
+
+
+def test_managed_node_waits_to_be_told(bench, make_node):
+    node = make_node(autostart=False)
+    bench.until_status('fleet', Level.WARN, 'the node is unconfigured')
+    assert bench.state() == 'unconfigured'
+    assert bench.transition('configure')
+    assert bench.state() == 'inactive'
+    bench.until_status('fleet', Level.WARN, 'the node is inactive')
+    assert node.count_subscribers('/robot_1/range/robot_2') == 0
+    assert bench.transition('activate')
+    play_triangle(bench)
+    wait_for_placements(bench, 2)
+    assert bench.transition('deactivate')
+    bench.until(lambda: not bench.heard.fleet[-1].poses, 'an empty array')
+    assert node.count_subscribers('/robot_1/range/robot_2') == 0
+    assert bench.transition('activate')
+    wait_for_placements(bench, 2)
+    assert bench.transition('deactivate') and bench.transition('cleanup')
+    assert bench.state() == 'unconfigured'
+    assert node.count_publishers('/localizer/feasible_poses') == 0
+    assert bench.transition('configure') and bench.transition('activate')
+    wait_for_placements(bench, 2)
+    assert bench.transition('shutdown')
+    assert bench.state() == 'finalized'
+    bench.until_status('fleet', Level.WARN, 'the node is finalized')
+    assert not bench.heard.fleet[-1].poses
+
+
+def test_transition_that_is_not_possible_is_refused(bench, make_node):
+    make_node(autostart=False)
+    request = ChangeState.Request()
+    request.transition.label = 'no_such_transition'
+    assert not bench.call('/localizer/change_state', ChangeState, request).success
+
+
+def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
+    make_node(use_sim_time=True)
+    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
+    clock = {'s': 1000.0}
+
+    def send():
+        clock['s'] += 0.1
+        bench.send_clock(clock['s'])
+        for (observer, target), range_m in TRIANGLE.items():
+            bench.send_range(observer, target, range_m, stamp_s=clock['s'])
+
+    bench.sending = [send]
+    wait_for_placements(bench, 2)
+    bench.until_values('input range robot_1->robot_2', rejected='0')
+    bench.clear()
+    clock['s'] = 10.0
+    bench.until(lambda: any(not array.poses for array in bench.heard.fleet), 'an empty array')
+    wait_for_placements(bench, 2)
+    assert 10 <= bench.heard.fleet[-1].header.stamp.sec < 100
+    values = bench.until_values('input range robot_1->robot_2', rejected='0')
+    assert 0 < int(values['accepted']) < 100
+
+
+def test_stamps_of_arrival_serve_sources_without_headers(bench, make_node):
+    make_node(stamp_source='receive')
+    play_triangle(bench, stamp_s=0.0)
+    wait_for_placements(bench, 2)
+
+
+def test_anchors_give_the_frame_and_rule_out_the_mirror_image(bench, make_node):
+    make_node(
+        robots=['robot_1'],
+        anchors__names=['p', 'q', 'r'],
+        anchors__p__position=[0.0, 0.0],
+        anchors__q__position=[8.0, 0.0],
+        anchors__r__position=[0.0, 8.0],
+        fixed_frame='hall',
+    )
+
+    def send():
+        for target, range_m in (('p', 5.0), ('q', 6.4031), ('r', 5.0)):
+            bench.send_range('robot_1', target, range_m)
+
+    bench.sending = [send]
+    pose = bench.until(lambda: bench.heard.poses['robot_1'], 'a pose')[-1]
+    assert pose.header.frame_id == 'hall'
+    assert pose.pose.pose.position.x == pytest.approx(3.0, abs=0.5)
+    assert pose.pose.pose.position.y == pytest.approx(4.0, abs=0.5)
+    assert pose.pose.covariance[35] == pytest.approx(9.87, abs=0.01)  # an unknown heading: pi^2
+
+
+def test_explicit_link_is_warned_about_while_it_is_silent(bench, make_node):
+    make_node(links=['/uwb/a sensor_msgs/msg/Range robot_1 robot_2'])
+    bench.until_status('input range robot_1->robot_2', Level.WARN, 'nothing received')
+    bench.send_range('robot_1', 'robot_2', 3.0, topic='/uwb/a')
+    bench.until_values('input range robot_1->robot_2', accepted='1', topic='/uwb/a')
+
+
+def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monkeypatch):
+    def refuse(message):
+        raise ValueError(f'range {message.range} is not for me')
+
+    monkeypatch.setattr('msg_adapters.registry._adapters', {})
+    register(Adapter('sensor_msgs/msg/Range', RangeReading, refuse, print))
+    make_node(
+        links=['/uwb/a sensor_msgs/msg/Range robot_1 robot_2'],
+        range__topic='',
+        bearing__topic='',
+        odometry__topic='',
+    )
+    bench.send_range('robot_1', 'robot_2', 3.0, topic='/uwb/a')
+    bench.until_status('input range robot_1->robot_2', Level.WARN, 'malformed: ValueError')
+
+
+def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
+    node = make_node()
+    play_triangle(bench)
+    wait_for_placements(bench, 2)
+
+    def fail(snapshot, cancel):
+        raise ArithmeticError('no idea')
+
+    node._worker._estimate = fail
+    bench.until_status('fleet', Level.ERROR, 'internal error: ArithmeticError: no idea')
+    bench.until(lambda: not bench.heard.fleet[-1].poses, 'an empty array')
+    node._worker._estimate = node._localizer.estimate
+    bench.until_status('fleet', Level.WARN, 'ambiguous')
+
+
+def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
+    node = make_node()
+    cancels = []
+
+    def linger(snapshot, cancel):
+        cancels.append(cancel)
+        cancel.wait(timeout=30.0)
+        return node._localizer.estimate(snapshot)
+
+    node._worker._estimate = linger
+    bench.until(lambda: cancels, 'a running estimate')
+    first = cancels[0]
+    assert not first.is_set()
+    bench.call('/localizer/reset', Trigger)
+    assert first.is_set()
+    bench.until(lambda: len(cancels) > 1, 'the next estimate')
+
+
+def test_parameters_come_from_a_file(make_node):
+    node = make_node('--params-file', 'config/tiers_uwb.yaml', rate=7)
+    assert node.settings.rate_hz == 7.0
+    assert not node.settings.use_header_stamp
+    assert node.settings.fleet.range_error.max_error_m == 1.35
+    described = node.describe_parameter('rate')
+    assert described.description == 'how often the fleet is localized (Hz)'
+    assert described.read_only and described.floating_point_range[0].to_value == 1000.0
+    assert len(node.get_parameter('links').value) == 6
+
+
+def test_empty_lists_in_a_file_are_empty_lists(make_node):
+    node = make_node('--params-file', 'config/localizer.yaml')
+    assert [link for link in node.settings.links if link.explicit] == []
+    assert list(node.get_parameter('links').value) == []
+
+
+def test_parameters_are_read_only(make_node):
+    node = make_node()
+    (result,) = node.set_parameters([Parameter('rate', value=1.0)])
+    assert not result.successful
+
+
+def test_misspelt_parameter_is_refused(make_node):
+    with pytest.raises(WrongParameterError, match="did you mean 'max_speed'"):
+        make_node(max_sped=1.0)
+
+
+@pytest.mark.parametrize(
+    'argument, wanted',
+    [
+        ('rate:=0.0', "parameter 'rate': 0.0 is not allowed, it must be a number >= 0.01"),
+        ('stamp_source:=later', "it must be 'header' or 'receive'"),
+        ('dimension:=flat', "parameter 'dimension': 'flat' is not allowed, it must be an integer"),
+    ],
+)
+def test_wrong_parameter_ends_the_executable_with_a_message(start_localizer, argument, wanted):
+    process = start_localizer('-p', "robots:=['a', 'b']", '-p', argument)
+    assert process.wait() not in (0, None)
+    assert wanted in process.output()
+    assert 'Traceback' not in process.output()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
+    process = start_localizer('-p', "robots:=['a', 'b', 'c']")
+    # The first topic of the node appears while the others are still being made.
+    bench.until(lambda: bench.node.count_publishers('/diagnostics'), 'the first topic')
+    started_s = time.monotonic()
+    code, output = process.stop(number)
+    assert (code, 'Traceback' in output) == (0, False), output
+    assert time.monotonic() - started_s < 10.0
