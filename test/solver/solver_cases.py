@@ -1,0 +1,191 @@
+"""Problems whose truth is known exactly: random fleets on integers, and the paper's fleet."""
+
+from dataclasses import dataclass
+import json
+
+import numpy as np
+
+from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, solve
+
+
+def sign(number):
+    return (number > 0) - (number < 0)
+
+
+def determinant(rows):
+    """Expand a determinant in the arithmetic of its entries, exactly for int and Fraction."""
+    if not rows:
+        return 1
+    minors = ([row[:k] + row[k + 1 :] for row in rows[1:]] for k in range(len(rows)))
+    return sum(
+        (-1) ** k * first * determinant(minor)
+        for k, (first, minor) in enumerate(zip(rows[0], minors, strict=True))
+    )
+
+
+def orientation(points):
+    """Return the sign of det[p2 - p1, ..., p(q+1) - p1] for points of exact numbers."""
+    origin, *others = points
+    return sign(determinant([[x - o for x, o in zip(p, origin, strict=True)] for p in others]))
+
+
+def squared_distances(positions):
+    difference = positions[:, None] - positions[None]
+    return (difference * difference).sum(axis=-1)
+
+
+def bounds(n_points, ranges):
+    """Return (lower, upper) where `ranges`, {(i, j): (low, high)} in m^2, is all that is known."""
+    lower = np.zeros((n_points, n_points))
+    upper = np.full((n_points, n_points), np.inf)
+    np.fill_diagonal(upper, 0.0)
+    for (i, j), (low, high) in ranges.items():
+        lower[i, j] = lower[j, i] = low
+        upper[i, j] = upper[j, i] = high
+    return lower, upper
+
+
+def box_of(lower, upper):
+    """Return the solver's box of bounds, without gaps."""
+    return np.stack([lower, upper, np.zeros_like(lower), np.zeros_like(lower)])
+
+
+def covers(result, squared):
+    """Tell whether squared distances lie in a box of some hypothesis."""
+    return any(
+        bool(np.all((box[0] <= squared) & (squared <= box[1])))
+        for hypothesis in result.hypotheses
+        for box in hypothesis.boxes
+    )
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem, how to solve it, and the placement it was made from."""
+
+    problem: Problem
+    options: SolverOptions
+    positions: np.ndarray
+
+    @property
+    def squared(self):
+        return squared_distances(self.positions)
+
+    def solve(self):
+        return solve(self.problem, self.options)
+
+
+def random_case(seed, max_points=9):
+    """Return a random problem that its placement solves exactly, in floating point too."""
+    rng = np.random.default_rng(seed)
+    dimension = int(rng.choice([1, 2, 2, 2, 2, 2, 3]))
+    most = min(max_points, 6) if dimension == 3 and rng.random() < 0.9 else max_points
+    n_points = int(rng.integers(2, most + 1))
+    positions = _integer_positions(rng, n_points, dimension)
+    sides, chiralities = _orientations(rng, positions.tolist())
+    positions = positions * 2.0 ** rng.choice([0, 0, 0, 3, -40, 40])
+    squared = squared_distances(positions)
+    problem = Problem(*_ranges(rng, squared), dimension, sides, chiralities)
+    size = max(float(np.sqrt(squared.max())), 1e-12)
+    options = SolverOptions(
+        resolution=size * float(rng.choice([1e-6, 1e-3, 1e-2, 0.1])),
+        max_boxes=int(rng.choice([1, 2, 5, 10, 10, 25])),
+    )
+    return Case(problem, options, positions)
+
+
+def _integer_positions(rng, n_points, dimension):
+    """Scatter points, often with some of them together or all of them (nearly) in a hyperplane."""
+    reach = int(rng.choice([1, 3, 10, 1000, 10**6]))
+    positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
+    shape = rng.choice(['general', 'general', 'flat', 'nearly flat', 'line', 'coincident'])
+    if shape == 'flat':
+        positions[:, -1] = 0
+    elif shape == 'nearly flat':
+        positions[:, -1] = rng.integers(-1, 2, n_points)
+    elif shape == 'line':
+        steps = rng.integers(-20, 21, n_points)
+        positions = positions[0] + np.outer(steps, rng.integers(-5, 6, dimension))
+    elif shape == 'coincident':
+        positions = positions[rng.integers(0, n_points, n_points)]
+    return positions
+
+
+def _orientations(rng, positions):
+    """Return some sides and chiralities of a placement; a degenerate one has either sign."""
+    n_points, dimension = len(positions), len(positions[0])
+
+    def known(*simplex):
+        return orientation([positions[point] for point in simplex])
+
+    sides, chiralities = [], []
+    for _ in range(rng.choice([0, 0, 1, 3, 10]) if n_points >= dimension + 2 else 0):
+        *face, first, second = (int(p) for p in rng.permutation(n_points)[: dimension + 2])
+        side = -known(*face, first) * known(*face, second) or rng.choice([-1, 1])
+        sides.append(SideConstraint(tuple(face), first, second, Side(int(side))))
+    for _ in range(rng.choice([0, 0, 1, 3, 10]) if n_points >= dimension + 1 else 0):
+        points = tuple(int(p) for p in rng.permutation(n_points)[: dimension + 1])
+        chiralities.append(Chirality(points, int(known(*points) or rng.choice([-1, 1]))))
+    return sides, chiralities
+
+
+def _ranges(rng, squared):
+    """Return bounds around squared distances: off centre, 0 to 10 % wide, some pairs unknown."""
+
+    def symmetric(values):
+        upper = np.triu(values, 1)
+        return upper + upper.T
+
+    width = rng.choice([0, 1e-15, 1e-12, 1e-6, 1e-3, 0.01, 0.03, 0.1], size=squared.shape)
+    if rng.random() < 0.5:
+        width[:] = width[0, 0]
+    width = symmetric(width)
+    below = symmetric(rng.random(squared.shape))
+    # Rounding is monotone: neither product crosses the squared distance.
+    lower = squared * (1.0 - width * below)
+    upper = squared * (1.0 + width * (1.0 - below))
+    missing = symmetric(rng.random(squared.shape) < rng.choice([0, 0.2, 0.4, 0.7]))
+    return np.where(missing, 0.0, lower), np.where(missing, np.inf, upper)
+
+
+class PaperFleet:
+    """The fleet of Section 5.1: six robots, nine measured pairs, three sides from the cameras."""
+
+    N_POINTS = 6
+    SIDES = tuple(
+        SideConstraint(face, first, second, Side.OPPOSITE)
+        for face, first, second in (((1, 2), 0, 3), ((1, 3), 2, 5), ((1, 5), 3, 4))
+    )
+
+    def __init__(self, path):
+        truth = json.loads(path.read_text())
+        self.edges = {_pair(name): value for name, value in truth['edges_squared_m2'].items()}
+        self.half_width_m2 = truth['half_width_m2']
+        self.paper_d3 = {_pair(name): ends for name, ends in truth['paper_D3'].items()}
+        self.solutions = truth['solutions']
+        self.exact_hulls = [
+            {_pair(name): ends for name, ends in solution['hull'].items()}
+            for solution in self.solutions
+        ]
+
+    def problem(self, sides=(), chiralities=(), half_width_m2=None):
+        """Return the problem of the paper's D1."""
+        half = self.half_width_m2 if half_width_m2 is None else half_width_m2
+        ranges = {pair: (value - half, value + half) for pair, value in self.edges.items()}
+        return Problem(*bounds(self.N_POINTS, ranges), sides=sides, chiralities=chiralities)
+
+    def noisy_problem(self, relative_error, sides=()):
+        """Return the problem with every range known to +-`relative_error` of the distance."""
+        below, above = (1.0 - relative_error) ** 2, (1.0 + relative_error) ** 2
+        ranges = {pair: (value * below, value * above) for pair, value in self.edges.items()}
+        return Problem(*bounds(self.N_POINTS, ranges), sides=sides)
+
+    def squared(self, solution):
+        """Return the full matrix of squared distances of a solution."""
+        known = {pair: (value, value) for pair, value in self.edges.items()}
+        known |= {_pair(name): (value, value) for name, value in solution['s'].items()}
+        return bounds(self.N_POINTS, known)[0]
+
+
+def _pair(name):
+    return int(name[1]) - 1, int(name[2]) - 1

@@ -1,0 +1,190 @@
+"""Back-projection (Section 4.3) against exact rationals and against brute force."""
+
+from fractions import Fraction
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from solver_cases import box_of, squared_distances
+
+from dg_localization.solver.back_projection import back_project, reverse_square
+from dg_localization.solver.projection import project
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=300)
+AXIS = 0, 1
+
+
+def holds(bounds, exact):
+    return bool(np.all((bounds[0] <= exact) & (exact <= bounds[1])))
+
+
+def projected(box):
+    """Return (shadow, coordinates, shadow points) of a box along `AXIS`."""
+    n_points = box.shape[1]
+    shadow = np.zeros_like(box)
+    coordinates = np.zeros((2, n_points))
+    shadow_points = np.zeros(n_points, dtype=np.int64)
+    points = np.arange(n_points, dtype=np.int64)
+    count = project(box, shadow, coordinates, points, n_points, shadow_points, *AXIS)
+    assert count > 0
+    return shadow, coordinates, shadow_points, count
+
+
+def exact_shadow(squared):
+    """Return the projected squared distances as rationals, for integer input."""
+    a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[AXIS])
+    numerators = [x - y + c for x, y in zip(a, b, strict=True)]
+    n_points = len(a)
+    shadow = np.full((n_points, n_points), Fraction(0))
+    for i in range(2, n_points):
+        shadow[0, i] = shadow[i, 0] = a[i] - Fraction(numerators[i] ** 2, 4 * c)
+        for j in range(2, n_points):
+            along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
+            shadow[i, j] = int(squared[i, j]) - along
+    return shadow
+
+
+def outward(x, relative_width=0.0):
+    """Return floats around a rational."""
+    low, high = float(x) * (1.0 - relative_width), float(x) * (1.0 + relative_width)
+    return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+
+@LAWS
+@given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-100, 10000), st.floats(-100, 10000))
+def test_reverse_square_is_the_exact_hull(x, y, s, r):
+    low, high = sorted((x, y))
+    square_low, square_high = sorted((s, r))
+    new_low, new_high = reverse_square(low, high, square_low, square_high)
+    far = math.sqrt(max(square_high, 0.0))
+    near = math.sqrt(max(square_low, 0.0))
+    parts = [(max(low, start), min(high, end)) for start, end in ((-far, -near), (near, far))]
+    parts = [part for part in parts if part[0] <= part[1]] if square_high >= 0.0 else []
+    slack = 1e-14 * 100.0
+    if parts:
+        assert new_low <= parts[0][0] and parts[-1][1] <= new_high
+        if new_low < parts[0][0] - slack or new_high > parts[-1][1] + slack:
+            # Only a branch that touches the range by rounding may come in addition.
+            assert min(abs(low + near), abs(high - near), abs(low - far), abs(high + far)) < slack
+    else:
+        assert new_low > new_high or new_high - new_low <= slack
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'expected'),
+    [
+        ((-5.0, 5.0, 4.0, 9.0), (-3.0, 3.0)),
+        ((-1.0, 5.0, 4.0, 9.0), (2.0, 3.0)),
+        ((-5.0, 1.0, 4.0, 9.0), (-3.0, -2.0)),
+        ((-1.0, 1.0, -9.0, 100.0), (-1.0, 1.0)),
+        ((-math.inf, math.inf, 0.0, 4.0), (-2.0, 2.0)),
+        ((-math.inf, math.inf, 4.0, math.inf), (-math.inf, math.inf)),
+        ((-1.0, 3.0, 4.0, math.inf), (2.0, 3.0)),
+    ],
+)
+def test_reverse_square_by_hand(arguments, expected):
+    assert reverse_square(*arguments) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('square', [(-2.0, -1.0), (4.0, 9.0)])
+def test_reverse_square_of_the_impossible_is_empty(square):
+    assert reverse_square(-1.0, 1.0, *square) == (math.inf, -math.inf)
+
+
+@pytest.mark.parametrize('seed', range(200))
+def test_nothing_is_lost_on_the_way_back(seed):
+    """With a reduced shadow around the exact one, the exact distances stay in the box."""
+    rng = np.random.default_rng(seed)
+    dimension = int(rng.integers(2, 4))
+    n_points = int(rng.integers(3, 7))
+    positions = rng.integers(-20, 21, size=(n_points, dimension))
+    positions[1] = positions[0] + rng.integers(1, 10, dimension)
+    if rng.random() < 0.3:
+        positions[2:, -1] = positions[0, -1]
+    if rng.random() < 0.2:
+        positions[-1] = positions[int(rng.integers(0, n_points - 1))]
+    squared = squared_distances(positions)
+    width = float(rng.choice([0.0, 1e-9, 0.05, 0.5]))
+    box = box_of(squared * (1.0 - width), squared * (1.0 + width))
+    pair = rng.integers(2, n_points, 2)
+    if pair[0] != pair[1]:
+        box[1][tuple(pair)] = box[1][tuple(pair[::-1])] = math.inf
+    before = box.copy()
+    shadow, coordinates, shadow_points, count = projected(box)
+    shadow_width = float(rng.choice([0.0, 1e-6, 0.1]))
+    exact = exact_shadow(squared)
+    for i in (0, *range(2, n_points)):
+        for j in (0, *range(2, n_points)):
+            if i != j:
+                low, high = outward(exact[i, j], shadow_width)
+                shadow[0, i, j] = max(shadow[0, i, j], low)
+                shadow[1, i, j] = min(shadow[1, i, j], high)
+    assert back_project(box, shadow, coordinates, shadow_points, count, *AXIS)
+    assert holds(box, squared)
+    assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all()
+    root = math.sqrt(squared[AXIS])
+    along = (squared[0] - squared[1] + squared[AXIS]) / (2.0 * root)
+    assert (coordinates[0, 2:] <= along[2:] + 1e-12).all()
+    assert (coordinates[1, 2:] >= along[2:] - 1e-12).all()
+
+
+def test_an_unknown_pair_follows_from_its_shadow():
+    """s_ij = (t_i - t_j)^2 + s'_ij, all else being exact (Eq. 21)."""
+    positions = np.array([[0, 0], [5, 0], [2, 7], [-3, 4]])
+    squared = squared_distances(positions)
+    box = box_of(1.0 * squared, 1.0 * squared)
+    box[1, 2, 3] = box[1, 3, 2] = math.inf
+    box[0, 2, 3] = box[0, 3, 2] = 0.0
+    shadow, *rest = projected(box)
+    assert shadow[1, 2, 3] == math.inf
+    for pair in ((2, 3), (3, 2)):
+        shadow[0][pair] = shadow[1][pair] = 9.0
+    assert back_project(box, shadow, *rest, *AXIS)
+    assert holds(box, squared)
+    assert box[1, 2, 3] - box[0, 2, 3] < 1e-11
+
+
+@pytest.mark.parametrize('wide', [(0, 2), (1, 2), (0, 1)])
+def test_a_wide_side_follows_from_the_height(wide):
+    """
+    A = t^2 + p, B = u^2 + p and C = (t + u)^2 are used each in its turn (Eqs. 18 and 19).
+
+    The triangle has t = 6, u = 4 and p = 9, and its obtuse sister t = 6, u = -4.
+    """
+    positions = np.array([[0, 0], [10, 0], [6, 3]])
+    squared = squared_distances(positions)
+    box = box_of(1.0 * squared, 1.0 * squared)
+    box[0][wide] = box[0][wide[::-1]] = 0.8 * squared[wide]
+    box[1][wide] = box[1][wide[::-1]] = 1.2 * squared[wide]
+    shadow, *rest = projected(box)
+    shadow[:2, 0, 2] = shadow[:2, 2, 0] = 9.0
+    for _ in range(3):
+        assert back_project(box, shadow, *rest, *AXIS)
+    assert holds(box, squared)
+    assert box[1][wide] - box[0][wide] < 1e-10
+
+
+def test_a_gap_of_the_height_becomes_a_gap_of_the_sides():
+    positions = np.array([[0, 0], [10, 0], [5, 3]])
+    squared = squared_distances(positions)
+    box = box_of(1.0 * squared, 1.0 * squared)
+    for end in AXIS:
+        box[:2, end, 2] = box[:2, 2, end] = [25.0, 75.0]
+    shadow, coordinates, *rest = projected(box)
+    coordinates[:, 2] = 5.0
+    shadow[:, 0, 2] = shadow[:, 2, 0] = [0.0, 50.0, 10.0, 40.0]
+    assert back_project(box, shadow, coordinates, *rest, *AXIS)
+    for end in AXIS:
+        gap_low, gap_high = box[2:, end, 2]
+        assert 35.0 <= gap_low < 35.0 + 1e-9
+        assert 65.0 - 1e-9 < gap_high <= 65.0
+
+
+def test_a_height_that_no_triangle_has_is_a_proof():
+    positions = np.array([[0, 0], [10, 0], [5, 3]])
+    squared = squared_distances(positions)
+    box = box_of(1.0 * squared, 1.0 * squared)
+    shadow, *rest = projected(box)
+    shadow[:2, 0, 2] = shadow[:2, 2, 0] = 16.0
+    assert not back_project(box, shadow, *rest, *AXIS)

@@ -1,0 +1,102 @@
+"""Cartesian enclosures against exact coordinates."""
+
+import itertools
+
+from hypothesis import given, settings, strategies as st
+import mpmath
+import numpy as np
+import pytest
+from solver_cases import bounds, squared_distances
+
+from dg_localization.solver.coordinates import enclose_coordinates
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=150)
+
+
+def in_frame(positions, frame):
+    """Return the coordinates in the frame to many digits, None where it is degenerate."""
+    points = [mpmath.matrix([mpmath.mpf(float(x)) for x in p]) for p in positions]
+    axes = []
+    for end in frame[1:]:
+        edge = points[end] - points[frame[0]]
+        for axis in axes:
+            edge -= axis * (axis.T * edge)[0]
+        length = mpmath.norm(edge)
+        if length < 1e-30:
+            return None
+        axes.append(edge / length)
+    return [[((p - points[frame[0]]).T * axis)[0] for axis in axes] for p in points]
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_every_point_is_enclosed(seed):
+    rng = np.random.default_rng(seed)
+    dimension = int(rng.integers(1, 4))
+    n_points = int(rng.integers(dimension + 1, 8))
+    positions = rng.integers(-30, 31, size=(n_points, dimension))
+    if rng.random() < 0.3:
+        positions[:, -1] *= rng.integers(-1, 2, n_points) == 0
+    positions = positions * 2.0 ** rng.choice([-40, 0, 40])
+    squared = squared_distances(positions)
+    width = float(rng.choice([0.0, 1e-12, 0.01, 0.2]))
+    upper = squared * (1.0 + width)
+    if rng.random() < 0.3:
+        i, j = rng.permutation(n_points)[:2]
+        upper[i, j] = upper[j, i] = np.inf
+    frame = tuple(int(point) for point in rng.permutation(n_points)[: dimension + 1])
+    enclosure = enclose_coordinates(squared * (1.0 - width), upper, frame)
+    assert enclosure.shape == (n_points, 2, dimension)
+    assert not np.isnan(enclosure).any()
+    with mpmath.workdps(100):
+        coordinates = in_frame(positions, frame)
+        # Relative to the fleet, a hundred digits leave no doubt but where numbers are equal.
+        slack = mpmath.mpf(10) ** -60 * float(np.sqrt(squared.max()))
+        for point, axis in itertools.product(range(n_points), range(dimension)):
+            if coordinates is not None:
+                low, high = enclosure[point, :, axis].tolist()
+                exact = coordinates[point][axis]
+                assert low <= exact + slack and exact - slack <= high, (point, axis)
+
+
+@pytest.mark.parametrize('size', [1.0, 1e-12, 1e12])
+def test_exact_distances_give_exact_coordinates(size):
+    positions = np.array([[0, 0, 0], [3, 0, 0], [1, 2, 0], [2, -1, 2], [-1, -2, -3]]) * size
+    enclosure = enclose_coordinates(
+        squared_distances(positions), squared_distances(positions), (0, 1, 2, 3)
+    )
+    np.testing.assert_allclose(enclosure[:, 0], positions, atol=1e-13 * size)
+    np.testing.assert_allclose(enclosure[:, 1], positions, atol=1e-13 * size)
+
+
+def test_the_enclosure_is_no_wider_than_its_reasons():
+    """A triangle's apex: x from Eq. (7), y from its squared height, by brute force."""
+    lower, upper = bounds(3, {(0, 1): (99.0, 101.0), (0, 2): (24.0, 26.0), (1, 2): (84.0, 86.0)})
+    enclosure = enclose_coordinates(lower, upper, (0, 1, 2))
+    c, a, b = np.meshgrid(*(np.linspace(lower[p], upper[p], 41) for p in ((0, 1), (0, 2), (1, 2))))
+    x = (a - b + c) / (2.0 * np.sqrt(c))
+    y = np.sqrt(a - x * x)
+    assert enclosure[2].T == pytest.approx(
+        np.array([[x.min(), x.max()], [y.min(), y.max()]]), abs=2e-3
+    )
+
+
+def test_what_the_distances_do_not_bound_is_infinite():
+    lower, upper = bounds(3, {(0, 1): (4.0, 4.0)})
+    enclosure = enclose_coordinates(lower, upper, (0, 1, 2))
+    assert enclosure[0].tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    assert enclosure[1, :, 0] == pytest.approx([2.0, 2.0])
+    assert np.isinf(enclosure[2, :, 0]).all()
+
+
+@pytest.mark.parametrize('frame', [(0,), (0, 0), (0, 1, 1)])
+def test_a_frame_names_different_points(frame):
+    lower, upper = bounds(3, {(0, 1): (4.0, 4.0)})
+    with pytest.raises(ValueError, match='frame is'):
+        enclose_coordinates(lower, upper, frame)
+
+
+def test_distances_without_a_placement_have_no_coordinates():
+    lower, upper = bounds(3, {(0, 1): (1.0, 1.0), (1, 2): (1.0, 1.0), (0, 2): (9.0, 9.0)})
+    with pytest.raises(ValueError, match='no placement'):
+        enclose_coordinates(lower, upper, (0, 1, 2))

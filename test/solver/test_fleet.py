@@ -1,0 +1,77 @@
+"""The paper's fleet (Section 5.1) against the paper and against its exact hulls."""
+
+import numpy as np
+import pytest
+from solver_cases import box_of, covers
+
+from dg_localization import Verdict, solve
+from dg_localization.solver.smoothing import smooth_triangles
+
+# Figure 9, D2: the pairs that only the triangle inequalities bound.
+PAPER_D2 = {
+    (0, 3): (0.11, 221.94),
+    (0, 4): (0.16, 219.89),
+    (0, 5): (0.11, 221.94),
+    (2, 4): (0.65, 185.39),
+    (2, 5): (0.77, 187.27),
+    (3, 4): (0.97, 173.06),
+}
+
+
+def holds_hull(hypothesis, hull):
+    return all(
+        hypothesis.lower[pair] <= low and high <= hypothesis.upper[pair]
+        for pair, (low, high) in hull.items()
+    )
+
+
+def test_smoothing_turns_d1_into_d2(paper_fleet):
+    problem = paper_fleet.problem()
+    box = box_of(problem.lower, problem.upper)
+    points = np.arange(paper_fleet.N_POINTS)
+    assert smooth_triangles(box, np.zeros_like(box), points, len(points))
+    for pair, ends in PAPER_D2.items():
+        assert box[:2][:, *pair] == pytest.approx(ends, abs=0.02), pair
+
+
+def test_without_sides_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
+    result = solve(paper_fleet.problem())
+    assert result.verdict is Verdict.COVERED
+    assert len(result.hypotheses) == 8
+    done = result.statistics
+    assert (done.processed, done.empty, done.kept) == (15, 0, 8)
+    assert all(hypothesis.proved for hypothesis in result.hypotheses)
+    assert not any(hypothesis.flexible for hypothesis in result.hypotheses)
+    for hull in paper_fleet.exact_hulls:
+        assert sum(holds_hull(hypothesis, hull) for hypothesis in result.hypotheses) == 1
+
+
+def test_three_sides_leave_the_solution_of_the_paper(paper_fleet):
+    result = solve(paper_fleet.problem(paper_fleet.SIDES))
+    assert result.verdict is Verdict.COVERED
+    assert result.statistics.processed == 1
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.proved and not hypothesis.flexible
+    (hull,) = (
+        hull
+        for hull, solution in zip(paper_fleet.exact_hulls, paper_fleet.solutions, strict=True)
+        if solution['in_D3']
+    )
+    assert holds_hull(hypothesis, hull)
+    for pair, (low, high) in paper_fleet.paper_d3.items():
+        assert hypothesis.lower[pair] >= low - 0.02, pair
+        assert hypothesis.upper[pair] <= high + 0.02, pair
+
+
+@pytest.mark.parametrize('relative_error', [0.01, 0.03, 0.05])
+@pytest.mark.parametrize(('n_sides', 'n_hypotheses'), [(0, 8), (3, 1)])
+def test_noise_adds_no_hypothesis(paper_fleet, relative_error, n_sides, n_hypotheses):
+    sides = paper_fleet.SIDES[:n_sides]
+    result = solve(paper_fleet.noisy_problem(relative_error, sides))
+    assert result.verdict is Verdict.COVERED
+    assert len(result.hypotheses) == n_hypotheses
+    assert result.statistics.processed <= 31
+    assert all(hypothesis.proved for hypothesis in result.hypotheses)
+    for solution in paper_fleet.solutions:
+        if solution['in_D3'] or not sides:
+            assert covers(result, paper_fleet.squared(solution))

@@ -1,0 +1,154 @@
+"""Range reduction on the line (Section 4.2) against brute force over arrangements."""
+
+import itertools
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from solver_cases import box_of, sign, squared_distances
+
+from dg_localization.solver.line import reduce_line
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=200)
+SAME, FREE, OPPOSITE = -1, 0, 1
+PAIRS = (0, 1), (1, 2), (0, 2)
+
+
+def reduce(box, merged=-1, sigma=None):
+    n_points = box.shape[1]
+    if sigma is None:
+        sigma = np.zeros((n_points, n_points), dtype=np.int8)
+    points = np.arange(n_points, dtype=np.int64)
+    return reduce_line(box, np.zeros_like(box), points, n_points, merged, sigma)
+
+
+def three_points(ranges_m):
+    """Return the box of three points from distances {(i, j): (low, high)} in m."""
+    box = np.zeros((4, 3, 3))
+    for (i, j), (low, high) in ranges_m.items():
+        box[:2, i, j] = box[:2, j, i] = [low * low, high * high]
+    return box
+
+
+def holds(box, squared, slack=0.0):
+    inside = (box[0] * (1 - slack) <= squared) & (squared <= box[1] * (1 + slack))
+    in_gap = (box[2] * (1 + slack) < squared) & (squared < box[3] * (1 - slack))
+    return bool(np.all(inside & ~in_gap))
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_no_arrangement_is_lost(seed):
+    """The truth stays, whatever the widths, the sides and the points on top of each other."""
+    rng = np.random.default_rng(seed)
+    n_points = int(rng.integers(2, 8))
+    x = rng.integers(-10, 11, n_points)
+    squared = squared_distances(x[:, None] * 2.0 ** rng.choice([-40, 0, 40]))
+    widths = rng.choice([0.0, 1e-9, 0.1, 1.0], size=(2, n_points, n_points)) * rng.random(
+        (2, n_points, n_points)
+    )
+    below, above = np.triu(widths, 1) + np.triu(widths, 1).transpose(0, 2, 1)
+    box = box_of(squared * (1.0 - below), squared * (1.0 + above))
+    unknown = np.triu(rng.random((n_points, n_points)) < 0.3, 1)
+    box[1][unknown | unknown.T] = math.inf
+    box[0][unknown | unknown.T] = 0.0
+    merged = int(rng.integers(-1, n_points))
+    sigma = np.zeros((n_points, n_points), dtype=np.int8)
+    if merged >= 0:
+        sides = np.sign(x - x[merged])
+        # A point on the hyperplane is on both sides.
+        sigma[:] = np.where(np.triu(rng.random(sigma.shape) < 0.5), -np.outer(sides, sides), 0)
+        sigma = np.triu(sigma, 1) + np.triu(sigma, 1).T
+    before = box.copy()
+    assert reduce(box, merged, sigma)
+    assert holds(box, squared)
+    assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all()
+    assert np.array_equal(box, box.transpose(0, 2, 1))
+
+
+def arrangements(ranges, side):
+    """Return sampled distances (d_01, d_12, d_02) in m with points 0 and 2 on sides of point 1."""
+    ij, jk = np.meshgrid(*(np.linspace(*ranges[pair], 101) for pair in PAIRS[:2]))
+    branches = [abs(ij - jk)] * (side != OPPOSITE) + [ij + jk] * (side != SAME)
+    samples = np.concatenate([np.stack([ij, jk, ik], axis=-1).reshape(-1, 3) for ik in branches])
+    low, high = ranges[0, 2]
+    return samples[(low <= samples[:, 2]) & (samples[:, 2] <= high)]
+
+
+@pytest.mark.parametrize('side', [SAME, FREE, OPPOSITE])
+def test_three_points_are_reduced_to_the_exact_hull(side):
+    """Brute force finds all of what is left; a side may leave more of its own two pairs."""
+    rng = np.random.default_rng(5 + side)
+    sigma = np.zeros((3, 3), dtype=np.int8)
+    sigma[0, 2] = sigma[2, 0] = side
+    checked = 0
+    for _ in range(800):
+        low = rng.random(3) * 10.0
+        high = low + rng.choice([0.0, 0.1, 3.0], 3) * rng.random(3)
+        ranges = dict(zip(PAIRS, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+        box = three_points(ranges)
+        left = reduce(box, 1, sigma)
+        solutions = arrangements(ranges, side)
+        if len(solutions) == 0:
+            continue
+        checked += 1
+        assert left
+        slack = 0.02 * (high - low)[:2].sum() + 1e-11
+        for pair, column in zip(PAIRS, solutions.T, strict=True):
+            reduced_low, reduced_high = np.sqrt(box[:2][:, *pair])
+            assert reduced_low <= column.min() + 1e-11
+            assert reduced_high >= column.max() - 1e-11
+            if side == FREE or pair == (0, 2):
+                assert reduced_low >= column.min() - slack
+                assert reduced_high <= column.max() + slack
+    assert checked > 40
+
+
+def test_the_two_branches_leave_a_gap():
+    box = three_points({(0, 1): (2.0, 2.0), (1, 2): (5.0, 5.0), (0, 2): (0.0, 100.0)})
+    assert reduce(box)
+    assert np.sqrt(box[:, 0, 2]) == pytest.approx([3.0, 7.0, 3.0, 7.0])
+    assert box[0, 0, 2] <= 9.0 <= box[2, 0, 2] < box[3, 0, 2] <= 49.0 <= box[1, 0, 2]
+
+
+@pytest.mark.parametrize(('side', 'distance_m'), [(SAME, 3.0), (OPPOSITE, 7.0)])
+def test_a_side_leaves_one_branch(side, distance_m):
+    box = three_points({(0, 1): (2.0, 2.0), (1, 2): (5.0, 5.0), (0, 2): (0.0, 100.0)})
+    sigma = np.zeros((3, 3), dtype=np.int8)
+    sigma[0, 2] = sigma[2, 0] = side
+    assert reduce(box, 1, sigma)
+    assert np.sqrt(box[:2, 0, 2]) == pytest.approx([distance_m] * 2)
+
+
+def test_a_contradiction_is_a_proof():
+    box = three_points({(0, 1): (2.0, 2.0), (1, 2): (5.0, 5.0), (0, 2): (4.0, 6.0)})
+    assert not reduce(box)
+
+
+def test_unions_over_all_intermediate_points_are_intersected():
+    """
+    Hulls taken after each point keep [1, 9]; the intersection of the unions leaves one distance.
+
+    By way of one point d is 1 or 9, by way of another 3 or 9.
+    """
+    x = np.array([0.0, 4.0, 3.0, 9.0])
+    squared = squared_distances(x[:, None])
+    box = box_of(squared, squared)
+    box[0, 0, 3] = box[0, 3, 0] = 0.0
+    box[1, 0, 3] = box[1, 3, 0] = 1e6
+    box[:2, 1, 2] = box[:2, 2, 1] = [0.0, 1e6]  # 1 would follow from the others, too
+    assert reduce(box)
+    assert np.sqrt(box[:2, 0, 3]) == pytest.approx([9.0, 9.0])
+
+
+def test_coordinates_enumerated_one_by_one():
+    """All 3^4 arrangements of five points with two choices each: the box holds each of them."""
+    for x in itertools.product([-2, 1, 4], repeat=4):
+        squared = squared_distances(np.array([0.0, *x])[:, None])
+        box = box_of(squared, squared)
+        sides = np.array([0, *(sign(value) for value in x)])
+        sigma = -np.outer(sides, sides).astype(np.int8)
+        np.fill_diagonal(sigma, 0)
+        assert reduce(box, 0, sigma)
+        assert holds(box, squared)

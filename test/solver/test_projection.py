@@ -1,0 +1,278 @@
+"""The ranges of projection (Section 4.1) against exact rationals and against brute force."""
+
+from fractions import Fraction
+import itertools
+import math
+
+from hypothesis import given, settings, strategies as st
+import mpmath
+import numpy as np
+import pytest
+from solver_cases import box_of, squared_distances
+
+from dg_localization.solver.projection import (
+    axis_coordinate,
+    coordinate_difference,
+    project,
+    squared_height,
+    squared_range,
+)
+from dg_localization.solver.rounding import sqrt_down, sqrt_up
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=300)
+SCALES = (1.0, 1e-12, 1e12)
+# Room for the rounding of a bound: a few units of the largest term it is made of.
+UNITS = 1e-14
+
+
+def random_triangles(seed, zero_length=True):
+    """Yield boxes (A, B, C) of squared sides as three (low, high), and a triangle inside."""
+    rng = np.random.default_rng(seed)
+    for _ in range(300):
+        reach = int(rng.choice([2, 20, 1000]))
+        a, b, i = rng.integers(-reach, reach + 1, size=(3, 2))
+        if rng.random() < 0.3:
+            i[1] = a[1] = b[1] = 0  # collinear
+        if rng.random() < 0.1:
+            i = b
+        if not zero_length and (a == b).all():
+            continue
+        scale = 2.0 ** rng.choice([0, 0, -40, 40])
+        sides = [float(((p - r) ** 2).sum()) * scale**2 for p, r in ((a, i), (b, i), (a, b))]
+        widths = rng.choice([0.0, 1e-9, 0.01, 0.3, 1.0], size=(3, 2)) * rng.random((3, 2))
+        yield (
+            [
+                (s * (1.0 - below), s * (1.0 + above))
+                for s, (below, above) in zip(sides, widths, strict=True)
+            ],
+            sides,
+        )
+
+
+def triangle_samples(box, n_samples, rng):
+    """Yield rational points (A, B, C) of a box, its corners among them."""
+    yield from (tuple(map(Fraction, corner)) for corner in itertools.product(*box))
+    for _ in range(n_samples):
+        yield tuple(
+            Fraction(low) + (Fraction(high) - Fraction(low)) * Fraction(float(rng.random()))
+            for low, high in box
+        )
+
+
+def lengths(c_range):
+    return sqrt_down(c_range[0]), sqrt_up(c_range[1])
+
+
+def is_in_range(numerator, c, low, high):
+    """Tell exactly whether low <= numerator / (2 sqrt(c)) <= high."""
+
+    def not_above(x, y_numerator):  # x <= y, by the squares of like signs
+        x = Fraction(x)
+        if (x < 0) != (y_numerator < 0):
+            return x < 0
+        smaller = 4 * c * x * x <= y_numerator**2
+        larger = 4 * c * x * x >= y_numerator**2
+        return larger if x < 0 else smaller
+
+    return (math.isinf(low) or not_above(low, numerator)) and (
+        math.isinf(high) or not_above(-high, -numerator)
+    )
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_axis_coordinate_holds_every_triangle(seed):
+    rng = np.random.default_rng(seed)
+    for box, sides in random_triangles(seed):
+        low, high = axis_coordinate(*box[0], *box[1], *lengths(box[2]))
+        for a, b, c in [tuple(map(Fraction, sides)), *triangle_samples(box, 20, rng)]:
+            numerator = a - b + c
+            if c > 0 and numerator**2 <= 4 * a * c:
+                assert is_in_range(numerator, c, low, high), (box, a, b, c)
+            elif c == 0 and a == b:
+                # The axis is a point, and its direction anything.
+                root = Fraction(sqrt_down(float(a)))
+                assert low <= -root and root <= high, (box, a)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_axis_coordinate_is_no_wider_than_its_range(seed):
+    """By brute force in d, at all ends of A and B; the cut |t| <= sqrt(A) has to hold besides."""
+    for box, _ in random_triangles(seed, zero_length=False):
+        d_low, d_high = lengths(box[2])
+        if d_low == 0.0:
+            continue
+        low, high = axis_coordinate(*box[0], *box[1], d_low, d_high)
+        d = np.linspace(d_low, d_high, 2001)
+        t = np.array([(a - b) / (2 * d) + d / 2 for a, b in itertools.product(box[0], box[1])])
+        size = max(d_high, box[0][1] / d_low, box[1][1] / d_low)
+        # Between two samples t is convex in d, and misses its minimum by its second order.
+        step = 2.0 * size * ((d[1] - d[0]) / d_low) ** 2 + UNITS * size
+        assert low >= max(t.min(), -math.sqrt(box[0][1])) - step, box
+        assert high <= min(t.max(), math.sqrt(box[0][1])) + step, box
+
+
+def test_axis_coordinate_of_an_exact_triangle_is_exact():
+    for scale in SCALES:
+        low, high = axis_coordinate(
+            *(scale * x for x in (25.0, 25.0, 20.0, 20.0)), *(2 * [5.0 * math.sqrt(scale)])
+        )
+        assert low <= 3.0 * math.sqrt(scale) <= high
+        assert high - low <= 3e-15 * math.sqrt(scale)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_squared_height_holds_every_triangle(seed):
+    rng = np.random.default_rng(seed)
+    for box, sides in random_triangles(seed):
+        low, high = squared_height(*box[0], *box[1], *box[2])
+        for a, b, c in [tuple(map(Fraction, sides)), *triangle_samples(box, 20, rng)]:
+            height = a - (a - b + c) ** 2 / (4 * c) if c > 0 else Fraction(0)
+            if height >= 0:
+                assert low <= height <= high, (box, a, b, c)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_squared_height_is_no_wider_than_its_range(seed):
+    for box, _ in random_triangles(seed, zero_length=False):
+        if box[2][0] <= 0.0:
+            continue
+        low, high = squared_height(*box[0], *box[1], *box[2])
+        a, b, c = np.meshgrid(*(np.linspace(*ends, 41) for ends in box), indexing='ij')
+        height = a - (a - b + c) ** 2 / (4 * c)
+        largest = max(box[0][1], box[1][1], box[2][1])
+        size = largest + largest**2 / box[2][0]
+        assert low >= max(height.min(), 0.0) - UNITS * size, box
+        # The maximum may lie inside; what the grid misses is of second order in its step.
+        steps = [(ends[1] - ends[0]) / 40 for ends in box]
+        missed = 3.0 * sum(steps) ** 2 * size / (largest * box[2][0])
+        assert high <= height.max() + missed + UNITS * size, box
+
+
+def test_squared_height_tells_impossible_triangles():
+    low, high = squared_height(1.0, 1.1, 1.0, 1.1, 100.0, 101.0)
+    assert low > high
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_coordinate_difference_is_the_exact_range(seed):
+    """The corner enumeration is the exact range: every squared distance occurs once."""
+    rng = np.random.default_rng(seed)
+    ends = np.sort(rng.integers(0, 1000, size=(4, 2)) * rng.choice([1e-6, 1.0, 1e6]))
+    d_low, d_high = np.sort(rng.integers(1, 100, size=2)) * float(rng.choice([1e-3, 1.0, 1e3]))
+    low, high = coordinate_difference(*ends.ravel().tolist(), d_low, d_high)
+    corners = [
+        (ai - bi - aj + bj) / (2 * d)
+        for ai, bi, aj, bj in itertools.product(*(map(Fraction, pair) for pair in ends.tolist()))
+        for d in (Fraction(float(d_low)), Fraction(float(d_high)))
+    ]
+    assert low <= min(corners) and max(corners) <= high
+    slack = UNITS * ends.max() / d_low
+    assert low >= min(corners) - slack and high <= max(corners) + slack
+
+
+def test_coordinate_difference_on_an_axis_that_may_vanish():
+    # The direction of an axis without length is anything.
+    assert coordinate_difference(*[1.0] * 8, 0.0, 1.0) == (-math.inf, math.inf)
+    apart = [1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    low, high = coordinate_difference(*apart, 0.0, 1.0)
+    assert 0.0 <= low <= 0.5 and high == math.inf
+
+
+@LAWS
+@given(st.floats(-1e100, 1e100), st.floats(-1e100, 1e100))
+def test_squared_range(x, y):
+    low, high = sorted((x, y))
+    square_low, square_high = squared_range(low, high)
+    ends = [Fraction(low) ** 2, Fraction(high) ** 2]
+    smallest = Fraction(0) if low <= 0 <= high else min(ends)
+    assert 0 <= square_low <= smallest and max(ends) <= square_high
+    assert square_low >= float(smallest) * (1 - UNITS) - 1e-300
+    assert square_high <= float(max(ends)) * (1 + UNITS) + 1e-300
+
+
+def test_squared_range_of_the_unbounded():
+    assert squared_range(-math.inf, math.inf) == (0.0, math.inf)
+    assert squared_range(2.0, math.inf) == (pytest.approx(4.0), math.inf)
+
+
+def project_box(box, a, b):
+    """Return (shadow, coordinates, shadow points) of a box; None when it is proved empty."""
+    n_points = box.shape[1]
+    shadow = np.zeros_like(box)
+    coordinates = np.zeros((2, n_points))
+    shadow_points = np.zeros(n_points, dtype=np.int64)
+    points = np.arange(n_points, dtype=np.int64)
+    count = project(box, shadow, coordinates, points, n_points, shadow_points, a, b)
+    return None if count < 0 else (shadow, coordinates, shadow_points[:count].tolist())
+
+
+@pytest.mark.parametrize('relative_width', [0.0, 1e-9, 0.05])
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_project_holds_the_projected_fleet(dimension, relative_width):
+    rng = np.random.default_rng(dimension)
+    for _ in range(100):
+        positions = rng.integers(-30, 31, size=(6, dimension))
+        squared = squared_distances(positions)
+        if squared[0, 1] == 0:
+            continue
+        box = box_of(squared * (1.0 - relative_width), squared * (1.0 + relative_width))
+        projected = project_box(box, 0, 1)
+        assert projected is not None
+        shadow, coordinates, points = projected
+        assert points == [0, 2, 3, 4, 5]
+        a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
+        numerators = [x - y + c for x, y in zip(a, b, strict=True)]
+        for i in points[1:]:
+            assert is_in_range(numerators[i], c, *coordinates[:, i].tolist())
+            height = a[i] - Fraction(numerators[i] ** 2, 4 * c)
+            assert shadow[0, 0, i] <= height <= shadow[1, 0, i]
+            for j in points[1:]:
+                along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
+                across = int(squared[i, j]) - along
+                assert i == j or shadow[0, i, j] <= across <= shadow[1, i, j]
+        if relative_width == 0.0:
+            assert np.max(shadow[1] - shadow[0]) <= 1e-11 * squared.max() ** 2 / c
+
+
+def test_project_carries_gaps_and_leaves_out_what_is_infinitely_far():
+    squared = squared_distances(np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 1.0], [3.0, 9.0]]))
+    box = box_of(squared, squared)
+    box[:, 2, 3] = box[:, 3, 2] = [0.0, 100.0, 20.0, 60.0]
+    projected = project_box(box, 0, 1)
+    assert projected is not None
+    shadow = projected[0]
+    assert shadow[2, 2, 3] == pytest.approx(20.0) and shadow[2, 2, 3] >= 20.0
+    assert shadow[3, 2, 3] == pytest.approx(60.0) and shadow[3, 2, 3] <= 60.0
+    box[1, 1, 3] = box[1, 3, 1] = math.inf
+    projected = project_box(box, 0, 1)
+    assert projected is not None
+    assert projected[2] == [0, 2]
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_a_smaller_box_gives_a_smaller_range(seed):
+    rng = np.random.default_rng(seed)
+    outer = np.sort(rng.random((3, 2)) * 100.0, axis=1)
+    inner = np.sort(outer[:, :1] + (outer[:, 1:] - outer[:, :1]) * rng.random((3, 2)), axis=1)
+    slack = 1e-12 * 100.0 / max(outer[2, 0], 1e-3)
+
+    def ranges(box):
+        a, b, c = (tuple(ends) for ends in box.tolist())
+        return axis_coordinate(*a, *b, *lengths(c)), squared_height(*a, *b, *c)
+
+    for (low, high), (inner_low, inner_high) in zip(ranges(outer), ranges(inner), strict=True):
+        if inner_low <= inner_high:
+            assert low <= inner_low + slack * 100.0 and inner_high <= high + slack * 100.0
+
+
+def test_axis_coordinate_with_many_digits():
+    """The minimum over d is sqrt(A - B), at d = sqrt(A - B), to the last digits."""
+    with mpmath.workdps(50):
+        for a_low, b_high in ((3.0, 1.0), (1e12, 1.0), (1e-12, 1e-13)):
+            exact = mpmath.sqrt(mpmath.mpf(a_low) - mpmath.mpf(b_high))
+            low, _ = axis_coordinate(
+                a_low, 2 * a_low, 0.5 * b_high, b_high, 0.5 * float(exact), 2.0 * float(exact)
+            )
+            assert low <= exact and (exact - low) / exact < UNITS

@@ -1,0 +1,117 @@
+"""What two chiralities say of a box: bounds of the product of two oriented volumes."""
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from solver_cases import bounds, box_of, determinant, squared_distances
+
+from dg_localization import Chirality, Problem, Side, SideConstraint, Verdict, solve
+from dg_localization.solver.sides import handedness_is_possible, volume_product
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=200)
+
+
+def volume(positions, simplex):
+    """Return det[p2 - p1, ...] of integer points, exactly."""
+    rows = (positions[simplex[1:]] - positions[simplex[0]]).tolist()
+    return determinant(rows)
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_volume_product_holds_the_exact_product(seed):
+    rng = np.random.default_rng(seed)
+    dimension = int(rng.integers(1, 4))
+    n_points = int(rng.integers(dimension + 1, 9))
+    reach = int(rng.choice([2, 50, 10**4]))
+    positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
+    squared = squared_distances(positions)
+    width = float(rng.choice([0.0, 1e-9, 0.05]))
+    box = box_of(squared * (1.0 - width), squared * (1.0 + width))
+    p, q = (rng.permutation(n_points)[: dimension + 1].astype(np.int64) for _ in range(2))
+    low, high = volume_product(box, p, q)
+    exact = volume(positions, p) * volume(positions, q)
+    assert low <= exact <= high
+    if width == 0.0:
+        assert high - low <= 1e-13 * float(max(squared.max(), 1)) ** dimension
+
+
+def test_volume_product_of_the_unbounded_is_unbounded():
+    box = box_of(*bounds(3, {(0, 1): (1.0, 1.0)}))
+    simplex = np.array([0, 1, 2])
+    assert volume_product(box, simplex, simplex) == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_handedness(dimension):
+    """The true signs are possible; one turned over is not, where the box is tight."""
+    rng = np.random.default_rng(dimension)
+    for _ in range(50):
+        positions = rng.integers(-9, 10, size=(dimension + 4, dimension))
+        simplices = np.array(
+            [rng.permutation(len(positions))[: dimension + 1] for _ in range(3)], dtype=np.int64
+        )
+        volumes = [volume(positions, simplex) for simplex in simplices]
+        squared = squared_distances(positions)
+        box = box_of(1.0 * squared, 1.0 * squared)
+        if 0 in volumes:
+            continue
+        signs = np.sign(volumes).astype(np.int64)
+        assert handedness_is_possible(box, simplices, signs)
+        assert handedness_is_possible(box, simplices, -signs)
+        for flipped in range(3):
+            turned = signs.copy()
+            turned[flipped] *= -1
+            assert not handedness_is_possible(box, simplices, turned)
+
+
+# A unit square 0 1 2 3, counter-clockwise, with one diagonal known: two triangles on 0-2.
+SQUARE = {(0, 1): (1, 1), (1, 2): (1, 1), (2, 3): (1, 1), (0, 3): (1, 1), (0, 2): (2, 2)}
+
+
+@pytest.mark.parametrize(
+    ('constraints', 'squared_m2'),
+    [
+        ({'sides': [SideConstraint((0, 2), 1, 3, Side.OPPOSITE)]}, 2.0),
+        ({'sides': [SideConstraint((2, 0), 3, 1, Side.OPPOSITE)]}, 2.0),
+        ({'sides': [SideConstraint((0, 2), 1, 3, Side.SAME)]}, 0.0),
+        ({'chiralities': [Chirality((0, 1, 2), 1), Chirality((0, 2, 3), 1)]}, 2.0),
+        ({'chiralities': [Chirality((0, 1, 2), -1), Chirality((3, 0, 2), -1)]}, 2.0),
+        ({'chiralities': [Chirality((0, 1, 2), 1), Chirality((0, 2, 3), -1)]}, 0.0),
+        ({'chiralities': [Chirality((1, 0, 2), 1), Chirality((0, 2, 3), 1)]}, 0.0),
+    ],
+)
+def test_which_side_is_which(constraints, squared_m2):
+    """Side constraints and pairs of chiralities, in any order of their points, agree in sign."""
+    result = solve(Problem(*bounds(4, SQUARE), **constraints))
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.lower[1, 3] <= squared_m2 <= hypothesis.upper[1, 3]
+    assert hypothesis.upper[1, 3] - hypothesis.lower[1, 3] < 1e-6
+
+
+def test_a_free_side_says_nothing():
+    constraint = SideConstraint((0, 2), 1, 3, Side.FREE)
+    assert len(solve(Problem(*bounds(4, SQUARE), sides=[constraint])).hypotheses) == 2
+
+
+def test_sides_that_contradict_each_other():
+    sides = [SideConstraint((0, 2), 1, 3, side) for side in (Side.SAME, Side.OPPOSITE)]
+    result = solve(Problem(*bounds(4, SQUARE), sides=sides))
+    assert not any(hypothesis.proved for hypothesis in result.hypotheses)
+
+
+def test_two_chiralities_of_disjoint_triangles():
+    """They share no face: only the product of their volumes tells them apart."""
+    positions = np.array([[0, 0], [4, 0], [0, 3], [9, 9], [13, 9], [9, 12]])
+    squared = squared_distances(positions)
+    signs = {
+        sign: solve(
+            Problem(
+                squared,
+                squared,
+                chiralities=[Chirality((0, 1, 2), 1), Chirality((3, 4, 5), sign)],
+            )
+        ).verdict
+        for sign in (1, -1)
+    }
+    assert signs == {1: Verdict.COVERED, -1: Verdict.INFEASIBLE}
