@@ -14,7 +14,16 @@ EXTRAS = {
     'speed': ['numba>=0.59'],
     'progress': ['tqdm>=4'],
     # colcon runs the tests with pytest because it finds it under this name.
-    'test': ['pytest>=7.4', 'pytest-timeout', 'pytest-xdist', 'hypothesis'],
+    'test': [
+        'pytest>=7.4',
+        'pytest-timeout',
+        'pytest-xdist',
+        'hypothesis',
+        'mpmath',
+        'PyYAML',
+    ],
+    # What the benchmarks compare with.
+    'bench': ['scipy'],
     'lint': ['ruff>=0.6', 'mypy>=1.8'],
 }
 

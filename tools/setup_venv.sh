@@ -21,7 +21,7 @@ command -v "$python" >/dev/null 2>&1 || fail "PYTHON=$python: not found; install
     fail "PYTHON=$python is $("$python" -V); this package needs Python 3.11 or 3.12."
 
 # Where Jazzy is sourced its own packages are used; elsewhere they come as wheels.
-extras='bags plots progress speed test lint'
+extras='bags plots progress speed test lint bench'
 case ${ROS_DISTRO:-} in
 jazzy)
     "$python" -c 'import rclpy' 2>/dev/null ||
