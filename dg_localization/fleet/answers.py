@@ -70,9 +70,7 @@ def answer(
     Answer
 
     """
-    if constraints.contradictory:
-        return CONTRADICTION
-    elsewhere = _elsewhere(constraints, plan, options, cancel)
+    elsewhere = check_elsewhere(constraints, plan.points, options, cancel)
     if elsewhere.verdict is Verdict.INFEASIBLE:
         return elsewhere
     result = solve(constraints.problem(plan.points), options, cancel)
@@ -88,20 +86,41 @@ def answer(
     return Answer(verdict, placements, statistics)
 
 
-def _elsewhere(
-    constraints: Constraints, plan: FramePlan, options: SolverOptions, cancel: Cancel | None
+def check_elsewhere(
+    constraints: Constraints,
+    points: tuple[int, ...],
+    options: SolverOptions,
+    cancel: Cancel | None = None,
 ) -> Answer:
-    """Return whether the parts of the fleet outside the frame contradict themselves."""
-    done = set(plan.points)
+    """
+    Return whether the parts of the fleet that some points do not belong to contradict themselves.
+
+    Parameters
+    ----------
+    constraints : Constraints
+    points : tuple of int
+        One connected part, or nothing.
+    options : SolverOptions
+    cancel : Cancel, optional
+
+    Returns
+    -------
+    Answer
+        Without placements: those parts have no place in the fixed frame.
+
+    """
+    if constraints.contradictory:
+        return CONTRADICTION
+    done = set(points)
     statistics = NO_WORK
     for point in range(len(constraints.lower)):
         if point in done:
             continue
-        points = constraints.component_of(point)
-        done |= set(points)
-        if len(points) < 3:
+        component = constraints.component_of(point)
+        done |= set(component)
+        if len(component) < 3:
             continue
-        result = solve(constraints.problem(points), options, cancel)
+        result = solve(constraints.problem(component), options, cancel)
         statistics = add_statistics(statistics, result.statistics)
         if result.verdict is Verdict.INFEASIBLE:
             return replace(CONTRADICTION, statistics=statistics)

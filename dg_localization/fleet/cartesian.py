@@ -1,4 +1,4 @@
-"""Contraction of coordinate boxes by bounds of the distances between them, a compiled kernel."""
+"""Compiled kernels: coordinate boxes from distances, and distances from angles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.solver.jit import kernel
-from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
+from dg_localization.solver.rounding import (
+    TINIEST,
+    UNIT,
+    down,
+    sqrt_down,
+    sqrt_up,
+    square_down,
+    square_up,
+    up,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -80,3 +89,58 @@ def contract_boxes(
         if not gained:
             break
     return True
+
+
+@kernel
+def tighten_opposite_side(
+    lower: FloatArray,
+    upper: FloatArray,
+    a: int,
+    b: int,
+    c: int,
+    low_cosine: float,
+    high_cosine: float,
+) -> None:
+    """
+    Tighten the side of a triangle opposite to a known angle, in place.
+
+    The law of cosines, s_bc = x^2 + y^2 - 2 x y cosine, is convex in the two other sides. Its
+    maximum over a box is at a corner. It is zero only where both sides are, or on the diagonal
+    for cosine 1, so that its minimum is on an edge, where it is a parabola.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n, n)
+        Bounds of the squared distances in m^2.
+    a, b, c : int
+        The corner with the angle, and the ends of the side.
+    low_cosine, high_cosine : float
+        Bounds of the cosine of the angle.
+
+    """
+    if lower[a, b] > upper[a, b] or lower[a, c] > upper[a, c]:
+        return
+    sides = np.empty((2, 2))
+    sides[0, 0], sides[0, 1] = sqrt_down(lower[a, b]), sqrt_up(upper[a, b])
+    sides[1, 0], sides[1, 1] = sqrt_down(lower[a, c]), sqrt_up(upper[a, c])
+    least = math.inf
+    greatest = 0.0
+    for fixed in range(2):
+        free = 1 - fixed
+        for end in range(2):
+            x = sides[fixed, end]
+            if math.isinf(x):
+                greatest = math.inf
+                continue
+            y = min(max(x * high_cosine, sides[free, 0]), sides[free, 1])
+            # Five operations on parts no larger than (x + y)^2.
+            margin = 8.0 * UNIT * (x + y) * (x + y) + TINIEST
+            least = min(least, x * x + y * y - 2.0 * x * y * high_cosine - margin)
+    if not math.isinf(greatest):
+        for i in range(2):
+            for j in range(2):
+                x, y = sides[0, i], sides[1, j]
+                margin = 8.0 * UNIT * (x + y) * (x + y) + TINIEST
+                greatest = max(greatest, x * x + y * y - 2.0 * x * y * low_cosine + margin)
+    lower[b, c] = lower[c, b] = max(lower[b, c], least)
+    upper[b, c] = upper[c, b] = min(upper[b, c], greatest)

@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.cartesian import tighten_opposite_side
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import LinkKey
 from dg_localization.fleet.intervals import (
@@ -26,6 +27,7 @@ from dg_localization.fleet.snapshot import RayEvidence, Snapshot
 from dg_localization.solver.problem import Chirality, Problem
 
 Matrix = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -130,15 +132,17 @@ def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> 
     for ray in rays:
         by_observer.setdefault(ray.observer, []).append(ray)
     swings = {ray.key: _swing_rad(ray, lower) for ray in rays}
+    now = {}
     for observer, seen in by_observer.items():
         bundle = _Bundle(snapshot, seen, swings)
-        chiralities.extend(bundle.chiralities(observer, config.dimension))
-        for first, second, low_rad, high_rad in bundle.angles():
-            _apply_angle(lower, upper, (observer, first, second), low_rad, high_rad)
-    now = {
-        observer: tuple(_Bundle(snapshot, seen, swings).at(snapshot.stamp_s))
-        for observer, seen in by_observer.items()
-    }
+        now[observer] = tuple(bundle.at(snapshot.stamp_s))
+        angles = bundle.pairs()
+        _apply_angles(lower, upper, observer, *angles)
+        chiralities.extend(
+            _planar_chiralities(observer, *angles)
+            if config.dimension == 2
+            else _spatial_chiralities(observer, bundle)
+        )
     return Constraints(lower, upper, tuple(chiralities), now, config.dimension)
 
 
@@ -245,15 +249,62 @@ class _Bundle:
     ) -> None:
         self._motion = snapshot.motion
         self._planar = snapshot.config.dimension == 2
-        self._observer = rays[0].key.observer
+        self._name = rays[0].key.observer
         self._rays = rays
         self._swings = swings
 
     def at(self, stamp_s: float) -> list[Ray]:
         """Return all rays in the body frame of the observer at another time."""
-        return [self._seen_at(ray, stamp_s) for ray in self._rays]
+        turns = {s: self._motion.turn(self._name, s, stamp_s) for s in self._stamps_s()}
+        return [self._turned(ray, stamp_s, *turns[ray.stamp_s]) for ray in self._rays]
 
-    def _seen_at(self, ray: RayEvidence, stamp_s: float) -> Ray:
+    def pairs(self) -> tuple[IntArray, Matrix, Matrix]:
+        """
+        Return all pairs of targets and the angle from the first to the second.
+
+        Returns
+        -------
+        targets : numpy.ndarray of int, shape (m, 2)
+        angles : numpy.ndarray, shape (m,)
+            In the plane counterclockwise, in (-pi, pi]; in space in [0, pi].
+        half_widths : numpy.ndarray, shape (m,)
+            Greatest error of each.
+
+        """
+        pictures = self._pictures()
+        # Both rays of a pair in the body frame in which the later listed one was measured.
+        chosen = [
+            (pictures[second.stamp_s][i], pictures[second.stamp_s][j])
+            for (i, _), (j, second) in combinations(enumerate(self._rays), 2)
+        ]
+        targets = np.array([(a.target, b.target) for a, b in chosen], dtype=np.intp)
+        first = np.array([a.direction for a, _ in chosen]).reshape(-1, 3)
+        other = np.array([b.direction for _, b in chosen]).reshape(-1, 3)
+        widths = np.array([a.half_width_rad + b.half_width_rad for a, b in chosen])
+        angles = angles_rad(first, other)
+        if self._planar:
+            turns_left = first[:, 0] * other[:, 1] - first[:, 1] * other[:, 0]
+            angles = np.where(turns_left < 0.0, -angles, angles)
+        return targets.reshape(-1, 2), angles, widths + ROUNDING_RAD
+
+    def triples(self) -> Iterator[list[Ray]]:
+        """Yield all triples of rays, each in one body frame."""
+        pictures = self._pictures()
+        for chosen in combinations(enumerate(self._rays), 3):
+            picture = pictures[chosen[-1][1].stamp_s]
+            yield [picture[i] for i, _ in chosen]
+
+    def _stamps_s(self) -> set[float]:
+        """Return the different stamps of the rays."""
+        return {ray.stamp_s for ray in self._rays}
+
+    def _pictures(self) -> dict[float, list[Ray]]:
+        """Return all rays in the body frame at each of their stamps."""
+        return {stamp_s: self.at(stamp_s) for stamp_s in self._stamps_s()}
+
+    def _turned(
+        self, ray: RayEvidence, stamp_s: float, rotation: np.ndarray, turn_rad: float
+    ) -> Ray:
         """
         Return the ray turned into the body frame of the observer at another time.
 
@@ -263,7 +314,6 @@ class _Bundle:
         half_width_rad = ray.half_width_rad + self._swings[ray.key] + ROUNDING_RAD
         if ray.stamp_s == stamp_s:
             return Ray(ray.target, ray.ray, half_width_rad)
-        rotation, turn_rad = self._motion.turn(self._observer, ray.stamp_s, stamp_s)
         direction = rotation @ ray.ray
         if self._planar:
             direction = direction * (1.0, 1.0, 0.0)
@@ -272,40 +322,32 @@ class _Bundle:
             return Ray(ray.target, ray.ray, math.pi)
         return Ray(ray.target, direction / length, half_width_rad + turn_rad)
 
-    def angles(self) -> Iterator[tuple[int, int, float, float]]:
-        """Yield pairs of targets with bounds in [0, pi] of the angle between their directions."""
-        for first, second in combinations(self._rays, 2):
-            a, b = self._seen_at(first, second.stamp_s), self._seen_at(second, second.stamp_s)
-            width = a.half_width_rad + b.half_width_rad + ROUNDING_RAD
-            if width < math.pi:
-                angle = angle_rad(a.direction, b.direction)
-                low, high = max(0.0, angle - width), min(math.pi, angle + width)
-                yield a.target, b.target, low, high
 
-    def chiralities(self, observer: int, dimension: int) -> Iterator[Chirality]:
-        """Yield the handedness of the observer with q of its targets where it is certain."""
-        for chosen in combinations(self._rays, dimension):
-            reference_s = chosen[-1].stamp_s
-            rays = [self._seen_at(ray, reference_s) for ray in chosen]
-            sign = _planar_sign(rays) if dimension == 2 else _spatial_sign(rays)
-            if sign != 0:
-                yield Chirality((observer, *(ray.target for ray in rays)), sign)
+def angles_rad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the angles between unit vectors along the last axis, in [0, pi]."""
+    # Exact to rounding for all angles, unlike the arccosine near 0 and pi.
+    difference = np.linalg.norm(first - second, axis=-1)
+    total = np.linalg.norm(first + second, axis=-1)
+    return np.asarray(2.0 * np.arctan2(difference, total))
 
 
-def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the angle between two unit vectors, in [0, pi]."""
-    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+def _planar_chiralities(
+    observer: int, targets: IntArray, angles: np.ndarray, half_widths: np.ndarray
+) -> Iterator[Chirality]:
+    """Yield the handedness of an observer with two targets where the sign is certain."""
+    sizes = np.abs(angles)
+    certain = (half_widths < sizes) & (sizes + half_widths < math.pi)
+    for row in np.flatnonzero(certain):
+        first, second = targets[row].tolist()
+        yield Chirality((observer, first, second), 1 if angles[row] > 0.0 else -1)
 
 
-def _planar_sign(rays: list[Ray]) -> int:
-    """Return the sign of the angle from the first ray to the second, or 0 when in doubt."""
-    a, b = rays
-    width = a.half_width_rad + b.half_width_rad + ROUNDING_RAD
-    cross = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0]
-    angle = math.atan2(cross, float(a.direction @ b.direction))
-    if width < abs(angle) and abs(angle) + width < math.pi:
-        return 1 if angle > 0.0 else -1
-    return 0
+def _spatial_chiralities(observer: int, bundle: _Bundle) -> Iterator[Chirality]:
+    """Yield the handedness of an observer with three targets where the sign is certain."""
+    for rays in bundle.triples():
+        sign = _spatial_sign(rays)
+        if sign != 0:
+            yield Chirality((observer, *(ray.target for ray in rays)), sign)
 
 
 def _spatial_sign(rays: list[Ray]) -> int:
@@ -320,10 +362,11 @@ def _spatial_sign(rays: list[Ray]) -> int:
     e_u, e_v, e_w = (ray.half_width_rad for ray in rays)
     if max(e_u, e_v, e_w) >= math.pi / 2:
         return 0
+    vw, uw, uv = angles_rad(np.array([v, u, u]), np.array([w, w, v])).tolist()
     change = (
-        2.0 * math.sin(e_u / 2.0) * _greatest_sine(angle_rad(v, w), 0.0)
-        + 2.0 * math.sin(e_v / 2.0) * _greatest_sine(angle_rad(u, w), e_u)
-        + 2.0 * math.sin(e_w / 2.0) * _greatest_sine(angle_rad(u, v), e_u + e_v)
+        2.0 * math.sin(e_u / 2.0) * _greatest_sine(vw, 0.0)
+        + 2.0 * math.sin(e_v / 2.0) * _greatest_sine(uw, e_u)
+        + 2.0 * math.sin(e_w / 2.0) * _greatest_sine(uv, e_u + e_v)
     )
     volume = float(np.linalg.det(np.stack([u, v, w])))
     if abs(volume) <= change + ROUNDING_RAD:
@@ -338,63 +381,19 @@ def _greatest_sine(angle_rad: float, half_width_rad: float) -> float:
     return max(math.sin(angle_rad - half_width_rad), math.sin(angle_rad + half_width_rad))
 
 
-def _apply_angle(
-    lower: Matrix, upper: Matrix, corner: tuple[int, int, int], low_rad: float, high_rad: float
+def _apply_angles(
+    lower: Matrix,
+    upper: Matrix,
+    observer: int,
+    targets: IntArray,
+    angles: np.ndarray,
+    half_widths: np.ndarray,
 ) -> None:
-    """
-    Tighten the side of a triangle that lies opposite to a known angle.
-
-    Parameters
-    ----------
-    lower, upper : numpy.ndarray, shape (n, n)
-        Squared distances in m^2; changed in place.
-    corner : tuple of int
-        The point with the angle, and the two ends of the opposite side.
-    low_rad, high_rad : float
-        Bounds of the angle, in [0, pi].
-
-    """
-    a, b, c = corner
-    if lower[a, b] > upper[a, b] or lower[a, c] > upper[a, c]:
-        return
-    sides = Interval(lower[a, [b, c]], upper[a, [b, c]]).sqrt()
-    low_cos, high_cos = cosine_of_angle(low_rad, high_rad)
-    low = _least_opposite_m2(sides, high_cos)
-    high = _greatest_opposite_m2(sides, low_cos)
-    _tighten(lower, upper, b, c, low, high)
-
-
-def _opposite_m2(x: float, y: float, cosine: float) -> tuple[float, float]:
-    """Return bounds of x^2 + y^2 - 2 x y cosine, for sides of at least zero."""
-    value = x * x + y * y - 2.0 * x * y * cosine
-    # Five operations on parts no larger than (x + y)^2.
-    margin = 8.0 * 2.0**-53 * (x + y) * (x + y) + math.ulp(0.0)
-    return max(0.0, value - margin), value + margin
-
-
-def _greatest_opposite_m2(sides: Interval, cosine: float) -> float:
-    """Return an upper bound of the squared third side: convex in both, so at a corner."""
-    if not np.isfinite(sides.upper).all():
-        return math.inf
-    return max(
-        _opposite_m2(x, y, cosine)[1]
-        for x in (float(sides.lower[0]), float(sides.upper[0]))
-        for y in (float(sides.lower[1]), float(sides.upper[1]))
-    )
-
-
-def _least_opposite_m2(sides: Interval, cosine: float) -> float:
-    """
-    Return a lower bound of the squared third side.
-
-    The form is convex and zero only where both sides are, or on the diagonal for cosine 1: its
-    minimum over a box of sides lies on an edge, where it is a parabola.
-    """
-    candidates = []
-    for fixed, free in ((0, 1), (1, 0)):
-        low, high = float(sides.lower[free]), float(sides.upper[free])
-        for x in (float(sides.lower[fixed]), float(sides.upper[fixed])):
-            if math.isfinite(x):
-                y = min(max(x * cosine, low), high)
-                candidates.append(_opposite_m2(x, y, cosine)[0])
-    return min(candidates)
+    """Tighten the distances of pairs of points that are seen under known angles, in place."""
+    for (first, second), angle, width in zip(
+        targets.tolist(), np.abs(angles).tolist(), half_widths.tolist(), strict=True
+    ):
+        low, high = max(0.0, angle - width), min(math.pi, angle + width)
+        low_cos, high_cos = cosine_of_angle(low, high)
+        if width < math.pi:
+            tighten_opposite_side(lower, upper, observer, first, second, low_cos, high_cos)

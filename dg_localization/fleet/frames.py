@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.cartesian import contract_boxes
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.constraints import Constraints, Ray, anchor_boxes, angle_rad
+from dg_localization.fleet.constraints import Constraints, Ray, anchor_boxes, angles_rad
 from dg_localization.fleet.estimate import FixedFrame, LinkKey, Placement
 from dg_localization.fleet.headings import Heading, NoHeadingError, best_rotation, estimate_heading
 from dg_localization.fleet.intervals import (
@@ -67,15 +67,19 @@ class FramePlan:
     cores: tuple[tuple[int, ...], ...]
 
 
-def plan_frames(config: FleetConfig, alternatives: list[Constraints]) -> list[FramePlan] | str:
+def plan_frames(
+    config: FleetConfig, constraints: Constraints, alternatives: list[Constraints]
+) -> list[FramePlan] | str:
     """
     Choose one fixed frame for all alternatives.
 
     Parameters
     ----------
     config : FleetConfig
+    constraints : Constraints
+        What all links of a snapshot say, contradictions included.
     alternatives : list of Constraints
-        Readings of one snapshot that leave out different links.
+        What they say when some are left out.
 
     Returns
     -------
@@ -93,23 +97,23 @@ def plan_frames(config: FleetConfig, alternatives: list[Constraints]) -> list[Fr
         if free and not any(free & set(plan.points) for plan in plans):
             return f'no robot is connected to the anchors {", ".join(names)} by a usable range'
         return plans
-    return _plan_from_reference(config, alternatives)
+    return _plan_from_reference(config, constraints, alternatives)
 
 
 def _plan_from_reference(
-    config: FleetConfig, alternatives: list[Constraints]
+    config: FleetConfig, constraints: Constraints, alternatives: list[Constraints]
 ) -> list[FramePlan] | str:
     """Return plans in the frame of the reference robot, or why there are none."""
     origin = config.robots.index(config.reference_robot)
-    components = [constraints.component_of(origin) for constraints in alternatives]
+    components = [alternative.component_of(origin) for alternative in alternatives]
     if all(len(points) == 1 for points in components):
         return (
             f'reference robot {config.reference_robot} is not connected to any other by a usable '
             'range: nothing fixes the frame'
         )
     headed = [
-        _heading_cores(constraints, origin, points)
-        for constraints, points in zip(alternatives, components, strict=True)
+        _heading_cores(alternative, origin, points)
+        for alternative, points in zip(alternatives, components, strict=True)
     ]
     if all(headed):
         frame = FixedFrame('heading', (config.reference_robot,))
@@ -117,7 +121,7 @@ def _plan_from_reference(
             FramePlan(frame, points, cores)
             for points, cores in zip(components, headed, strict=True)
         ]
-    core = _robot_core(config, alternatives, origin, components)
+    core = _robot_core(config, constraints, origin, components)
     frame = FixedFrame('robots', tuple(config.points[i] for i in core))
     return [FramePlan(frame, points, (core,)) for points in components]
 
@@ -151,7 +155,7 @@ def _heading_cores(
         return tuple((origin, ray.target) for ray in rays[:MAX_CORES])
     margins = {}
     for a, b in combinations(rays, 2):
-        angle = angle_rad(a.direction, b.direction)
+        angle = float(angles_rad(a.direction, b.direction))
         margin = min(angle, math.pi - angle) - a.half_width_rad - b.half_width_rad
         if margin > 0.0:
             margins[origin, a.target, b.target] = margin
@@ -160,7 +164,7 @@ def _heading_cores(
 
 def _robot_core(
     config: FleetConfig,
-    alternatives: list[Constraints],
+    constraints: Constraints,
     origin: int,
     components: list[tuple[int, ...]],
 ) -> tuple[int, ...]:
@@ -168,15 +172,15 @@ def _robot_core(
     Return the reference robot and the next ones that every alternative connects to it.
 
     One that may be in the same place as the reference robot gives no direction: such are taken
-    only when there are no others.
+    only when there are no others. What is left out to resolve a contradiction does not count
+    here: the frame should not turn because of it.
     """
     n_robots, n_points = len(config.robots), len(config.points)
     in_order = [*range(origin + 1, n_robots), *range(origin), *range(n_robots, n_points)]
     shared = set.intersection(*(set(points) for points in components))
     connected = [point for point in in_order if point in shared]
-    apart = [p for p in connected if all(c.lower[origin, p] > 0.0 for c in alternatives)]
-    together = [p for p in connected if p not in apart]
-    return (origin, *(apart + together)[: config.dimension - 1])
+    connected.sort(key=lambda point: constraints.lower[origin, point] <= 0.0)
+    return (origin, *connected[: config.dimension - 1])
 
 
 @dataclass(frozen=True)
@@ -326,10 +330,16 @@ class Placer:
         fixed = self._contract(fixed, lower, upper)
         if fixed is None:
             return None
-        for points, sign in self._chiralities:
-            if _orientation(fixed, points) == -sign:
-                return None
-        return fixed
+        return None if self._contradicts_chirality(fixed) else fixed
+
+    def _contradicts_chirality(self, fixed: Interval) -> bool:
+        """Return whether some known handedness is certainly another in these coordinates."""
+        if not self._chiralities:
+            return False
+        corners = fixed[np.array([points for points, _ in self._chiralities])]
+        volume = determinant(corners[:, 1:] - corners[:, :1])
+        signs = np.array([sign for _, sign in self._chiralities])
+        return bool(np.where(signs > 0, volume.upper < 0.0, volume.lower > 0.0).any())
 
     def _contract(self, fixed: Interval, lower: FloatArray, upper: FloatArray) -> Interval | None:
         """Return the part that the distances and the coordinates of the anchors allow."""

@@ -8,14 +8,14 @@ ends leave open of the direction between them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import product
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.constraints import Ray, angle_rad
-from dg_localization.fleet.intervals import ROUNDING_RAD, Interval
+from dg_localization.fleet.constraints import Ray, angles_rad
+from dg_localization.fleet.intervals import ROUNDING_RAD, Interval, down, up
 
 FloatArray = NDArray[np.float64]
 
@@ -43,13 +43,26 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class _Sight:
-    """A ray, the direction it should have in the fixed frame, and the error of both together."""
+class _Sights:
+    """
+    The rays of a robot with the directions that their targets have.
 
-    ray: FloatArray
-    direction: FloatArray
+    Parameters
+    ----------
+    rays : numpy.ndarray, shape (m, q)
+        Unit vectors in the body frame.
+    directions, placed : numpy.ndarray, shape (m, q)
+        Unit vectors in the fixed frame: to the middle of what the enclosures leave open, and in
+        the placement.
+    half_widths_rad : numpy.ndarray, shape (m,)
+        Errors of ray and direction together, the smallest first.
+
+    """
+
+    rays: FloatArray
+    directions: FloatArray
     placed: FloatArray
-    half_width_rad: float
+    half_widths_rad: FloatArray
 
 
 def estimate_heading(
@@ -80,10 +93,7 @@ def estimate_heading(
         If no heading agrees with all rays.
 
     """
-    sights = [
-        sight for ray in rays if (sight := _sight(observer, ray, positions, enclosure)) is not None
-    ]
-    sights.sort(key=lambda sight: sight.half_width_rad)
+    sights = _sights(observer, rays, positions, enclosure)
     _check_angles(sights)
     if positions.shape[1] == 2:
         return _planar_heading(sights)
@@ -113,83 +123,80 @@ def best_rotation(
     return np.asarray(left @ np.diag(signs) @ right)
 
 
-def _sight(observer: int, ray: Ray, positions: FloatArray, enclosure: Interval) -> _Sight | None:
-    """Return a ray with the direction of its target, or None when that may be any."""
-    gap = enclosure[ray.target] - enclosure[observer]
-    if not (np.isfinite(gap.lower).all() and np.isfinite(gap.upper).all()):
-        return None
-    middle = (gap.lower + gap.upper) / 2.0
-    length = float(np.linalg.norm(middle))
-    if length == 0.0:
-        return None
-    direction = middle / length
-    corners = [np.array(corner) for corner in product(*zip(gap.lower, gap.upper, strict=True))]
+def _sights(observer: int, rays: list[Ray], positions: FloatArray, enclosure: Interval) -> _Sights:
+    """Return the rays whose targets lie in some direction, as opposed to any."""
+    dimension = positions.shape[1]
+    targets = [ray.target for ray in rays]
+    low = down(enclosure.lower[targets] - enclosure.upper[observer])
+    high = up(enclosure.upper[targets] - enclosure.lower[observer])
+    bounded = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
+    low, high = np.where(bounded[:, None], low, -1.0), np.where(bounded[:, None], high, 1.0)
+    directions = _unit((low + high) / 2.0)
+    choices = np.array(list(product((False, True), repeat=dimension)))
+    corners = np.where(choices[None], high[:, None], low[:, None])
     # A cone of less than a right angle is convex: it holds the box when it holds the corners.
-    spread = max(_angle(direction, corner) for corner in corners) + ROUNDING_RAD
-    if spread >= math.pi / 2:
-        return None
-    placed = positions[ray.target] - positions[observer]
-    span = float(np.linalg.norm(placed))
-    placed = placed / span if span > 0.0 and math.isfinite(span) else direction
-    width = spread + ray.half_width_rad + ROUNDING_RAD
-    return _Sight(ray.direction[: len(middle)], direction, placed, width)
+    # A corner or a middle in the origin itself counts as a right angle.
+    spreads = angles_rad(_unit(corners), directions[:, None]).max(axis=1) + ROUNDING_RAD
+    placed = positions[targets] - positions[observer]
+    placed = np.where(np.isfinite(placed).all(axis=1)[:, None], placed, directions)
+    widths = spreads + np.array([ray.half_width_rad for ray in rays]) + ROUNDING_RAD
+    seen = np.array([ray.direction[:dimension] for ray in rays]).reshape(-1, dimension)
+    order = [i for i in np.argsort(widths, kind='stable') if spreads[i] < math.pi / 2]
+    return _Sights(seen[order], directions[order], _unit(placed)[order], widths[order])
 
 
-def _angle(a: FloatArray, b: FloatArray) -> float:
-    """Return the angle between two vectors of length 2 or 3, in [0, pi]; pi when one is zero."""
-    if not a.any() or not b.any():
-        return math.pi
-    pad = (0, 3 - len(a))
-    return angle_rad(np.pad(a, pad), np.pad(b, pad))
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Return the vectors along the last axis scaled to length 1; a zero vector stays."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
 
 
-def _check_angles(sights: list[_Sight]) -> None:
+def _check_angles(sights: _Sights) -> None:
     """Raise `NoHeadingError` when two targets are seen under an angle they cannot have."""
-    for a, b in combinations(sights, 2):
-        difference = abs(_angle(a.ray, b.ray) - _angle(a.direction, b.direction))
-        if difference > a.half_width_rad + b.half_width_rad:
-            raise NoHeadingError('two rays differ from the angle between their targets')
+    seen = angles_rad(sights.rays[:, None], sights.rays[None])
+    real = angles_rad(sights.directions[:, None], sights.directions[None])
+    widths = sights.half_widths_rad[:, None] + sights.half_widths_rad[None]
+    if (np.abs(seen - real) > widths).any():
+        raise NoHeadingError('two rays differ from the angle between their targets')
 
 
-def _planar_heading(sights: list[_Sight]) -> Heading | None:
+def _planar_heading(sights: _Sights) -> Heading | None:
     """Return the common part of the arcs that the sights allow; the narrowest comes first."""
-    arcs = [sight for sight in sights if sight.half_width_rad < math.pi]
-    if not arcs:
+    yaws = _yaws(sights.directions, sights.rays)
+    widths = sights.half_widths_rad
+    if not len(widths) or widths[0] >= math.pi:
         return None
-    centre, width = _yaw(arcs[0].direction, arcs[0].ray), arcs[0].half_width_rad
-    low, high = -width, width
-    for sight in arcs[1:]:
-        # Where two arcs together are wider than a circle they may meet twice: no common arc.
-        if width + sight.half_width_rad >= math.pi:
-            continue
-        offset = math.remainder(_yaw(sight.direction, sight.ray) - centre, 2.0 * math.pi)
-        low = max(low, offset - sight.half_width_rad - ROUNDING_RAD)
-        high = min(high, offset + sight.half_width_rad + ROUNDING_RAD)
+    offsets = np.array([math.remainder(yaw - yaws[0], 2.0 * math.pi) for yaw in yaws])
+    # Where two arcs together are wider than a circle they may meet twice: no common arc.
+    useful = widths + widths[0] < math.pi
+    useful[0] = True
+    low = float((offsets - widths - ROUNDING_RAD)[useful].max())
+    high = float((offsets + widths + ROUNDING_RAD)[useful].min())
     if low > high:
         raise NoHeadingError('the rays leave no common heading')
-    fitted = _fitted_yaw(arcs)
-    yaw = min(max(math.remainder(fitted - centre, 2.0 * math.pi), low), high)
+    fitted = _fitted_yaw(sights)
+    yaw = min(max(math.remainder(fitted - yaws[0], 2.0 * math.pi), low), high)
     half_width_rad = max(yaw - low, high - yaw) + ROUNDING_RAD
-    half_yaw = (centre + yaw) / 2.0
+    half_yaw = (yaws[0] + yaw) / 2.0
     orientation = np.array([0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)])
-    return Heading(orientation, half_width_rad)
+    return Heading(orientation, min(half_width_rad, math.pi))
 
 
-def _yaw(direction: FloatArray, ray: FloatArray) -> float:
-    """Return the heading under which a target in that direction is seen along that ray."""
-    return math.atan2(direction[1], direction[0]) - math.atan2(ray[1], ray[0])
+def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
+    """Return the headings under which targets in those directions are seen along those rays."""
+    return np.asarray(
+        np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(rays[:, 1], rays[:, 0])
+    )
 
 
-def _fitted_yaw(sights: list[_Sight]) -> float:
+def _fitted_yaw(sights: _Sights) -> float:
     """Return the heading that fits the placement best."""
-    yaws = [_yaw(sight.placed, sight.ray) for sight in sights]
-    weights = [1.0 / (sight.half_width_rad + 1e-6) for sight in sights]
-    sine = sum(w * math.sin(yaw) for w, yaw in zip(weights, yaws, strict=True))
-    cosine = sum(w * math.cos(yaw) for w, yaw in zip(weights, yaws, strict=True))
-    return math.atan2(sine, cosine)
+    yaws = _yaws(sights.placed, sights.rays)
+    weights = 1.0 / (sights.half_widths_rad + 1e-6)
+    return math.atan2(float(weights @ np.sin(yaws)), float(weights @ np.cos(yaws)))
 
 
-def _spatial_heading(sights: list[_Sight]) -> Heading | None:
+def _spatial_heading(sights: _Sights) -> Heading | None:
     """
     Return the rotation that fits the placement best, and how wrong it may be.
 
@@ -198,22 +205,18 @@ def _spatial_heading(sights: list[_Sight]) -> Heading | None:
     For two rays at the angle alpha, one of the two sines is at least the smaller of sin(alpha/2)
     and cos(alpha/2), whatever the axis; so sin(psi/2) <= sin(eta/2) / that.
     """
-    if len(sights) < 2:
+    if len(sights.rays) < 2:
         return None
-    rays = np.array([sight.ray for sight in sights])
-    placed = np.array([sight.placed for sight in sights])
-    weights = np.array([1.0 / (sight.half_width_rad + 1e-6) for sight in sights])
-    rotation = best_rotation(rays, placed, weights)
-    errors = [
-        min(math.pi, sight.half_width_rad + _angle(rotation @ sight.ray, sight.direction))
-        for sight in sights
-    ]
-    least = 1.0
-    for first, second in combinations(range(len(sights)), 2):
-        alpha = _angle(rays[first], rays[second])
-        lever = min(math.sin(alpha / 2.0), math.cos(alpha / 2.0))
-        if lever > 0.0:
-            least = min(least, math.sin(max(errors[first], errors[second]) / 2.0) / lever)
+    weights = 1.0 / (sights.half_widths_rad + 1e-6)
+    rotation = best_rotation(sights.rays, sights.placed, weights)
+    residuals = angles_rad(sights.rays @ rotation.T, sights.directions)
+    errors = np.minimum(sights.half_widths_rad + residuals, math.pi)
+    alphas = angles_rad(sights.rays[:, None], sights.rays[None])
+    levers = np.minimum(np.sin(alphas / 2.0), np.cos(alphas / 2.0))
+    moves = np.sin(np.maximum(errors[:, None], errors[None]) / 2.0)
+    # A ray with itself has no lever, and one with almost itself none worth its rounding.
+    usable = levers > 1e-6
+    least = float(np.where(usable, moves / np.where(usable, levers, 1.0), np.inf).min())
     if least >= 1.0:
         return None
     half_width_rad = 2.0 * math.asin(least) + 1e-9

@@ -7,15 +7,15 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.answers import (
-    NO_WORK,
     Answer,
     Cancel,
     add_statistics,
     answer,
+    check_elsewhere,
 )
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.conflicts import Explanation, Links, explain
-from dg_localization.fleet.constraints import constrain
+from dg_localization.fleet.constraints import Constraints, constrain
 from dg_localization.fleet.estimate import (
     Conflict,
     Estimate,
@@ -188,14 +188,15 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     constraints = constrain(snapshot)
-    plans = plan_frames(snapshot.config, [constraints])
+    plans = plan_frames(snapshot.config, constraints, [constraints])
     if isinstance(plans, str):
-        if constraints.contradictory:
-            return _explained(snapshot, NO_WORK, cancel)
-        return _without_placements(snapshot, None, plans)
-    found = answer(snapshot, constraints, plans[0], snapshot.config.solver, cancel=cancel)
+        found = check_elsewhere(constraints, (), snapshot.config.solver, cancel)
+    else:
+        found = answer(snapshot, constraints, plans[0], snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
-        return _explained(snapshot, found.statistics, cancel)
+        return _explained(snapshot, constraints, found.statistics, cancel)
+    if isinstance(plans, str):
+        return _without_placements(snapshot, None, plans)
     return _with_placements(snapshot, found, plans[0])
 
 
@@ -282,21 +283,23 @@ def _reason(snapshot: Snapshot, found: Answer, plan: FramePlan) -> str:
     return '; '.join(parts)
 
 
-def _explained(snapshot: Snapshot, statistics: Statistics, cancel: Cancel | None) -> Estimate:
+def _explained(
+    snapshot: Snapshot, constraints: Constraints, statistics: Statistics, cancel: Cancel | None
+) -> Estimate:
     """Return what can be said when no placement agrees with all measurements."""
     config = snapshot.config
     explanation = _explanation(snapshot, cancel)
     corrections = explanation.corrections if explanation.complete else ()
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
-    plans = plan_frames(config, alternatives) if alternatives else ''
+    plans = plan_frames(config, constraints, alternatives) if alternatives else ''
     if isinstance(plans, str):
         reason = _contradiction_reason(config, explanation, plans)
         return _without_placements(
             snapshot, Verdict.INFEASIBLE, reason, statistics, explanation.conflicts
         )
     answers = [
-        answer(snapshot, constraints, plan, config.solver, dropped, cancel)
-        for constraints, plan, dropped in zip(alternatives, plans, corrections, strict=True)
+        answer(snapshot, alternative, plan, config.solver, dropped, cancel)
+        for alternative, plan, dropped in zip(alternatives, plans, corrections, strict=True)
     ]
     for found in answers:
         statistics = add_statistics(statistics, found.statistics)
@@ -320,14 +323,13 @@ def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
 
     def is_contradiction(links: Links, thorough: bool) -> bool:
         dropped = everything - links
-        constraints = constrain(snapshot, dropped)
-        if constraints.contradictory:
-            return True
-        plans = plan_frames(config, [constraints])
-        if isinstance(plans, str):
-            return False
         options = config.solver if thorough else brief
-        found = answer(snapshot, constraints, plans[0], options, dropped, cancel)
+        constraints = constrain(snapshot, dropped)
+        plans = plan_frames(config, constraints, [constraints])
+        if isinstance(plans, str):
+            found = check_elsewhere(constraints, (), options, cancel)
+        else:
+            found = answer(snapshot, constraints, plans[0], options, dropped, cancel)
         return found.verdict is Verdict.INFEASIBLE
 
     return explain(

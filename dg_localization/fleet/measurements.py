@@ -183,7 +183,12 @@ class MeasurementStore:
         """Return the odometry of `robot`, made on first use."""
         if robot not in self._tracks:
             keep_s = self._config.max_age_s + self._config.max_future_s
-            self._tracks[robot] = OdometryTrack(self._config.speed_m_s(robot), keep_s)
+            self._tracks[robot] = OdometryTrack(
+                self._config.speed_m_s(robot),
+                self._config.max_turn_rate_rad_s,
+                self._config.odometry_relative_error,
+                keep_s,
+            )
         return self._tracks[robot]
 
     def _keep(self, key: LinkKey, reading: DistanceReading | RayReading) -> None:

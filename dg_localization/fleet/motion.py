@@ -71,10 +71,30 @@ def elapsed_s(first_s: float, second_s: float) -> float:
 
 
 class OdometryTrack:
-    """The newest odometry of one robot, oldest first."""
+    """
+    The newest odometry of one robot, oldest first.
 
-    def __init__(self, max_speed_m_s: float, keep_s: float) -> None:
+    Parameters
+    ----------
+    max_speed_m_s, max_turn_rate_rad_s : float
+        Limits of the robot.
+    relative_error : float
+        By how much odometry may exceed them.
+    keep_s : float
+        For how long samples are kept.
+
+    """
+
+    def __init__(
+        self,
+        max_speed_m_s: float,
+        max_turn_rate_rad_s: float,
+        relative_error: float,
+        keep_s: float,
+    ) -> None:
         self._max_speed_m_s = max_speed_m_s
+        self._max_turn_rate_rad_s = max_turn_rate_rad_s
+        self._tolerance = 1.0 + relative_error + 1e-9
         self._keep_s = keep_s
         self._samples: list[OdometrySample] = []
 
@@ -87,20 +107,29 @@ class OdometryTrack:
         """
         Add a pose, which must be newer than the last one.
 
-        A step that is faster than the robot can move is a restart of the odometry, which says
-        nothing about the way before it: the older samples are forgotten.
+        A step or a turn that is faster than the robot can be is a restart of the odometry, which
+        says nothing about the way before it: the older samples are forgotten.
         """
         path_m = turned_rad = 0.0
         if self._samples:
             last = self._samples[-1]
             step_m = float(np.linalg.norm(position_m - last.position_m))
-            if step_m > self._max_speed_m_s * elapsed_s(stamp_s, last.stamp_s) * 1.5 + 1e-3:
+            turn_rad = rotation_angle_rad(last.rotation.T @ rotation)
+            if self._restarted(step_m, turn_rad, elapsed_s(stamp_s, last.stamp_s)):
                 self._samples.clear()
             else:
                 path_m = last.path_m + step_m
-                turned_rad = last.turned_rad + rotation_angle_rad(last.rotation.T @ rotation)
+                turned_rad = last.turned_rad + turn_rad
         self._samples.append(OdometrySample(stamp_s, position_m, rotation, path_m, turned_rad))
         self._forget_before(stamp_s - self._keep_s)
+
+    def _restarted(self, step_m: float, turn_rad: float, seconds: float) -> bool:
+        """Return whether a step or a turn is more than the robot can do in that time."""
+        span = seconds * self._tolerance
+        return (
+            step_m > self._max_speed_m_s * span
+            or turn_rad > self._max_turn_rate_rad_s * span + ROUNDING_RAD
+        )
 
     def _forget_before(self, stamp_s: float) -> None:
         """Drop samples older than `stamp_s`, but keep the last one of them."""

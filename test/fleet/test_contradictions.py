@@ -1,0 +1,190 @@
+"""Contradictions are everyday: named, survived, and over when their cause is gone."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RangeErrorModel
+
+ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
+POSITIONS = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 4.0], [1.0, 5.0], [3.0, 8.0], [-2.0, 2.0]])
+NOW_S = 50.0
+WRONG = LinkKey(LinkKind.RANGE, 'a', 'b')
+
+
+def make_localizer(**settings):
+    defaults = {
+        'robots': ROBOTS,
+        'max_age_s': 1.0,
+        'max_speed_m_s': 0.0,
+        'range_error': RangeErrorModel(min_error_relative=-0.002, max_error_relative=0.002),
+        'solver': SolverOptions(resolution=0.1, max_boxes=200),
+        'max_conflict_solves': 1000,
+        'max_conflict_seconds': 60.0,
+    }
+    return Localizer(FleetConfig(**{**defaults, **settings}))
+
+
+def distance(first, second):
+    return math.dist(POSITIONS[ROBOTS.index(first)], POSITIONS[ROBOTS.index(second)])
+
+
+def feed(localizer, stamp_s=NOW_S, wrong=(), errors=2.0):
+    for i, first in enumerate(ROBOTS):
+        for second in ROBOTS[i + 1 :]:
+            extra = errors if (first, second) in wrong else 0.0
+            reading = distance(first, second) + extra
+            localizer.add_range(first, second, reading, stamp_s, stamp_s)
+
+
+def truth():
+    """Return the fleet with a in the origin and b on the x axis, and its mirror image."""
+    return POSITIONS, POSITIONS * [1.0, -1.0]
+
+
+def holds(estimate, positions):
+    return any(
+        (positions >= p.enclosure_m[:, 0] - 1e-9).all()
+        and (positions <= p.enclosure_m[:, 1] + 1e-9).all()
+        for p in estimate.placements
+    )
+
+
+def test_a_contradiction_gives_nothing_but_its_cause():
+    localizer = make_localizer()
+    feed(localizer, wrong={('a', 'b')})
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert estimate.placements == ()
+    assert estimate.n_hypotheses == 0
+    assert 'contradict' in estimate.reason
+    assert estimate.conflicts
+    assert all(WRONG in conflict for conflict in estimate.conflicts)
+    assert str(WRONG) in estimate.reason
+    guilty = {(link.observer, link.target) for link in estimate.links if link.contradicts}
+    assert ('a', 'b') in guilty
+    assert len(guilty) < len(estimate.links)
+
+
+def test_a_contradiction_ends_with_its_cause():
+    localizer = make_localizer()
+    feed(localizer, wrong={('a', 'b')})
+    assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
+    later_s = NOW_S + 2.0
+    feed(localizer, stamp_s=later_s)
+    estimate = localizer.step(later_s)
+    assert estimate.verdict is Verdict.COVERED
+    assert estimate.conflicts == ()
+    assert not any(link.contradicts for link in estimate.links)
+    assert all(holds(estimate, positions) for positions in truth())
+
+
+def test_one_outlier_may_be_dropped():
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer, wrong={('a', 'b')})
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.COVERED
+    assert {placement.dropped for placement in estimate.placements} == {(WRONG,)}
+    assert str(WRONG) in estimate.reason
+    assert estimate.conflicts
+    assert all(holds(estimate, positions) for positions in truth())
+
+
+def test_more_outliers_than_allowed_give_nothing():
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer, wrong={('a', 'b'), ('c', 'd')}, errors=3.0)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert estimate.placements == ()
+    assert 'no 1 links' in estimate.reason
+
+
+def test_two_outliers_may_be_dropped():
+    localizer = make_localizer(max_outliers=2)
+    feed(localizer, wrong={('a', 'b'), ('c', 'd')}, errors=3.0)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.COVERED
+    pairs = {placement.dropped for placement in estimate.placements}
+    assert (WRONG, LinkKey(LinkKind.RANGE, 'c', 'd')) in pairs
+    assert all(holds(estimate, positions) for positions in truth())
+
+
+def test_the_two_directions_of_a_pair_are_told_apart():
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer)
+    localizer.add_range('b', 'a', distance('a', 'b') + 2.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    dropped = {placement.dropped for placement in estimate.placements}
+    assert dropped == {(LinkKey(LinkKind.RANGE, 'b', 'a'),)}
+    assert all(holds(estimate, positions) for positions in truth())
+
+
+def test_a_link_that_contradicts_itself_is_the_whole_conflict():
+    localizer = make_localizer()
+    feed(localizer)
+    localizer.add_range('a', 'b', distance('a', 'b') + 2.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.conflicts == ((WRONG,),)
+
+
+def test_a_misread_marker_is_found():
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer)
+    for target in ('b', 'c', 'd', 'e'):
+        ray = POSITIONS[ROBOTS.index(target)] - POSITIONS[0]
+        if target == 'b':
+            ray = -ray
+        localizer.add_bearing('a', target, [*ray, 0.0], NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.conflicts
+    marker = LinkKey(LinkKind.BEARING, 'a', 'b')
+    assert all(marker in conflict for conflict in estimate.conflicts)
+    assert {placement.dropped for placement in estimate.placements} == {(marker,)}
+    assert estimate.n_hypotheses == 1
+    assert holds(estimate, POSITIONS)
+
+
+def test_a_range_no_distance_can_give_is_a_contradiction():
+    model = RangeErrorModel(min_error_m=0.5, max_error_m=1.0)
+    localizer = make_localizer(range_error=model)
+    localizer.add_range('a', 'b', 0.1, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert estimate.conflicts == ((WRONG,),)
+
+
+def test_a_contradiction_away_from_the_reference_robot_is_found():
+    localizer = make_localizer(reference_robot='e', max_conflict_solves=100)
+    localizer.add_range('e', 'd', 3.0, NOW_S, NOW_S)
+    for first, second, reading in (('a', 'b', 1.0), ('b', 'c', 1.0), ('a', 'c', 5.0)):
+        localizer.add_range(first, second, reading, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert [len(conflict) for conflict in estimate.conflicts] == [3]
+
+
+def test_without_a_budget_there_is_no_explanation():
+    localizer = make_localizer(max_conflict_solves=0, max_outliers=1)
+    feed(localizer, wrong={('a', 'b')})
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert estimate.placements == ()
+    assert estimate.conflicts == ()
+    assert 'budget' in estimate.reason
+
+
+@pytest.mark.parametrize('max_outliers', [0, 1])
+def test_the_same_measurements_give_the_same_answer(max_outliers):
+    estimates = []
+    for _ in range(2):
+        localizer = make_localizer(max_outliers=max_outliers)
+        feed(localizer, wrong={('a', 'b')})
+        estimates.append(localizer.step(NOW_S))
+    first, second = estimates
+    assert (first.reason, first.conflicts) == (second.reason, second.conflicts)
+    assert first.n_hypotheses == second.n_hypotheses
+    for ours, theirs in zip(first.placements, second.placements, strict=True):
+        assert np.array_equal(ours.positions_m, theirs.positions_m)
+        assert np.array_equal(ours.enclosure_m, theirs.enclosure_m)

@@ -1,0 +1,134 @@
+"""Readings to bounds: the stated error is inside, to the last bit, and REP-117 is followed."""
+
+from fractions import Fraction
+import math
+
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+from dg_localization.fleet import RangeErrorModel, Rejection, RejectionReason
+from dg_localization.fleet.error_models import distance_bounds_m, interpret_range, interpret_ray
+
+EXACT = RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0)
+UWB = RangeErrorModel(
+    min_error_m=-0.1, max_error_m=1.3, min_error_relative=0.0, max_error_relative=0.02
+)
+FAR = RangeErrorModel(beyond_max_is_far=True)
+
+finite = st.floats(-2.0, 2.0)
+fraction = st.floats(-0.9, 0.9)
+
+
+@given(
+    reading=st.floats(0.0, 1e3),
+    absolute=st.tuples(finite, finite),
+    relative=st.tuples(fraction, fraction),
+    share=st.fractions(0, 1),
+)
+def test_every_true_distance_of_the_model_is_inside(reading, absolute, relative, share):
+    model = RangeErrorModel(
+        min_error_m=min(absolute),
+        max_error_m=max(absolute),
+        min_error_relative=min(relative),
+        max_error_relative=max(relative),
+    )
+    lower, upper = distance_bounds_m(model, reading)
+    exact = Fraction(reading)
+    low = Fraction(min(absolute)) + Fraction(min(relative)) * exact
+    high = Fraction(max(absolute)) + Fraction(max(relative)) * exact
+    true = exact - (low + share * (high - low))
+    if true >= 0:
+        assert Fraction(lower) <= true <= Fraction(upper)
+
+
+def test_bounds_are_asymmetric_and_not_negative():
+    lower, upper = distance_bounds_m(UWB, 5.0)
+    assert lower == pytest.approx(5.0 - 1.3 - 0.1)
+    assert upper == pytest.approx(5.1)
+    assert distance_bounds_m(UWB, 0.5)[0] == 0.0
+
+
+def test_a_reading_no_distance_can_give_leaves_nothing():
+    model = RangeErrorModel(min_error_m=0.5, max_error_m=1.0)
+    assert distance_bounds_m(model, 0.1)[1] < 0.0
+
+
+def test_variance_counts_with_a_sigma_factor():
+    model = RangeErrorModel(sigma_factor=3.0, min_error_relative=0.0, max_error_relative=0.0)
+    assert interpret_range(model, 5.0, variance_m2=0.01) == pytest.approx((4.7, 5.3))
+    assert interpret_range(model, 5.0) == pytest.approx((5.0, 5.0))
+    assert interpret_range(model, 5.0, variance_m2=math.inf) == (0.0, math.inf)
+    assert interpret_range(EXACT, 5.0, variance_m2=math.nan) == pytest.approx((5.0, 5.0))
+    for wrong in (math.nan, -1.0):
+        rejection = interpret_range(model, 5.0, variance_m2=wrong)
+        assert rejection.reason is RejectionReason.INVALID_VARIANCE
+        assert str(wrong) in rejection.text
+
+
+@pytest.mark.parametrize(
+    ('range_m', 'limits', 'reason'),
+    [
+        (math.nan, (0.1, 8.0), RejectionReason.NAN),
+        (-0.1, (0.1, 8.0), RejectionReason.NEGATIVE),
+        (-0.1, (0.0, 0.0), RejectionReason.NEGATIVE),
+        (8.1, (0.1, 8.0), RejectionReason.ABOVE_MAX),
+        (0.05, (0.1, 8.0), RejectionReason.BELOW_MIN),
+        (math.inf, (0.1, 8.0), RejectionReason.NOTHING_IN_RANGE),
+        (math.inf, (0.0, 0.0), RejectionReason.NOTHING_IN_RANGE),
+        (-math.inf, (0.0, 0.0), RejectionReason.TOO_CLOSE),
+        (-math.inf, (None, None), RejectionReason.TOO_CLOSE),
+        (-math.inf, (math.nan, 8.0), RejectionReason.TOO_CLOSE),
+    ],
+)
+def test_what_is_no_reading_is_rejected_with_its_value(range_m, limits, reason):
+    rejection = interpret_range(UWB, range_m, *limits)
+    assert isinstance(rejection, Rejection)
+    assert rejection.reason is reason
+    assert str(range_m) in rejection.text
+    assert str(rejection) == rejection.text
+
+
+@pytest.mark.parametrize('limits', [(0.0, 0.0), (None, None), (math.nan, math.nan), (0.0, 100.0)])
+def test_limits_that_are_not_given_exclude_nothing(limits):
+    assert interpret_range(EXACT, 42.0, *limits) == pytest.approx((42.0, 42.0))
+
+
+def test_limits_include_themselves():
+    assert interpret_range(EXACT, 8.0, 0.1, 8.0) == pytest.approx((8.0, 8.0))
+    assert interpret_range(EXACT, 0.1, 0.1, 8.0) == pytest.approx((0.1, 0.1))
+    assert interpret_range(EXACT, 0.0, 0.0, 8.0) == pytest.approx((0.0, 0.0))
+
+
+def test_beyond_the_maximum_is_a_lower_bound_only_where_stated():
+    lower, upper = interpret_range(FAR, math.inf, 0.1, 8.0)
+    assert lower == pytest.approx(8.0 * 0.97)
+    assert upper == math.inf
+    assert interpret_range(FAR, math.inf, 0.0, 0.0).reason is RejectionReason.NOTHING_IN_RANGE
+
+
+def test_closer_than_the_minimum_is_an_upper_bound():
+    assert interpret_range(UWB, -math.inf, 0.3, 8.0) == pytest.approx((0.0, 0.4))
+
+
+def test_a_ray_is_scaled_and_flattened_in_the_plane():
+    assert interpret_ray([3.0, 0.0, 4.0], 2) == pytest.approx([1.0, 0.0, 0.0])
+    assert interpret_ray([3.0, 0.0, 4.0], 3) == pytest.approx([0.6, 0.0, 0.8])
+    assert interpret_ray([1e-200, 1e-200, 0.0], 2) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])
+    assert interpret_ray([1e200, 0.0, 0.0], 2) == pytest.approx([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ('ray', 'dimension', 'reason'),
+    [
+        ([0.0, 0.0, 0.0], 3, RejectionReason.ZERO_RAY),
+        ([0.0, 0.0, 2.0], 2, RejectionReason.ZERO_RAY),
+        ([math.nan, 0.0, 1.0], 3, RejectionReason.INVALID_RAY),
+        ([math.inf, 0.0, 1.0], 3, RejectionReason.INVALID_RAY),
+        ([1.0, 0.0], 2, RejectionReason.INVALID_RAY),
+    ],
+)
+def test_a_ray_without_direction_is_rejected(ray, dimension, reason):
+    rejection = interpret_ray(np.array(ray), dimension)
+    assert rejection.reason is reason
+    assert str(ray[0]) in rejection.text

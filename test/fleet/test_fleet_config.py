@@ -1,0 +1,102 @@
+"""Settings are checked when made, and a wrong one is named with its value and what is right."""
+
+import dataclasses
+import math
+
+import pytest
+
+from dg_localization.fleet import Anchor, ConfigError, FleetConfig, LinkOverride, RangeErrorModel
+
+WRONG = [
+    ({'robots': ()}, 'robots', 'at least one'),
+    ({'robots': ('a', 'a')}, "'a' is repeated", 'once'),
+    ({'robots': ('a', '')}, "robots: ''", 'not be empty'),
+    ({'reference_robot': 'z'}, "reference_robot: 'z'", "['a', 'b']"),
+    ({'dimension': 4}, 'dimension: 4', '2 or 3'),
+    ({'max_age_s': -1.0}, 'max_age_s: -1.0', '>= 0'),
+    ({'max_age_s': math.nan}, 'max_age_s: nan', 'finite'),
+    ({'max_future_s': math.inf}, 'max_future_s: inf', 'finite'),
+    ({'max_speed_m_s': -0.5}, 'max_speed_m_s: -0.5', '>= 0'),
+    ({'robot_max_speed_m_s': {'z': 1.0}}, "'z'", "['a', 'b']"),
+    ({'robot_max_speed_m_s': {'a': -1.0}}, 'robot_max_speed_m_s[a]: -1.0', '>= 0'),
+    ({'max_turn_rate_rad_s': 'fast'}, "max_turn_rate_rad_s: 'fast'", 'number'),
+    ({'bearing_half_width_rad': 4.0}, 'bearing_half_width_rad: 4.0', '<= 3.14159'),
+    ({'odometry_relative_error': -1.0}, 'odometry_relative_error: -1.0', '>= 0'),
+    ({'min_separation_m': -1.0}, 'min_separation_m: -1.0', '>= 0'),
+    ({'max_repeats': 0}, 'max_repeats: 0', '>= 1'),
+    ({'max_hypotheses': 0}, 'max_hypotheses: 0', '>= 1'),
+    ({'max_hypotheses': 2.5}, 'max_hypotheses: 2.5', 'integer'),
+    ({'max_outliers': -1}, 'max_outliers: -1', '>= 0'),
+    ({'max_conflict_solves': True}, 'max_conflict_solves: True', 'integer'),
+    ({'anchors': {'c': Anchor((1.0, 2.0, 3.0))}}, 'anchors[c]', '2 coordinates'),
+    ({'links': (LinkOverride('a', 'z'),)}, "links: 'z'", "['a', 'b']"),
+    ({'links': (LinkOverride('a', 'a'),)}, 'a->a', 'different'),
+    ({'links': (LinkOverride('a', 'b'), LinkOverride('a', 'b'))}, 'a->b', 'once'),
+]
+
+
+@pytest.mark.parametrize(('wrong', 'what', 'wanted'), WRONG)
+def test_a_wrong_setting_is_refused_by_name(wrong, what, wanted):
+    with pytest.raises(ConfigError) as refusal:
+        FleetConfig(**{'robots': ('a', 'b'), **wrong})
+    assert what in str(refusal.value)
+    assert wanted in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'what'),
+    [
+        ({'min_error_m': 1.0}, 'range.min_error_m: 1.0'),
+        ({'min_error_relative': 0.5}, 'range.min_error_relative: 0.5'),
+        ({'max_error_relative': 1.0}, 'range.max_error_relative: 1.0'),
+        ({'sigma_factor': -1.0}, 'range.sigma_factor: -1.0'),
+        ({'max_error_m': math.inf}, 'range.max_error_m: inf'),
+    ],
+)
+def test_a_wrong_error_model_is_refused_by_name(wrong, what):
+    with pytest.raises(ConfigError, match=what):
+        RangeErrorModel(**wrong)
+
+
+def test_wrong_anchors_and_links_are_refused_by_name():
+    with pytest.raises(ConfigError, match='anchor.bound_m: -1.0'):
+        Anchor((0.0, 0.0), -1.0)
+    with pytest.raises(ConfigError, match='anchor.coordinates_m: nan'):
+        Anchor((0.0, math.nan))
+    with pytest.raises(ConfigError, match='a->b'):
+        LinkOverride('a', 'b', bearing_half_width_rad=-1.0)
+
+
+def test_points_are_the_robots_then_the_landmarks():
+    config = FleetConfig(
+        robots=('a', 'b'),
+        anchors={'beacon': Anchor((0.0, 0.0)), 'b': Anchor((1.0, 0.0))},
+        max_speed_m_s=2.0,
+        robot_max_speed_m_s={'a': 0.5},
+    )
+    assert config.points == ('a', 'b', 'beacon')
+    assert config.landmarks == ('beacon',)
+    assert config.reference_robot == 'a'
+    assert [config.speed_m_s(point) for point in config.points] == [0.5, 0.0, 0.0]
+
+
+def test_overrides_replace_the_model_of_their_link_only():
+    model = RangeErrorModel(max_error_m=1.0)
+    config = FleetConfig(
+        robots=('a', 'b'),
+        links=(LinkOverride('a', 'b', model), LinkOverride('b', 'a', None, 0.2)),
+    )
+    assert config.range_error_of('a', 'b') is model
+    assert config.range_error_of('b', 'a') is config.range_error
+    assert config.bearing_half_width_of('a', 'b') == config.bearing_half_width_rad
+    assert config.bearing_half_width_of('b', 'a') == 0.2
+
+
+def test_settings_cannot_change():
+    config = FleetConfig(robots=['a'], anchors={'c': Anchor([0, 1])})
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.dimension = 3
+    with pytest.raises(TypeError):
+        config.anchors['d'] = Anchor((0.0, 0.0))
+    assert config.robots == ('a',)
+    assert config.anchors['c'].coordinates_m == (0.0, 1.0)

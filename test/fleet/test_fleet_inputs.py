@@ -1,0 +1,211 @@
+"""What arrives is checked, counted by reason, aged, and forgotten when stale."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet import (
+    FleetConfig,
+    LinkKind,
+    Localizer,
+    RangeErrorModel,
+    RejectionReason,
+)
+
+NOW_S = 100.0
+UPRIGHT = [0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.fixture
+def config():
+    return FleetConfig(
+        robots=('a', 'b', 'c'),
+        max_age_s=1.0,
+        max_future_s=0.1,
+        max_speed_m_s=0.5,
+        robot_max_speed_m_s={'c': 0.0},
+        range_error=RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0),
+    )
+
+
+@pytest.fixture
+def localizer(config):
+    return Localizer(config)
+
+
+def link(localizer, now_s=NOW_S, row=0):
+    return localizer.snapshot(now_s).links[row]
+
+
+STAMPS = [
+    (0.0, RejectionReason.ZERO_STAMP),
+    (math.nan, RejectionReason.INVALID_STAMP),
+    (-math.inf, RejectionReason.INVALID_STAMP),
+    (98.9, RejectionReason.TOO_OLD),
+    (-5.0, RejectionReason.TOO_OLD),
+    (100.2, RejectionReason.FUTURE),
+]
+
+
+@pytest.mark.parametrize(('stamp_s', 'reason'), STAMPS)
+def test_wrong_stamps_are_rejected_for_every_kind(localizer, stamp_s, reason):
+    rejections = [
+        localizer.add_range('a', 'b', 1.0, stamp_s, NOW_S),
+        localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], stamp_s, NOW_S),
+        localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, stamp_s, NOW_S),
+    ]
+    for rejection in rejections:
+        assert rejection.reason is reason
+        assert str(stamp_s) in rejection.text or reason is RejectionReason.ZERO_STAMP
+    for state in localizer.input_states(NOW_S):
+        assert state.accepted == 0
+        assert state.rejected == {reason: 1}
+        assert state.last_reason_text
+        assert not state.in_use
+        assert state.age_s == math.inf
+    assert localizer.snapshot(NOW_S).keys == ()
+
+
+@pytest.mark.parametrize('stamp_s', [99.0, 100.0, 100.1])
+def test_stamps_at_the_limits_are_taken(localizer, stamp_s):
+    assert localizer.add_range('a', 'b', 1.0, stamp_s, NOW_S) is None
+    assert localizer.input_states(NOW_S)[0].in_use
+
+
+def test_unknown_and_equal_names_are_rejected(localizer):
+    for rejection in (
+        localizer.add_range('a', 'z', 1.0, NOW_S, NOW_S),
+        localizer.add_bearing('z', 'a', [1.0, 0.0, 0.0], NOW_S, NOW_S),
+        localizer.add_odometry('z', [0.0, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S),
+    ):
+        assert rejection.reason is RejectionReason.UNKNOWN_ROBOT
+        assert "'z'" in rejection.text
+    same = localizer.add_range('a', 'a', 1.0, NOW_S, NOW_S)
+    assert same.reason is RejectionReason.SAME_ROBOT
+
+
+@pytest.mark.parametrize(
+    ('position', 'orientation'),
+    [
+        ([math.nan, 0.0, 0.0], UPRIGHT),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, math.inf]),
+        ([0.0, 0.0], UPRIGHT),
+    ],
+)
+def test_odometry_that_is_no_pose_is_rejected(localizer, position, orientation):
+    rejection = localizer.add_odometry('a', position, orientation, NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_ODOMETRY
+
+
+def test_every_reason_is_counted_on_its_own_input(localizer):
+    for reading in (1.0, math.nan, math.nan, -1.0, math.inf):
+        localizer.add_range('a', 'b', reading, NOW_S, NOW_S)
+    localizer.add_range('b', 'a', 9.0, NOW_S, NOW_S, 0.1, 8.0)
+    forward, backward = localizer.input_states(NOW_S)
+    assert (forward.kind, forward.observer, forward.target) == (LinkKind.RANGE, 'a', 'b')
+    assert forward.accepted == 1
+    assert forward.rejected == {
+        RejectionReason.NAN: 2,
+        RejectionReason.NEGATIVE: 1,
+        RejectionReason.NOTHING_IN_RANGE: 1,
+    }
+    assert 'inf' in forward.last_reason_text
+    assert backward.rejected == {RejectionReason.ABOVE_MAX: 1}
+    assert '9.0' in backward.last_reason_text
+
+
+def test_a_range_widens_with_the_speeds_of_both_ends(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S - 0.4, NOW_S)
+    localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
+    both, one = link(localizer), link(localizer, row=1)
+    assert (both.lower_m, both.upper_m) == pytest.approx((2.6, 3.4))
+    assert (one.lower_m, one.upper_m) == pytest.approx((2.8, 3.2))
+    assert both.lower_m < 3.0 - 0.4
+    assert both.age_s == pytest.approx(0.4)
+
+
+def test_a_stamp_in_the_near_future_widens_too(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S + 0.1, NOW_S)
+    assert (link(localizer).lower_m, link(localizer).upper_m) == pytest.approx((2.9, 3.1))
+
+
+def test_repeats_intersect_after_ageing(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S - 0.4, NOW_S)
+    localizer.add_range('a', 'b', 3.5, NOW_S - 0.2, NOW_S)
+    assert (link(localizer).lower_m, link(localizer).upper_m) == pytest.approx((3.3, 3.4))
+
+
+def test_only_so_many_repeats_count(config):
+    localizer = Localizer(FleetConfig(robots=('a', 'b'), max_repeats=1, max_speed_m_s=0.0))
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    localizer.add_range('a', 'b', 8.0, NOW_S - 0.5, NOW_S)
+    assert link(localizer).upper_m == pytest.approx(3.09)
+
+
+def test_a_link_goes_stale_and_comes_back(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    assert not link(localizer, NOW_S + 1.0).stale
+    late = link(localizer, NOW_S + 1.001)
+    assert late.stale
+    assert (late.lower_m, late.upper_m) == (0.0, math.inf)
+    assert not localizer.input_states(NOW_S + 1.001)[0].in_use
+    localizer.add_range('a', 'b', 3.0, NOW_S + 2.0, NOW_S + 2.0)
+    assert not link(localizer, NOW_S + 2.0).stale
+
+
+def test_a_snapshot_does_not_see_what_comes_later(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    snapshot = localizer.snapshot(NOW_S)
+    localizer.add_range('a', 'b', 4.0, NOW_S, NOW_S)
+    localizer.reset()
+    assert snapshot.links[0].upper_m == pytest.approx(3.0)
+    assert len(localizer.estimate(snapshot).placements) == 1
+
+
+def test_reset_forgets_everything(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S)
+    localizer.reset()
+    assert localizer.input_states(NOW_S) == []
+    assert localizer.step(NOW_S).reason == 'no usable measurement has arrived yet'
+    assert localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, 1.0, 1.0) is None
+
+
+def drive(localizer, robot, way, start_s=NOW_S - 0.4, step_s=0.1):
+    for tick, x in enumerate(way):
+        stamp_s = start_s + tick * step_s
+        assert localizer.add_odometry(robot, [x, 0.0, 0.0], UPRIGHT, stamp_s, NOW_S) is None
+
+
+def test_odometry_says_how_far_a_robot_really_moved(localizer):
+    drive(localizer, 'a', [0.0, 0.01, 0.02, 0.03, 0.04])
+    localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
+    moved_m = 0.04 + 0.05 * 0.04
+    assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
+
+
+def test_odometry_never_says_more_than_the_speed_limit(localizer):
+    drive(localizer, 'a', [0.0, 0.04, 0.08, 0.12, 0.16], start_s=NOW_S - 0.8, step_s=0.1)
+    localizer.add_range('a', 'c', 3.0, NOW_S - 0.1, NOW_S)
+    assert link(localizer).upper_m == pytest.approx(3.05)
+
+
+def test_odometry_that_starts_again_says_nothing_about_before(localizer):
+    # It goes back to where it was when the range was measured, but the robot does not.
+    drive(localizer, 'a', [0.0, 0.04, 0.08, 0.0, 0.0])
+    localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
+    assert link(localizer).upper_m == pytest.approx(3.0 + 0.5 * 0.3)
+
+
+def test_odometry_must_be_in_order(localizer):
+    drive(localizer, 'a', [0.0, 0.01])
+    rejection = localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, NOW_S - 0.4, NOW_S)
+    assert rejection.reason is RejectionReason.TOO_OLD
+    assert 'not newer' in rejection.text
+
+
+def test_numbers_may_come_from_numpy(localizer):
+    assert localizer.add_range('a', 'b', np.float32(3.0), np.float64(NOW_S), NOW_S) is None
+    assert localizer.step(NOW_S).n_hypotheses == 1

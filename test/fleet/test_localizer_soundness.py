@@ -1,0 +1,324 @@
+"""The true placement, in the fixed frame, lies in a published one: random fleets of all kinds."""
+
+from dataclasses import dataclass
+import os
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+
+EXAMPLES = int(os.environ.get('DG_FLEET_EXAMPLES', '60'))
+TICK_S = 0.05
+TOLERANCE_M = 1e-7
+
+
+def rotation_2d(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def rotation_about(vector):
+    angle = np.linalg.norm(vector)
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+
+
+def quaternion_of(rotation):
+    w = np.sqrt(max(0.0, 1.0 + np.trace(rotation))) / 2.0
+    if w > 1e-3:
+        axis = [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+        return np.array([*(np.array(axis) / (4.0 * w)), w])
+    values, vectors = np.linalg.eigh((rotation + rotation.T) / 2.0)
+    return np.array([*vectors[:, np.argmax(values)], 0.0])
+
+
+def matrix_of(quaternion):
+    x, y, z, w = quaternion
+    vector = np.array([x, y, z])
+    length = np.linalg.norm(vector)
+    if length < 1e-15:
+        return np.eye(3)
+    return rotation_about(vector / length * 2.0 * np.arctan2(length, w))
+
+
+@dataclass
+class World:
+    """A true fleet: positions (ticks, n, q) and body rotations (ticks, n, 3, 3)."""
+
+    config: FleetConfig
+    start_s: float
+    positions: np.ndarray
+    rotations: np.ndarray
+
+    @property
+    def n_robots(self):
+        return len(self.config.robots)
+
+    def stamp_s(self, tick):
+        return self.start_s + tick * TICK_S
+
+    @property
+    def now_s(self):
+        return self.stamp_s(len(self.positions) - 1)
+
+    def truth_in(self, frame):
+        """Return positions (n, q) and rotations of the last tick in the fixed frame."""
+        points = self.config.points
+        positions, rotations = self.positions[-1], self.rotations[-1]
+        q = positions.shape[1]
+        if frame.kind == 'anchors':
+            return positions, rotations
+        rows = [points.index(name) for name in frame.points]
+        local = positions - positions[rows[0]]
+        if frame.kind == 'heading':
+            axes = rotations[rows[0]]
+        else:
+            axes = np.eye(3)
+            axes[:q, :q] = gram_schmidt(local[rows[1:]], q)
+        return local @ axes[:q, :q], np.einsum('ji,njk->nik', axes, rotations)
+
+
+def gram_schmidt(edges, q):
+    """Return axes as columns: x along the first edge, y towards the second, right-handed."""
+    columns = []
+    for edge in [*edges, *np.eye(q)]:
+        rest = edge - sum(((edge @ c) * c for c in columns), np.zeros(q))
+        if np.linalg.norm(rest) > 1e-9 and len(columns) < q:
+            columns.append(rest / np.linalg.norm(rest))
+    axes = np.array(columns).T
+    if np.linalg.det(axes) < 0.0:
+        axes[:, -1] *= -1.0
+    return axes
+
+
+def make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options):
+    robots = tuple(f'r{i}' for i in range(n_robots))
+    n_points = n_robots + n_landmarks
+    ticks = int(rng.integers(1, 12))
+    steps = rng.normal(size=(ticks, n_points, q))
+    steps *= speed * TICK_S / np.linalg.norm(steps, axis=-1, keepdims=True)
+    steps[:, n_robots:] = 0.0
+    steps[0] = 0.0
+    if options['integer']:
+        start = rng.integers(-3, 4, size=(n_points, q)).astype(float)
+    else:
+        start = rng.uniform(-5, 5, size=(n_points, q))
+    positions = start + np.cumsum(steps, axis=0)
+    turns = rng.normal(size=(ticks, n_points, 3))
+    if q == 2:
+        turns[..., :2] = 0.0
+    turns *= turn_rate * TICK_S / np.linalg.norm(turns, axis=-1, keepdims=True)
+    rotations = np.empty((ticks, n_points, 3, 3))
+    for i in range(n_points):
+        first = rng.normal(size=3) * 2.0
+        if q == 2:
+            first[:2] = 0.0
+        rotations[0, i] = rotation_about(first)
+        for tick in range(1, ticks):
+            rotations[tick, i] = rotations[tick - 1, i] @ rotation_about(turns[tick, i])
+    anchors = {}
+    for k in range(n_landmarks):
+        bound = options['anchor_bound'] * rng.uniform()
+        shift = rng.normal(size=q)
+        shift *= 0.99 * bound / np.linalg.norm(shift)
+        anchors[f'a{k}'] = Anchor(tuple(positions[-1, n_robots + k] + shift), bound)
+    low, high = -error * rng.uniform(), error * rng.uniform()
+    config = FleetConfig(
+        robots=robots,
+        dimension=q,
+        reference_robot=str(rng.choice(robots)),
+        max_age_s=10.0,
+        range_error=RangeErrorModel(
+            min_error_m=low,
+            max_error_m=3 * high,
+            min_error_relative=low,
+            max_error_relative=high,
+        ),
+        bearing_half_width_rad=options['bearing_error'],
+        anchors=anchors,
+        max_speed_m_s=speed * 1.0001,
+        max_turn_rate_rad_s=turn_rate * 1.0001,
+        odometry_relative_error=0.05,
+        max_hypotheses=10_000,
+        solver=SolverOptions(resolution=0.2, max_boxes=40),
+    )
+    return World(config, options['start_s'], positions, rotations)
+
+
+def reading_of(distance, model, rng):
+    """Return a range whose error is within the model."""
+    share = rng.uniform(1e-6, 1.0 - 1e-6)
+    absolute = model.min_error_m + share * (model.max_error_m - model.min_error_m)
+    relative = model.min_error_relative + share * (
+        model.max_error_relative - model.min_error_relative
+    )
+    return max(0.0, (distance + absolute) / (1.0 - relative))
+
+
+def ray_of(world, tick, observer, target, rng):
+    """Return a ray in the body frame, wrong by less than the half width."""
+    gap = np.zeros(3)
+    gap[: world.positions.shape[2]] = (
+        world.positions[tick, target] - world.positions[tick, observer]
+    )
+    if np.linalg.norm(gap) < 1e-9:
+        return None
+    gap /= np.linalg.norm(gap)
+    error = 0.999 * world.config.bearing_half_width_rad * rng.uniform()
+    axis = np.array([0.0, 0.0, rng.choice([-1.0, 1.0])])
+    if world.positions.shape[2] == 3:
+        axis = np.cross(gap, rng.normal(size=3))
+        axis /= np.linalg.norm(axis)
+    ray = rotation_about(axis * error) @ gap
+    return world.rotations[tick, observer].T @ ray * rng.uniform(0.1, 10.0)
+
+
+def feed(localizer, world, rng, options):
+    config = world.config
+    names = config.points
+    ticks = len(world.positions)
+    if options['odometry']:
+        feed_odometry(localizer, world, rng)
+    for observer in range(len(names)):
+        for target in range(len(names)):
+            if observer == target or min(observer, target) >= world.n_robots:
+                continue
+            pair = (names[observer], names[target])
+            for _ in range(int(rng.integers(1, 4))):
+                tick = int(rng.integers(ticks))
+                stamp_s = world.stamp_s(tick)
+                if rng.uniform() < options['range_share']:
+                    gap = world.positions[tick, observer] - world.positions[tick, target]
+                    reading = reading_of(np.linalg.norm(gap), config.range_error, rng)
+                    assert localizer.add_range(*pair, reading, stamp_s, world.now_s) is None
+                if rng.uniform() < options['bearing_share'] and observer < world.n_robots:
+                    if options['one_image']:
+                        tick = ticks - 1 - observer % ticks
+                        stamp_s = world.stamp_s(tick)
+                    ray = ray_of(world, tick, observer, target, rng)
+                    if ray is not None:
+                        assert localizer.add_bearing(*pair, ray, stamp_s, world.now_s) is None
+
+
+def feed_odometry(localizer, world, rng):
+    for robot in range(0, world.n_robots, 2):
+        frame = rotation_about(rng.normal(size=3) if world.positions.shape[2] == 3 else [0, 0, 1])
+        position = rng.normal(size=3)
+        rotation = frame @ world.rotations[0, robot]
+        for tick in range(len(world.positions)):
+            if tick:
+                step = np.zeros(3)
+                step[: world.positions.shape[2]] = (
+                    world.positions[tick, robot] - world.positions[tick - 1, robot]
+                )
+                position = position + frame @ step * (1.0 + rng.uniform(-0.04, 0.04))
+                turn = world.rotations[tick - 1, robot].T @ world.rotations[tick, robot]
+                quaternion = quaternion_of(turn)
+                angle = 2.0 * np.arctan2(np.linalg.norm(quaternion[:3]), quaternion[3])
+                axis = quaternion[:3] / max(np.linalg.norm(quaternion[:3]), 1e-15)
+                scaled = rotation_about(axis * angle * (1.0 + rng.uniform(-0.04, 0.04)))
+                rotation = rotation @ scaled
+            if rng.uniform() < 0.7:
+                rejection = localizer.add_odometry(
+                    world.config.robots[robot],
+                    position,
+                    quaternion_of(rotation),
+                    world.stamp_s(tick),
+                    world.now_s,
+                )
+                assert rejection is None
+
+
+def holds(placement, world, frame):
+    """Return whether the truth lies in a placement, headings included."""
+    positions, rotations = world.truth_in(frame)
+    boxes = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])
+    if (positions < boxes[:, 0] - TOLERANCE_M).any():
+        return False
+    if (positions > boxes[:, 1] + TOLERANCE_M).any():
+        return False
+    for row in np.flatnonzero(placement.heading_known):
+        turned = matrix_of(placement.orientations_xyzw[row]).T @ rotations[row]
+        angle = np.linalg.norm(
+            [
+                turned[2, 1] - turned[1, 2],
+                turned[0, 2] - turned[2, 0],
+                turned[1, 0] - turned[0, 1],
+            ]
+        )
+        angle = np.arctan2(angle, np.trace(turned) - 1.0)
+        if angle > placement.heading_half_width_rad[row] + 1e-7:
+            return False
+    return True
+
+
+def check(world, localizer):
+    estimate = localizer.step(world.now_s)
+    if estimate.verdict is None:
+        assert estimate.placements == ()
+        assert estimate.reason
+        return estimate
+    assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
+    assert estimate.n_hypotheses == len(estimate.placements)
+    assert any(holds(placement, world, estimate.frame) for placement in estimate.placements)
+    for placement in estimate.placements:
+        check_form(placement, world)
+    return estimate
+
+
+def check_form(placement, world):
+    """Positions lie in their enclosures, and what is unknown is NaN and unbounded."""
+    n, q = world.n_robots, world.positions.shape[2]
+    assert placement.positions_m.shape == (n, q)
+    assert placement.enclosure_m.shape == (n, 2, q)
+    known = np.isfinite(placement.positions_m).all(axis=1)
+    low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+    assert (low <= high).all()
+    assert (placement.positions_m[known] >= low[known]).all()
+    assert (placement.positions_m[known] <= high[known]).all()
+    assert np.isinf(low[~known]).all()
+    turned = placement.orientations_xyzw[placement.heading_known]
+    assert np.allclose(np.linalg.norm(turned, axis=1), 1.0)
+    assert np.isnan(placement.orientations_xyzw[~placement.heading_known]).all()
+    assert (placement.heading_half_width_rad[~placement.heading_known] == np.pi).all()
+
+
+OPTIONS = st.fixed_dictionaries(
+    {
+        'integer': st.booleans(),
+        'anchor_bound': st.sampled_from([0.0, 0.3]),
+        'bearing_error': st.sampled_from([0.0, 1e-3, 0.05, 0.5]),
+        'start_s': st.sampled_from([0.5, 1.7e9]),
+        'odometry': st.booleans(),
+        'range_share': st.sampled_from([0.3, 0.7, 1.0]),
+        'bearing_share': st.sampled_from([0.0, 0.4, 1.0]),
+        'one_image': st.booleans(),
+    }
+)
+
+
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    q=st.sampled_from([2, 2, 3]),
+    n_robots=st.integers(1, 6),
+    n_landmarks=st.sampled_from([0, 0, 1, 2, 3, 4]),
+    speed=st.sampled_from([0.0, 0.3, 2.0]),
+    turn_rate=st.sampled_from([0.0, 1.0]),
+    error=st.sampled_from([1e-6, 0.01, 0.1]),
+    options=OPTIONS,
+)
+def test_the_truth_is_never_lost(seed, q, n_robots, n_landmarks, speed, turn_rate, error, options):
+    rng = np.random.default_rng(seed)
+    world = make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options)
+    localizer = Localizer(world.config)
+    feed(localizer, world, rng, options)
+    check(world, localizer)
