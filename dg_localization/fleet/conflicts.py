@@ -9,7 +9,7 @@ conflict after the other (Reiter, A theory of diagnosis from first principles, 1
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import time
 
@@ -125,19 +125,26 @@ def _find_corrections(
 ) -> None:
     """Append all minimal corrections of up to `max_outliers` links, and the conflicts met."""
     level: list[Links] = [frozenset()]
-    for size in range(max_outliers + 1):
+    for _ in range(max_outliers):
         following: set[Links] = set()
-        for dropped in level:
-            if any(correction <= dropped for correction in corrections):
-                continue
+        for dropped in _not_covered(level, corrections):
             conflict = _conflict_without(links, dropped, oracle, conflicts)
             if conflict is None:
                 corrections.append(dropped)
             else:
                 following |= {dropped | {link} for link in conflict}
         level = sorted(following, key=sorted)
-        if size == max_outliers:
-            break
+    # Larger ones are not asked for, so there is no need to know why these fail.
+    for dropped in _not_covered(level, corrections):
+        if all(conflict & dropped for conflict in conflicts) and not oracle(links - dropped, True):
+            corrections.append(dropped)
+
+
+def _not_covered(level: list[Links], corrections: list[Links]) -> Iterator[Links]:
+    """Yield what does not contain a correction already known when it is its turn."""
+    for dropped in level:
+        if not any(correction <= dropped for correction in corrections):
+            yield dropped
 
 
 def _conflict_without(

@@ -30,7 +30,7 @@ from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.solver.result import Statistics, Verdict
 
-EXPLANATION_BOXES = 200
+EXPLANATION_BOXES = 32
 """Most boxes of one problem of an explanation: a contradiction shows early or hardly ever."""
 
 
