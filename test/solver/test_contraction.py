@@ -1,0 +1,62 @@
+"""The laws of contraction: inside the input, no placement lost, told the same twice."""
+
+import numpy as np
+import pytest
+from solver_cases import box_of, random_case, squared_distances
+
+from dg_localization import Problem
+from dg_localization.solver.search import Pruner
+
+
+def contracted(case):
+    """Return (the box of a problem after one contraction, whether anything is left)."""
+    pruner = Pruner(case.problem, case.options)
+    box = pruner.whole()
+    return box, pruner.prune(box)
+
+
+@pytest.mark.parametrize('first_seed', range(0, 500, 100))
+def test_the_result_lies_inside_the_input_and_holds_the_truth(first_seed):
+    for seed in range(first_seed, first_seed + 100):
+        case = random_case(seed)
+        box, left = contracted(case)
+        assert left, seed
+        squared = case.squared
+        assert (case.problem.lower <= box[0]).all() and (box[1] <= case.problem.upper).all(), seed
+        assert (box[0] <= squared).all() and (squared <= box[1]).all(), seed
+        assert not ((box[2] < squared) & (squared < box[3])).any(), f'seed {seed}: in a gap'
+        assert np.array_equal(box, box.transpose(0, 2, 1)), seed
+        assert not np.isnan(box).any(), seed
+
+
+def test_contraction_is_deterministic_and_leaves_no_trace():
+    """A pruner used for something else in between says the same."""
+    for seed in range(50):
+        case = random_case(seed)
+        pruner = Pruner(case.problem, case.options)
+        first, second = pruner.whole(), pruner.whole()
+        assert pruner.prune(first)
+        between = pruner.whole()
+        between[1] = np.minimum(between[1], 0.9 * np.where(np.isinf(between[1]), 1.0, between[1]))
+        pruner.prune(between)
+        assert pruner.prune(second)
+        assert np.array_equal(first, second), seed
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_an_unknown_pair_of_an_exact_fleet_becomes_exact(dimension):
+    """Enough exact distances pin the one that is missing, to a few parts in 1e9."""
+    rng = np.random.default_rng(dimension)
+    for _ in range(20):
+        positions = rng.integers(-50, 51, size=(dimension + 4, dimension)) + rng.random(dimension)
+        squared = squared_distances(positions)
+        if squared[0, 1] < 100.0:
+            continue
+        lower, upper = squared * (1 - 1e-15), squared * (1 + 1e-15)
+        lower[0, 1] = lower[1, 0] = 0.0
+        upper[0, 1] = upper[1, 0] = np.inf
+        pruner = Pruner(Problem(lower, upper, dimension), random_case(0).options)
+        box = pruner.whole()
+        assert np.array_equal(box, box_of(lower, upper))
+        assert pruner.prune(box)
+        assert box[1, 0, 1] - box[0, 0, 1] < 1e-4 * squared[0, 1]

@@ -1,0 +1,218 @@
+"""What must not change, or change in a known way, when a question is put differently."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from solver_cases import covers, orientation, random_case
+
+from dg_localization import Chirality, Problem, SideConstraint, SolverOptions, Verdict, solve
+
+SEEDS = range(60)
+
+
+def cover_of(result):
+    """Return all boxes of a result, in order."""
+    return [box for hypothesis in result.hypotheses for box in hypothesis.boxes]
+
+
+def assert_same_cover(result, other, factor=1.0):
+    assert result.verdict is other.verdict
+    assert len(result.hypotheses) == len(other.hypotheses)
+    for box, other_box in zip(cover_of(result), cover_of(other), strict=True):
+        assert np.array_equal(factor * box, other_box)
+
+
+def hull(result):
+    """Return the hull of all hypotheses."""
+    return (
+        np.min([h.lower for h in result.hypotheses], axis=0),
+        np.max([h.upper for h in result.hypotheses], axis=0),
+    )
+
+
+def is_flat(simplex):
+    return orientation([[Fraction(x) for x in point] for point in simplex.tolist()]) == 0
+
+
+def relabelled(problem, order):
+    """Return the problem whose point k is point order[k] of `problem`."""
+    new = {int(old): k for k, old in enumerate(order)}
+    return Problem(
+        problem.lower[np.ix_(order, order)],
+        problem.upper[np.ix_(order, order)],
+        problem.dimension,
+        [
+            SideConstraint(tuple(new[p] for p in c.face), new[c.first], new[c.second], c.side)
+            for c in problem.sides
+        ],
+        [Chirality(tuple(new[p] for p in c.points), c.sign) for c in problem.chiralities],
+    )
+
+
+@pytest.mark.parametrize('relative_error', [0.0001, 0.03])
+@pytest.mark.parametrize('n_sides', [0, 3])
+def test_relabelling_the_fleet_relabels_the_answer(paper_fleet, relative_error, n_sides):
+    """The axes are tried in another order, so the hulls agree up to the last sweep's gain."""
+    problem = paper_fleet.noisy_problem(relative_error, paper_fleet.SIDES[:n_sides])
+    known = solve(problem)
+    for seed in range(5):
+        order = np.random.default_rng(seed).permutation(problem.n_points)
+        result = solve(relabelled(problem, order))
+        assert result.verdict is Verdict.COVERED
+        assert len(result.hypotheses) == len(known.hypotheses)
+        for hypothesis in known.hypotheses:
+            lower = hypothesis.lower[np.ix_(order, order)]
+            upper = hypothesis.upper[np.ix_(order, order)]
+            allowed = 0.25 * (upper - lower) + 1e-6
+            assert any(
+                np.all(abs(h.lower - lower) <= allowed) and np.all(abs(h.upper - upper) <= allowed)
+                for h in result.hypotheses
+            )
+
+
+def test_a_relabelled_truth_is_not_lost():
+    for seed in SEEDS:
+        case = random_case(seed)
+        order = np.random.default_rng(seed).permutation(case.problem.n_points)
+        result = solve(relabelled(case.problem, order), case.options)
+        assert covers(result, case.squared[np.ix_(order, order)]), seed
+
+
+@pytest.mark.parametrize('power', [-25, 3, 30])
+def test_scaling_by_a_power_of_two_scales_every_bound_exactly(paper_fleet, power):
+    scale = 2.0**power
+    problems = [(paper_fleet.problem(), SolverOptions())] + [
+        (case.problem, case.options) for case in map(random_case, SEEDS)
+    ]
+    for index, (problem, options) in enumerate(problems):
+        scaled = Problem(
+            problem.lower * scale**2,
+            problem.upper * scale**2,
+            problem.dimension,
+            problem.sides,
+            problem.chiralities,
+        )
+        result = solve(problem, options)
+        if any(
+            0.0 < smallest < 1e-200
+            for h in result.hypotheses
+            for smallest in (*h.lower.ravel(), *h.upper.ravel())
+        ):
+            continue  # the step of a bound near zero is absolute
+        other = solve(scaled, replace(options, resolution=options.resolution * scale))
+        try:
+            assert_same_cover(result, other, scale**2)
+        except AssertionError as error:
+            error.add_note(f'This was problem {index}.')
+            raise
+
+
+def test_the_mirrored_question_has_the_same_distances():
+    """All chiralities turned over: the same boxes, and placements that are mirror images."""
+    checked = 0
+    for seed in range(200):
+        case = random_case(seed)
+        problem = case.problem
+        if not problem.chiralities or any(
+            is_flat(case.positions[list(c.points)]) for c in problem.chiralities
+        ):
+            continue  # points in one hyperplane may be said to have either handedness, or both
+        checked += 1
+        mirrored = Problem(
+            problem.lower,
+            problem.upper,
+            problem.dimension,
+            problem.sides,
+            [replace(c, sign=-c.sign) for c in problem.chiralities],
+        )
+        result, other = solve(problem, case.options), solve(mirrored, case.options)
+        assert_same_cover(result, other)
+        for hypothesis, twin in zip(result.hypotheses, other.hypotheses, strict=True):
+            assert hypothesis.proved == twin.proved
+    assert checked > 20
+
+
+def test_saying_it_twice_changes_nothing():
+    for seed in SEEDS:
+        problem, options = (case := random_case(seed)).problem, case.options
+        twice = Problem(
+            problem.lower,
+            problem.upper,
+            problem.dimension,
+            (*problem.sides, *problem.sides),
+            (*problem.chiralities, *problem.chiralities),
+        )
+        assert_same_cover(solve(problem, options), solve(twice, options))
+
+
+def test_a_side_turned_round_is_the_same_side():
+    """Swapped apexes, and the points of the face in another order."""
+    for seed in range(200):
+        case = random_case(seed)
+        problem = case.problem
+        turned = Problem(
+            problem.lower,
+            problem.upper,
+            problem.dimension,
+            [SideConstraint(c.face[::-1], c.second, c.first, c.side) for c in problem.sides],
+            problem.chiralities,
+        )
+        assert_same_cover(solve(problem, case.options), solve(turned, case.options))
+
+
+def test_an_even_permutation_of_a_chirality_is_the_same_chirality():
+    for seed in range(200):
+        case = random_case(seed)
+        problem = case.problem
+        if problem.dimension != 2 or not problem.chiralities:
+            continue
+        rotated = Problem(
+            problem.lower,
+            problem.upper,
+            2,
+            problem.sides,
+            [Chirality((*c.points[1:], c.points[0]), c.sign) for c in problem.chiralities],
+        )
+        result, other = solve(problem, case.options), solve(rotated, case.options)
+        assert covers(other, case.squared), seed
+        assert result.verdict is other.verdict
+        assert result.statistics.processed == other.statistics.processed
+
+
+def test_true_sides_only_take_away(paper_fleet):
+    free = solve(paper_fleet.noisy_problem(0.03))
+    low, high = hull(free)
+    for n_sides in (1, 2, 3):
+        result = solve(paper_fleet.noisy_problem(0.03, paper_fleet.SIDES[:n_sides]))
+        assert len(result.hypotheses) == 8 // 2**n_sides
+        new_low, new_high = hull(result)
+        assert (new_low >= low - 1e-9).all() and (new_high <= high + 1e-9).all()
+
+
+@pytest.mark.parametrize('n_sides', [0, 3])
+def test_better_measurements_give_a_narrower_answer(paper_fleet, n_sides):
+    """Each hypothesis at +-1 % lies in one at +-3 %, up to the last sweep's gain."""
+    sides = paper_fleet.SIDES[:n_sides]
+    wide = solve(paper_fleet.noisy_problem(0.03, sides))
+    narrow = solve(paper_fleet.noisy_problem(0.01, sides))
+    for inner in narrow.hypotheses:
+        assert any(
+            (inner.lower >= outer.lower).all() and (inner.upper <= outer.upper).all()
+            for outer in wide.hypotheses
+        )
+
+
+def test_narrowing_an_input_onto_the_truth_keeps_it():
+    for seed in SEEDS:
+        case = random_case(seed)
+        squared = case.squared
+        rng = np.random.default_rng(seed)
+        i, j = rng.permutation(case.problem.n_points)[:2]
+        lower, upper = case.problem.lower.copy(), case.problem.upper.copy()
+        lower[i, j] = lower[j, i] = upper[i, j] = upper[j, i] = squared[i, j]
+        problem = Problem(
+            lower, upper, case.problem.dimension, case.problem.sides, case.problem.chiralities
+        )
+        assert covers(solve(problem, case.options), squared), seed

@@ -1,0 +1,319 @@
+"""Verdicts, statistics, placements and flags: what an answer claims must be so."""
+
+from fractions import Fraction
+import threading
+
+import numpy as np
+import pytest
+from solver_cases import bounds, covers, orientation, random_case, squared_distances
+
+from dg_localization import (
+    Chirality,
+    Problem,
+    Side,
+    SideConstraint,
+    SolverOptions,
+    Verdict,
+    solve,
+)
+
+# Two triangles of sides 1, hinged at points 0 and 1: the rhombus or folded.
+HINGED = {(0, 1): (1, 1), (0, 2): (1, 1), (1, 2): (1, 1), (0, 3): (1, 1), (1, 3): (1, 1)}
+FOUR_BAR = {(0, 1): (1, 1), (1, 2): (4, 4), (2, 3): (4, 4), (0, 3): (9, 9)}
+
+
+def agrees_exactly(problem, positions):
+    """Check every constraint of a problem with rational arithmetic."""
+    points = [[Fraction(x) for x in point] for point in positions.tolist()]
+
+    def squared(i, j):
+        return sum((x - y) ** 2 for x, y in zip(points[i], points[j], strict=True))
+
+    def side(face, apex):
+        return orientation([points[point] for point in (*face, apex)])
+
+    return (
+        all(
+            problem.lower[i, j] <= squared(i, j) <= problem.upper[i, j]
+            for i in range(len(points))
+            for j in range(i)
+        )
+        and all(
+            side(c.face, c.first) * side(c.face, c.second) != c.side or c.side == Side.FREE
+            for c in problem.sides
+        )
+        and all(side(c.points[:-1], c.points[-1]) != -c.sign for c in problem.chiralities)
+    )
+
+
+def check_claims(problem, result):
+    """Assert everything a result says of itself that can be looked up."""
+    done = result.statistics
+    assert done.processed == done.empty + done.split + done.kept
+    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
+    assert (result.verdict is Verdict.INFEASIBLE) <= (not result.hypotheses)
+    assert sum(len(h.boxes) for h in result.hypotheses) == done.kept + done.pending
+    n_points, dimension = problem.n_points, problem.dimension
+    for hypothesis in result.hypotheses:
+        assert hypothesis.boxes.shape[1:] == (2, n_points, n_points)
+        assert np.array_equal(hypothesis.lower, hypothesis.boxes[:, 0].min(axis=0))
+        assert np.array_equal(hypothesis.upper, hypothesis.boxes[:, 1].max(axis=0))
+        assert (hypothesis.lower >= problem.lower).all()
+        assert (hypothesis.upper <= problem.upper).all()
+        assert np.array_equal(hypothesis.lower, hypothesis.lower.T)
+        assert np.array_equal(hypothesis.upper, hypothesis.upper.T)
+        if hypothesis.positions is None:
+            assert not hypothesis.proved
+        else:
+            assert hypothesis.positions.shape == (n_points, dimension)
+            assert not hypothesis.proved or agrees_exactly(problem, hypothesis.positions)
+
+
+@pytest.mark.parametrize('first_seed', range(0, 1000, 100))
+def test_every_claim_holds_on_random_fleets(first_seed):
+    for seed in range(first_seed, first_seed + 100):
+        case = random_case(seed)
+        try:
+            check_claims(case.problem, case.solve())
+        except Exception as error:
+            error.add_note(f'This was seed {seed}.')
+            raise
+
+
+def test_most_placements_of_real_fleets_are_proved():
+    """Fleets in general position, ranges known to a few per cent: a proof is there to be found."""
+    proved = total = 0
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        squared = squared_distances(rng.random((6, 2)) * 100.0)
+        result = solve(Problem(squared * 0.96, squared * 1.04))
+        (hypothesis,) = result.hypotheses
+        total += 1
+        proved += hypothesis.proved
+    assert proved == total
+
+
+@pytest.mark.parametrize(
+    ('ranges', 'dimension', 'options'),
+    [
+        # Broken triangles.
+        ({(0, 1): (1, 1), (1, 2): (1, 1), (0, 2): (9, 9.1)}, 2, {}),
+        ({(0, 1): (4, 5), (1, 2): (0, 0), (0, 2): (1, 3)}, 2, {}),
+        # Four points all one apart exist in space, not in the plane.
+        (HINGED | {(2, 3): (1, 1)}, 2, {}),
+        # Three points one apart exist in the plane, not on the line.
+        ({(0, 1): (1, 1), (1, 2): (1, 1), (0, 2): (1, 1)}, 1, {}),
+        # Five points all one apart exist in no space of ours.
+        ({(i, j): (0.99, 1.01) for i in range(5) for j in range(i)}, 3, {}),
+        # The rhombus has its tips sqrt(3) apart.
+        (HINGED | {(2, 3): (2.9, 2.95)}, 2, {}),
+        # A side the distances rule out.
+        (
+            HINGED | {(2, 3): (2.9, 3.1)},
+            2,
+            {'sides': [SideConstraint((0, 1), 2, 3, Side.SAME)]},
+        ),
+        # Handedness the distances rule out.
+        (
+            HINGED | {(2, 3): (2.9, 3.1)},
+            2,
+            {'chiralities': [Chirality((0, 1, 2), 1), Chirality((0, 1, 3), 1)]},
+        ),
+    ],
+)
+def test_contradictions_are_proved(ranges, dimension, options):
+    problem = Problem(*bounds(1 + max(max(p) for p in ranges), ranges), dimension, **options)
+    result = solve(problem)
+    assert result.verdict is Verdict.INFEASIBLE
+    assert result.hypotheses == ()
+    assert result.statistics.kept == result.statistics.pending == 0
+
+
+def test_tetrahedra_exist_in_space():
+    result = solve(Problem(*bounds(4, HINGED | {(2, 3): (1, 1)}), dimension=3))
+    assert result.verdict is Verdict.COVERED
+
+
+@pytest.mark.parametrize('max_boxes', [1, 2, 7, 14])
+def test_max_boxes_leaves_a_complete_cover(paper_fleet, max_boxes):
+    result = solve(paper_fleet.problem(), SolverOptions(max_boxes=max_boxes))
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert result.statistics.processed == max_boxes
+    check_claims(paper_fleet.problem(), result)
+    for solution in paper_fleet.solutions:
+        assert covers(result, paper_fleet.squared(solution))
+
+
+class StopAfter:
+    """Cancels after a number of looks."""
+
+    def __init__(self, looks):
+        self.looks = looks
+
+    def is_set(self):
+        self.looks -= 1
+        return self.looks < 0
+
+
+@pytest.mark.parametrize('looks', [0, 1, 5])
+def test_cancel_leaves_a_complete_cover(paper_fleet, looks):
+    result = solve(paper_fleet.problem(), cancel=StopAfter(looks))
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert result.statistics.processed == looks
+    check_claims(paper_fleet.problem(), result)
+    for solution in paper_fleet.solutions:
+        assert covers(result, paper_fleet.squared(solution))
+
+
+def test_no_time_leaves_a_complete_cover(paper_fleet):
+    result = solve(paper_fleet.problem(), SolverOptions(max_seconds=1e-9))
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    check_claims(paper_fleet.problem(), result)
+    for solution in paper_fleet.solutions:
+        assert covers(result, paper_fleet.squared(solution))
+
+
+@pytest.mark.parametrize('stop', ['max_seconds', 'cancel'])
+def test_a_long_search_stops_soon(stop):
+    """A flex at a resolution it will not reach is stopped from outside within a short time."""
+    problem = Problem(*bounds(6, {(i, (i + 1) % 6): (1, 1) for i in range(6)}))
+    options = {'resolution': 1e-4, 'max_boxes': 10**9}
+    event = threading.Event()
+    if stop == 'cancel':
+        timer = threading.Timer(0.2, event.set)
+        timer.start()
+    else:
+        options['max_seconds'] = 0.2
+    result = solve(problem, SolverOptions(**options), cancel=event)
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    # The search itself; other processes may be busy on this machine.
+    assert 0.15 < result.statistics.seconds < 0.7
+    hexagon = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
+    squared = squared_distances(hexagon)
+    assert any(
+        np.all((h.lower <= squared + 1e-9) & (squared - 1e-9 <= h.upper))
+        for h in result.hypotheses
+    )
+
+
+def test_progress_is_told_once_a_box(paper_fleet):
+    seen = []
+    result = solve(paper_fleet.problem(), progress=seen.append)
+    assert 0 < len(seen) <= result.statistics.processed
+    assert [s.processed for s in seen] == sorted({s.processed for s in seen})
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_a_single_point(dimension):
+    problem = Problem([[0.0]], [[0.0]], dimension)
+    result = solve(problem)
+    assert result.verdict is Verdict.COVERED
+    check_claims(problem, result)
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.proved and not hypothesis.flexible
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+@pytest.mark.parametrize(
+    'ends', [(4.0, 9.0), (4.0, 4.0), (0.0, 0.0), (0.0, np.inf), (9.0, np.inf)]
+)
+def test_two_points(dimension, ends):
+    problem = Problem(*bounds(2, {(0, 1): ends}), dimension)
+    result = solve(problem)
+    assert result.verdict is Verdict.COVERED
+    check_claims(problem, result)
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.lower[0, 1] <= ends[0] and hypothesis.upper[0, 1] >= ends[1]
+    if ends[1] > 0.0:  # two points in one place are a singular placement
+        assert hypothesis.flexible == np.isinf(ends[1])
+    assert hypothesis.proved or ends[0] == ends[1]
+
+
+def test_disconnected_groups_stay_unbounded():
+    """Two rigid triangles that do not know of each other."""
+    pairs = (0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)
+    problem = Problem(*bounds(6, dict.fromkeys(pairs, (0.9, 1.1))))
+    result = solve(problem, SolverOptions(resolution=0.2))
+    assert result.verdict is Verdict.COVERED
+    check_claims(problem, result)
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.flexible
+    assert np.isinf(hypothesis.upper[:3, 3:]).all()
+    assert (hypothesis.lower[:3, 3:] == 0.0).all()
+    assert np.isfinite(hypothesis.upper[:3, :3]).all()
+
+
+def test_nothing_known_at_all():
+    problem = Problem(*bounds(4, {}))
+    result = solve(problem)
+    assert result.verdict is Verdict.COVERED
+    check_claims(problem, result)
+    assert result.hypotheses[0].flexible
+
+
+@pytest.mark.parametrize(
+    ('ranges', 'dimension', 'flexible'),
+    [
+        (FOUR_BAR, 2, True),
+        (FOUR_BAR | {(0, 2): (6.0, 6.1)}, 2, False),
+        (HINGED, 2, False),
+        (HINGED, 3, True),
+        ({(0, 1): (1, 1), (1, 2): (1, 1)}, 2, True),
+        ({(0, 1): (1, 1), (1, 2): (1, 1)}, 1, False),
+        ({(0, 1): (1, 1), (1, 2): (1, 1), (0, 2): (1, 1)}, 3, False),
+    ],
+)
+def test_flexible_tells_a_flex_from_an_error(ranges, dimension, flexible):
+    problem = Problem(*bounds(1 + max(max(p) for p in ranges), ranges), dimension)
+    result = solve(problem, SolverOptions(resolution=0.2))
+    assert result.verdict is Verdict.COVERED
+    check_claims(problem, result)
+    assert {h.flexible for h in result.hypotheses} == {flexible}
+
+
+def test_wide_measurements_are_no_flex(paper_fleet):
+    result = solve(paper_fleet.noisy_problem(0.05))
+    assert not any(hypothesis.flexible for hypothesis in result.hypotheses)
+
+
+def test_a_flex_is_covered_at_the_resolution():
+    """Every posture of the four-bar linkage lies in the cover, and no box is wider than asked."""
+    resolution = 0.05
+    result = solve(Problem(*bounds(4, FOUR_BAR)), SolverOptions(resolution=resolution))
+    assert result.verdict is Verdict.COVERED
+    for h in result.hypotheses:
+        assert (np.sqrt(h.boxes[:, 1]) - np.sqrt(h.boxes[:, 0])).max() <= resolution
+    # Cranks 0-1 (1 m) and 3-2 (2 m) on the frame 0-3 (3 m), coupler 1-2 (2 m).
+    for angle in np.linspace(0.0, np.pi, 200):
+        crank = np.array([np.cos(angle), np.sin(angle)])
+        to_frame = np.array([3.0, 0.0]) - crank
+        reach = np.hypot(*to_frame)
+        along, height = reach / 2.0, np.sqrt(max(4.0 - reach * reach / 4.0, 0.0))
+        unit = to_frame / reach
+        for branch in (-height, height):
+            tip = crank + along * unit + branch * np.array([-unit[1], unit[0]])
+            squared = squared_distances(np.array([[0.0, 0.0], crank, tip, [3.0, 0.0]]))
+            assert any(
+                np.all((box[0] <= squared + 1e-9) & (squared - 1e-9 <= box[1]))
+                for h in result.hypotheses
+                for box in h.boxes
+            )
+
+
+@pytest.mark.parametrize('handedness', [-1, 1])
+def test_positions_have_the_handedness_asked_for(paper_fleet, handedness):
+    problem = paper_fleet.problem(chiralities=[Chirality((0, 1, 2), handedness)])
+    result = solve(problem)
+    assert len(result.hypotheses) == 8
+    for hypothesis in result.hypotheses:
+        assert hypothesis.proved
+        assert orientation(hypothesis.positions[:3].tolist()) == handedness
+
+
+def test_a_placement_on_the_hyperplane_meets_either_side():
+    line = np.array([[0, 0], [3, 0], [1, 0], [2, 0]])
+    squared = squared_distances(line)
+    for side in (Side.SAME, Side.OPPOSITE):
+        sides = [SideConstraint((0, 1), 2, 3, side)]
+        result = solve(Problem(squared, squared, sides=sides))
+        assert covers(result, squared)
