@@ -19,7 +19,7 @@ class Report:
     Attributes
     ----------
     node : str
-        Name of the node; all statuses begin with it.
+        Full name of the node; all statuses begin with it.
     trouble : str
         Why there can be no estimate, such as that the node is inactive; empty when there can.
     failure : str

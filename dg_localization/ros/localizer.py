@@ -240,7 +240,7 @@ class LocalizerNode(LifecycleNode):
         now_s = self._clock_s()
         states = self._localizer.input_states(now_s)
         report = Report(
-            node=self.get_name(),
+            node=self.get_fully_qualified_name().lstrip('/'),
             trouble=self._trouble(now_s),
             failure=self._failure,
             estimate=self._estimate,

@@ -4,6 +4,7 @@ from collections.abc import Callable
 import sys
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -29,17 +30,22 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> in
     Returns
     -------
     int
-        Exit code: 0, or 1 after telling which parameter is wrong.
+        Exit code: 0, or 1 after telling which parameter or argument is wrong.
 
     """
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args)
+    except RCLError as error:
+        # A file of parameters that is missing or no YAML, or an argument that is none.
+        print(error, file=sys.stderr)
+        return 1
     try:
         node = make_node()
         try:
             rclpy.spin(node)
         finally:
             node.destroy_node()
-    except WrongParameterError as error:
+    except (WrongParameterError, ParameterException) as error:
         print(error, file=sys.stderr)
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -203,7 +203,7 @@ def test_parameters_come_from_a_file(make_node):
     node = make_node('--params-file', 'config/tiers_uwb.yaml', rate=7)
     assert node.settings.rate_hz == 7.0
     assert not node.settings.use_header_stamp
-    assert node.settings.fleet.range_error.max_error_m == 1.35
+    assert node.settings.fleet.range_error.max_error_m == 1.3
     described = node.describe_parameter('rate')
     assert described.description == 'how often the fleet is localized (Hz)'
     assert described.read_only and described.floating_point_range[0].to_value == 1000.0
@@ -232,11 +232,30 @@ def test_misspelt_parameter_is_refused(make_node):
     [
         ('rate:=0.0', "parameter 'rate': 0.0 is not allowed, it must be a number >= 0.01"),
         ('stamp_source:=later', "it must be 'header' or 'receive'"),
+        ('use_sim_time:=5', "'use_sim_time' to '5' of type 'INTEGER', expecting type 'BOOL'"),
         ('dimension:=flat', "parameter 'dimension': 'flat' is not allowed, it must be an integer"),
     ],
 )
 def test_wrong_parameter_ends_the_executable_with_a_message(start_localizer, argument, wanted):
     process = start_localizer('-p', "robots:=['a', 'b']", '-p', argument)
+    assert process.wait() not in (0, None)
+    assert wanted in process.output()
+    assert 'Traceback' not in process.output()
+
+
+@pytest.mark.parametrize(
+    'text, wanted',
+    [
+        ("robots: ['a', 1]", 'Sequence should be of same type'),
+        ("robots: ['a'", 'Error parsing'),
+        (None, 'Error opening YAML file'),
+    ],
+)
+def test_broken_file_ends_the_executable_with_a_message(start_localizer, tmp_path, text, wanted):
+    file = tmp_path / 'parameters.yaml'
+    if text is not None:
+        file.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
+    process = start_localizer('--params-file', str(file))
     assert process.wait() not in (0, None)
     assert wanted in process.output()
     assert 'Traceback' not in process.output()
