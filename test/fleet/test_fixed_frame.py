@@ -1,0 +1,294 @@
+"""Fixed frames, mirror images, headings, and what is not connected, where the answer is known."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+
+NOW_S = 10.0
+TIGHT = RangeErrorModel(min_error_relative=-1e-4, max_error_relative=1e-4)
+SQUARE = {'a': (0.0, 0.0), 'b': (4.0, 0.0), 'c': (3.0, 3.0), 'd': (-1.0, 4.0)}
+
+
+def make_localizer(robots, **settings):
+    defaults = {
+        'robots': tuple(robots),
+        'max_speed_m_s': 0.0,
+        'max_turn_rate_rad_s': 0.0,
+        'range_error': TIGHT,
+        'bearing_half_width_rad': 0.01,
+        'solver': SolverOptions(resolution=0.05, max_boxes=200),
+    }
+    return Localizer(FleetConfig(**{**defaults, **settings}))
+
+
+def add_ranges(localizer, places, pairs=None):
+    names = list(places)
+    pairs = pairs or [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    for first, second in pairs:
+        reading = math.dist(places[first], places[second])
+        assert localizer.add_range(first, second, reading, NOW_S, NOW_S) is None
+
+
+def add_bearings(localizer, places, observer, targets, yaw=0.0):
+    for target in targets:
+        gap = np.subtract(places[target], places[observer])
+        if len(gap) == 2:
+            turned = [
+                math.cos(yaw) * gap[0] + math.sin(yaw) * gap[1],
+                math.cos(yaw) * gap[1] - math.sin(yaw) * gap[0],
+                0.0,
+            ]
+        else:
+            turned = gap
+        assert localizer.add_bearing(observer, target, turned, NOW_S, NOW_S) is None
+
+
+def rows(places):
+    return np.array(list(places.values()))
+
+
+def assert_holds(placement, positions, slack=0.05):
+    """The truth is inside, and what is published is close to it."""
+    assert (positions >= placement.enclosure_m[:, 0] - 1e-9).all()
+    assert (positions <= placement.enclosure_m[:, 1] + 1e-9).all()
+    assert np.abs(placement.positions_m - positions).max() < slack
+
+
+def yaw_of(quaternion):
+    return 2.0 * math.atan2(quaternion[2], quaternion[3])
+
+
+def test_without_bearings_both_mirror_images_are_there():
+    localizer = make_localizer(SQUARE)
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.COVERED
+    assert str(estimate.frame) == 'origin at a, x towards b'
+    original, twin = estimate.placements
+    assert (original.mirrored, twin.mirrored) == (False, True)
+    assert_holds(original, rows(SQUARE))
+    assert_holds(twin, rows(SQUARE) * [1.0, -1.0])
+    assert original.proved
+    assert not original.flexible
+    assert not original.heading_known.any()
+    assert np.isnan(original.orientations_xyzw).all()
+
+
+def test_the_x_axis_points_to_the_next_robot_of_the_list():
+    localizer = make_localizer(SQUARE, reference_robot='d')
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    assert estimate.frame.points == ('d', 'a')
+    length = math.dist(SQUARE['d'], SQUARE['a'])
+    for placement in estimate.placements:
+        assert placement.positions_m[3] == pytest.approx([0.0, 0.0])
+        assert placement.positions_m[0] == pytest.approx([length, 0.0], abs=1e-2)
+
+
+def test_one_robot_that_sees_two_rules_the_mirror_image_out():
+    localizer = make_localizer(SQUARE)
+    add_ranges(localizer, SQUARE)
+    add_bearings(localizer, SQUARE, 'c', ['a', 'b'], yaw=0.4)
+    estimate = localizer.step(NOW_S)
+    (placement,) = estimate.placements
+    assert str(estimate.frame) == 'origin at a, x towards b'
+    assert_holds(placement, rows(SQUARE))
+    assert placement.heading_known.tolist() == [False, False, True, False]
+    assert yaw_of(placement.orientations_xyzw[2]) == pytest.approx(0.4, abs=0.05)
+    assert 0.0 < placement.heading_half_width_rad[2] < 0.05
+
+
+@pytest.mark.parametrize('yaw', [0.0, 0.7, -2.5, math.pi])
+def test_the_heading_of_the_reference_robot_is_the_x_axis(yaw):
+    localizer = make_localizer(SQUARE)
+    add_ranges(localizer, SQUARE)
+    add_bearings(localizer, SQUARE, 'a', ['b', 'c', 'd'], yaw)
+    estimate = localizer.step(NOW_S)
+    (placement,) = estimate.placements
+    assert str(estimate.frame) == 'body frame of a'
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    assert_holds(placement, rows(SQUARE) @ np.array([[cosine, -sine], [sine, cosine]]))
+    assert placement.orientations_xyzw[0].tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert placement.heading_half_width_rad[0] == 0.0
+
+
+def test_one_ray_of_the_reference_robot_leaves_the_mirror_image_across_it():
+    localizer = make_localizer(SQUARE)
+    add_ranges(localizer, SQUARE)
+    add_bearings(localizer, SQUARE, 'a', ['b'])
+    estimate = localizer.step(NOW_S)
+    assert estimate.frame.kind == 'heading'
+    original, twin = estimate.placements
+    assert_holds(original, rows(SQUARE))
+    assert_holds(twin, rows(SQUARE) * [1.0, -1.0])
+
+
+def test_two_robots_have_no_mirror_image():
+    localizer = make_localizer(['a', 'b'])
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    (placement,) = localizer.step(NOW_S).placements
+    assert placement.positions_m == pytest.approx(np.array([[0.0, 0.0], [3.0, 0.0]]), abs=1e-3)
+    assert np.ptp(placement.enclosure_m[1], axis=0) == pytest.approx([6e-4, 0.0], abs=1e-6)
+
+
+def test_anchors_give_the_frame_and_the_handedness():
+    places = {**SQUARE, 'p': (10.0, 10.0), 'q': (-5.0, 9.0), 'r': (0.0, -7.0)}
+    anchors = {name: Anchor(places[name]) for name in 'pqr'}
+    localizer = make_localizer(SQUARE, anchors=anchors)
+    add_ranges(localizer, places, [(a, b) for a in SQUARE for b in 'pqr'])
+    estimate = localizer.step(NOW_S)
+    (placement,) = estimate.placements
+    assert estimate.landmarks == ('p', 'q', 'r')
+    assert estimate.frame.kind == 'anchors'
+    assert_holds(placement, rows(SQUARE))
+    assert placement.landmarks_m == pytest.approx(rows(places)[4:], abs=1e-6)
+    assert placement.landmark_enclosure_m[:, 0] == pytest.approx(rows(places)[4:])
+
+
+def test_anchors_in_a_line_leave_the_mirror_image_across_it():
+    places = {'a': (1.0, 2.0), 'p': (0.0, 0.0), 'q': (4.0, 0.0), 'r': (9.0, 0.0)}
+    localizer = make_localizer(['a'], anchors={name: Anchor(places[name]) for name in 'pqr'})
+    add_ranges(localizer, places, [('a', 'p'), ('a', 'q'), ('a', 'r')])
+    estimate = localizer.step(NOW_S)
+    found = sorted(placement.positions_m[0].tolist() for placement in estimate.placements)
+    assert np.array(found) == pytest.approx(np.array([[1.0, -2.0], [1.0, 2.0]]), abs=0.02)
+
+
+def test_parked_robots_may_be_the_anchors():
+    anchors = {name: Anchor(SQUARE[name], 0.01) for name in 'abd'}
+    localizer = make_localizer(SQUARE, anchors=anchors, reference_robot='c')
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    (placement,) = estimate.placements
+    assert estimate.landmarks == ()
+    assert_holds(placement, rows(SQUARE))
+
+
+def test_a_single_anchor_does_not_give_the_frame():
+    places = {**SQUARE, 'p': (10.0, 10.0)}
+    localizer = make_localizer(SQUARE, anchors={'p': Anchor(places['p'])})
+    add_ranges(localizer, places)
+    estimate = localizer.step(NOW_S)
+    assert estimate.frame.kind == 'robots'
+    assert_holds(estimate.placements[0], rows(SQUARE))
+    assert estimate.placements[0].landmarks_m == pytest.approx(np.array([[10, 10]]), abs=0.05)
+
+
+def test_a_fleet_away_from_the_anchors_has_no_place():
+    anchors = {'p': Anchor((10.0, 10.0)), 'q': Anchor((-5.0, 9.0))}
+    localizer = make_localizer(SQUARE, anchors=anchors)
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    assert estimate.placements == ()
+    assert estimate.verdict is None
+    assert 'no robot is connected to the anchors p, q' in estimate.reason
+
+
+def test_a_robot_without_measurements_does_not_disturb_the_others():
+    localizer = make_localizer([*SQUARE, 'lost'])
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    assert 'not connected: lost' in estimate.reason
+    assert estimate.n_hypotheses == 2
+    for placement in estimate.placements:
+        assert np.isnan(placement.positions_m[4]).all()
+        assert placement.enclosure_m[4].tolist() == [[-math.inf] * 2, [math.inf] * 2]
+        assert not placement.heading_known[4]
+        assert np.isfinite(placement.enclosure_m[:4]).all()
+
+
+def test_a_reference_robot_without_measurements_leaves_no_frame():
+    localizer = make_localizer([*SQUARE, 'lost'], reference_robot='lost')
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    assert estimate.placements == ()
+    assert estimate.frame is None
+    assert 'reference robot lost is not connected' in estimate.reason
+
+
+def test_no_data_and_stale_data_give_no_placements():
+    localizer = make_localizer(SQUARE)
+    empty = localizer.step(NOW_S)
+    assert (empty.verdict, empty.placements) == (None, ())
+    assert empty.reason == 'no usable measurement has arrived yet'
+    add_ranges(localizer, SQUARE)
+    assert localizer.step(NOW_S + 1.0).placements
+    late = localizer.step(NOW_S + 1.5)
+    assert (late.verdict, late.placements) == (None, ())
+    assert late.stamp_s == NOW_S + 1.5
+    assert 'stale' in late.reason
+    assert '1.50 s old' in late.reason
+    assert all(link.stale for link in late.links)
+
+
+def test_no_more_hypotheses_are_listed_than_asked_for():
+    localizer = make_localizer(SQUARE, max_hypotheses=1)
+    add_ranges(localizer, SQUARE)
+    estimate = localizer.step(NOW_S)
+    assert len(estimate.placements) == 1
+    assert estimate.n_hypotheses == 2
+    assert 'only 1 are listed' in estimate.reason
+
+
+CUBE = {
+    'a': (0.0, 0.0, 0.0),
+    'b': (4.0, 0.0, 0.0),
+    'c': (1.0, 3.0, 0.0),
+    'd': (2.0, 1.0, 3.0),
+    'e': (-1.0, 2.0, -2.0),
+}
+
+
+def test_in_space_without_bearings_both_mirror_images_are_there():
+    localizer = make_localizer(CUBE, dimension=3)
+    add_ranges(localizer, CUBE)
+    estimate = localizer.step(NOW_S)
+    assert str(estimate.frame) == 'origin at a, x towards b, y on the side of c'
+    found = sorted(estimate.placements, key=lambda placement: placement.positions_m[3, 2])
+    assert len(found) == 2
+    assert_holds(found[1], rows(CUBE))
+    assert_holds(found[0], rows(CUBE) * [1.0, 1.0, -1.0])
+
+
+def test_in_space_two_rays_fix_a_heading_and_three_the_handedness():
+    localizer = make_localizer(CUBE, dimension=3)
+    add_ranges(localizer, CUBE)
+    add_bearings(localizer, CUBE, 'b', ['a', 'c'])
+    add_bearings(localizer, CUBE, 'a', ['b', 'c'])
+    estimate = localizer.step(NOW_S)
+    assert estimate.frame.kind == 'heading'
+    assert len(estimate.placements) == 2
+    original = next(p for p in estimate.placements if p.positions_m[3, 2] > 0)
+    assert_holds(original, rows(CUBE))
+    assert original.heading_known.tolist() == [True, True, False, False, False]
+    assert original.orientations_xyzw[1] == pytest.approx([0.0, 0.0, 0.0, 1.0], abs=0.05)
+    add_bearings(localizer, CUBE, 'd', ['a', 'b', 'c'])
+    (placement,) = localizer.step(NOW_S).placements
+    assert_holds(placement, rows(CUBE))
+
+
+def test_the_eight_placements_of_the_paper_and_their_mirror_images(shared):
+    truth = json.loads((shared / 'truth/fleet.json').read_text())
+    robots = [f'r{i}' for i in range(1, 7)]
+    localizer = make_localizer(robots, reference_robot='r2')
+    for name, squared in truth['edges_squared_m2'].items():
+        first, second = f'r{name[1]}', f'r{name[2]}'
+        localizer.add_range(first, second, math.sqrt(squared), NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.n_hypotheses == 16
+    assert [p.mirrored for p in estimate.placements] == [False, True] * 8
+    for solution in truth['solutions']:
+        matches = 0
+        for placement in estimate.placements:
+            gap = placement.positions_m[:, None] - placement.positions_m[None]
+            found = (gap**2).sum(axis=-1)
+            matches += all(
+                abs(found[int(name[1]) - 1, int(name[2]) - 1] - squared) < 0.1
+                for name, squared in solution['s'].items()
+            )
+        assert matches == 2
