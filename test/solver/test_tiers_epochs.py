@@ -68,7 +68,7 @@ def test_every_epoch_that_obeys_its_bounds_is_covered(epochs, long_m, short_m, o
     assert covered == obeyed
     assert obeyed >= obeying * len(epochs)
     print(
-        f'\nranges in [r - {long_m}, r + {short_m}] m: {obeyed} of {len(epochs)} epochs obey them, '
+        f'\nranges in [r - {long_m}, r + {short_m}] m: {obeyed} of {len(epochs)} epochs obey, '
         f'{covered} of these are covered; median {1e3 * np.median(seconds):.2f} ms, '
         f'{min(n_hypotheses)} to {max(n_hypotheses)} hypotheses, median size of the enclosure '
         f'of each robot {np.median(sizes_m, axis=0).round(2).tolist()} m'

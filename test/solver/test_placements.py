@@ -1,0 +1,109 @@
+"""Proofs of placements: exact signs, and agreement that is never claimed wrongly."""
+
+from fractions import Fraction
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from solver_cases import bounds, box_of, orientation, squared_distances
+
+from dg_localization import Chirality, Problem, Side, SideConstraint
+from dg_localization.solver.hypotheses import components, place_everywhere
+from dg_localization.solver.placements import agrees, place, sign_of_determinant
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=300)
+
+
+def exact_squared(positions, i, j):
+    points = [[Fraction(x) for x in positions[k].tolist()] for k in (i, j)]
+    return sum((x - y) ** 2 for x, y in zip(*points, strict=True))
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_signs_of_determinants_are_exact(seed):
+    """Also where the points are in one hyperplane, or an ulp away from it."""
+    rng = np.random.default_rng(seed)
+    dimension = int(rng.integers(1, 4))
+    points = rng.integers(-5, 6, size=(dimension + 1, dimension)) * rng.choice([1.0, 0.1, 1e8])
+    if dimension > 1 and rng.random() < 0.7:
+        points[-1] = points[0] + (points[1] - points[0]) * rng.integers(-3, 4)
+    if rng.random() < 0.5:
+        entry = tuple(rng.integers(0, points.shape))
+        points[entry] = math.nextafter(points[entry], math.inf)
+    exact = orientation([[Fraction(x) for x in point] for point in points.tolist()])
+    assert sign_of_determinant(points) == exact
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_agreement_is_a_proof(seed):
+    """Bounds a few ulps around the exact distances: what is affirmed is so in rationals."""
+    rng = np.random.default_rng(seed)
+    n_points, dimension = int(rng.integers(2, 6)), int(rng.integers(1, 4))
+    positions = rng.standard_normal((n_points, dimension)) * 10.0 ** rng.integers(-12, 13)
+    squared = squared_distances(positions)
+    ulps = rng.integers(-2, 12, size=(2, n_points, n_points)) * 2.0**-52
+    below, above = np.triu(ulps, 1) + np.triu(ulps, 1).transpose(0, 2, 1)
+    lower, upper = squared * (1.0 - below), squared * (1.0 + above)
+    if (lower > upper).any():
+        return
+    if agrees(Problem(lower, upper, dimension), positions):
+        for i in range(n_points):
+            for j in range(i):
+                assert lower[i, j] <= exact_squared(positions, i, j) <= upper[i, j]
+
+
+@pytest.mark.parametrize('size', [1e-12, 1.0, 1e12])
+def test_a_placement_well_inside_is_affirmed(size):
+    positions = np.array([[0.0, 0.0], [1.0, 0.2], [0.3, 0.9], [1.1, 1.2]]) * size
+    squared = squared_distances(positions)
+    lower, upper = squared * (1 - 1e-12), squared * (1 + 1e-12)
+    known = {
+        'sides': [SideConstraint((0, 3), 1, 2, Side.OPPOSITE)],
+        'chiralities': [Chirality((0, 1, 2), 1)],
+    }
+    wrong = {
+        'sides': [SideConstraint((0, 3), 1, 2, Side.SAME)],
+        'chiralities': [Chirality((0, 1, 2), -1)],
+    }
+    assert agrees(Problem(lower, upper, **known), positions)
+    for kind, constraints in wrong.items():
+        assert not agrees(Problem(lower, upper, **{kind: constraints}), positions)
+    assert not agrees(Problem(lower, upper, **known), np.full_like(positions, np.nan))
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+@pytest.mark.parametrize('size', [1e-9, 1.0, 1e9])
+def test_placing_exact_distances_restores_the_fleet(dimension, size):
+    rng = np.random.default_rng(dimension)
+    for n_points in (1, 2, 5, 8):
+        positions = rng.standard_normal((n_points, dimension)) * size
+        squared = squared_distances(positions)
+        placed = place(box_of(squared, squared), dimension)
+        np.testing.assert_allclose(squared_distances(placed), squared, atol=1e-9 * size**2)
+
+
+def test_placing_coincident_points():
+    placed = place(np.zeros((4, 3, 3)), 2)
+    assert np.array_equal(placed, np.zeros((3, 2)))
+
+
+def test_groups_that_are_not_connected_are_placed_apart():
+    lower, upper = bounds(4, {(0, 1): (1.0, 1.0), (2, 3): (4.0, 4.0)})
+    lower[0, 2] = lower[2, 0] = 100.0
+    placed = place_everywhere(box_of(lower, upper), 2)
+    squared = squared_distances(placed)
+    assert squared[0, 1] == pytest.approx(1.0) and squared[2, 3] == pytest.approx(4.0)
+    assert (squared >= lower - 1e-9).all()
+
+
+def test_boxes_that_touch_are_one_component():
+    """Intervals of one pair: [0, 1] and [1, 2] touch, [2.5, 3] and [3, 4] do, [6, 7] is alone."""
+    intervals = [(3.0, 4.0), (0.0, 1.0), (6.0, 7.0), (2.5, 3.0), (1.0, 2.0)]
+    boxes = np.zeros((5, 2, 2, 2))
+    for box, ends in zip(boxes, intervals, strict=True):
+        box[:, 0, 1] = box[:, 1, 0] = ends
+    groups = [group.tolist() for group in components(boxes)]
+    assert sorted(groups) == [[0, 3], [1, 4], [2]]
