@@ -10,6 +10,9 @@ from dg_localization.ros.links import Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
+# The topics hold every placement; the diagnostics show a person the first few.
+LISTED_HYPOTHESES = 8
+
 
 @dataclass(frozen=True)
 class Report:
@@ -72,7 +75,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
     if report.failure:
         return Level.ERROR, report.failure
     if estimate is None:
-        return Level.WARN, 'no estimate yet'
+        return Level.WARN, 'no estimate yet: the very first compiles the kernels for a minute'
     if estimate.verdict is Verdict.INFEASIBLE:
         return Level.ERROR, f'contradiction: {estimate.reason}'
     if not estimate.placements:
@@ -122,7 +125,7 @@ def _robot_status(report: Report, row: int) -> Status:
     level, message = _robot_state(report, row)
     values = {}
     if report.estimate is not None and not report.trouble:
-        for number, placement in enumerate(report.estimate.placements):
+        for number, placement in enumerate(report.estimate.placements[:LISTED_HYPOTHESES]):
             position = ' '.join(f'{x:.3f}' for x in placement.positions_m[row])
             width = ' '.join(f'{x:.3f}' for x in np.ptp(placement.enclosure_m[row], axis=0))
             values[f'hypothesis_{number}'] = f'at {position} m, enclosure {width} m wide'

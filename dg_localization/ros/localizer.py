@@ -23,7 +23,7 @@ from dg_localization.ros.links import Link
 from dg_localization.ros.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.parameters import declare_settings
 from dg_localization.ros.process import run_node
-from dg_localization.ros.worker import EstimateWorker
+from dg_localization.ros.worker import EstimateWorker, exit_code_despite_worker
 from msg_adapters import (
     Adapter,
     BearingReading,
@@ -297,7 +297,7 @@ class LocalizerNode(LifecycleNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    return run_node(LocalizerNode, args)
+    return exit_code_despite_worker(run_node(LocalizerNode, args))
 
 
 if __name__ == '__main__':

@@ -1,10 +1,15 @@
 """One thread that estimates, so that the executor goes on receiving."""
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from threading import Event
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+import os
+import sys
+from threading import Event, Lock, enumerate as running_threads
 
 from dg_localization.fleet import Estimate, Snapshot
+
+THREAD_NAME = 'estimate'
+CLOSE_S = 2.0
 
 
 class EstimateWorker:
@@ -16,7 +21,8 @@ class EstimateWorker:
     estimate : callable
         Called with a snapshot and an event that is set when nobody wants the answer any more.
     wake : callable
-        Called without arguments from the worker's thread when an answer can be taken.
+        Called without arguments from the worker's thread when an answer can be taken; never
+        after `cancel` or `close`.
 
     """
 
@@ -25,20 +31,27 @@ class EstimateWorker:
     ) -> None:
         self._estimate = estimate
         self._wake = wake
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix='estimate')
-        self._running: Future[Estimate] | None = None
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
+        self._wanted: Future[Estimate] | None = None
+        self._newest: Future[Estimate] | None = None
         self._cancel = Event()
+        self._cancel_lock = Lock()
 
     @property
     def busy(self) -> bool:
         """Whether an answer is being worked out or waits to be taken."""
-        return self._running is not None
+        return self._wanted is not None
 
     def submit(self, snapshot: Snapshot) -> None:
         """Start on a snapshot; only while not `busy`."""
-        self._cancel = Event()
-        self._running = self._pool.submit(self._estimate, snapshot, self._cancel)
-        self._running.add_done_callback(lambda _: self._wake())
+        cancel = self._cancel = Event()
+        self._newest = self._wanted = self._pool.submit(self._estimate, snapshot, cancel)
+        self._wanted.add_done_callback(lambda _: self._wake_unless(cancel))
+
+    def _wake_unless(self, cancel: Event) -> None:
+        with self._cancel_lock:
+            if not cancel.is_set():
+                self._wake()
 
     def take(self) -> Estimate | None:
         """
@@ -50,18 +63,35 @@ class EstimateWorker:
             Whatever the estimate raised.
 
         """
-        running = self._running
-        if running is None or not running.done():
+        wanted = self._wanted
+        if wanted is None or not wanted.done():
             return None
-        self._running = None
-        return running.result()
+        self._wanted = None
+        return wanted.result()
 
     def cancel(self) -> None:
         """Tell the running estimate to stop, and drop its answer."""
-        self._cancel.set()
-        self._running = None
+        with self._cancel_lock:
+            self._cancel.set()
+        self._wanted = None
 
     def close(self) -> None:
-        """Cancel, and wait for the thread to end."""
+        """Cancel, and give the thread a moment to end; it may be compiling, which cannot stop."""
         self.cancel()
-        self._pool.shutdown()
+        newest = [self._newest] if self._newest is not None else []
+        late = wait(newest, timeout=CLOSE_S).not_done
+        self._pool.shutdown(wait=not late)
+
+
+def exit_code_despite_worker(code: int) -> int:
+    """
+    Return `code`, or end the process with it when a worker's thread is still running.
+
+    The interpreter waits for all threads at its end. The first estimate of an installation
+    compiles the kernels for up to a minute, longer than anybody waits after a signal.
+    """
+    if any(thread.name.startswith(THREAD_NAME) for thread in running_threads()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code

@@ -1,0 +1,296 @@
+"""What an estimate becomes before it is a message: poses, markers, diagnostics."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization import Verdict  # noqa: E402
+from dg_localization.fleet import (  # noqa: E402
+    Estimate,
+    InputState,
+    LinkKey,
+    LinkKind,
+    LinkState,
+    Placement,
+    RejectionReason,
+)
+from dg_localization.ros.diagnostics import Report, statuses  # noqa: E402
+from dg_localization.ros.links import Link  # noqa: E402
+from dg_localization.ros.markers import (  # noqa: E402
+    CONTRADICTING_RGBA,
+    FRESH_RGBA,
+    STALE_RGBA,
+    scene,
+)
+from dg_localization.ros.poses import feasible_poses, unique_pose  # noqa: E402
+from msg_adapters import Level, Shape  # noqa: E402
+
+ROBOTS = ('a', 'b')
+UNBOUNDED = np.array([[[-np.inf] * 2, [np.inf] * 2]] * 2)
+AB = LinkKey(LinkKind.RANGE, 'a', 'b')
+BA = LinkKey(LinkKind.RANGE, 'b', 'a')
+
+
+def placement(shift_m=0.0, dimension=2, **changes):
+    """Return robot a at the origin with a known heading, robot b at (3 + shift, 1)."""
+    positions = np.zeros((2, dimension))
+    positions[1, :2] = 3.0 + shift_m, 1.0
+    enclosure = np.stack([positions - 0.2, positions + 0.1], axis=1)
+    made = Placement(
+        positions_m=positions,
+        enclosure_m=enclosure,
+        orientations_xyzw=np.array([[0.0, 0.0, 0.6, 0.8], [math.nan] * 4]),
+        heading_known=np.array([True, False]),
+        heading_half_width_rad=np.array([0.1, math.pi]),
+        proved=True,
+        flexible=False,
+        mirrored=False,
+        landmarks_m=np.zeros((0, dimension)),
+        landmark_enclosure_m=np.zeros((0, 2, dimension)),
+    )
+    return replace(made, **changes)
+
+
+def estimate(*placements, **changes):
+    made = Estimate(
+        stamp_s=12.5,
+        robots=ROBOTS,
+        verdict=Verdict.COVERED,
+        reason='as measured',
+        placements=placements,
+        n_hypotheses=len(placements),
+        links=(LinkState(LinkKind.RANGE, 'a', 'b', 3.0, 3.3, 0.1, stale=False),),
+    )
+    return replace(made, **changes)
+
+
+def report(made, **changes):
+    plain = Report(
+        node='localizer',
+        trouble='',
+        failure='',
+        estimate=made,
+        robots=ROBOTS,
+        links=(Link('/a/range/b', 'sensor_msgs/msg/Range', AB),),
+        inputs={AB: input_state()},
+        malformed={},
+    )
+    return replace(plain, **changes)
+
+
+def input_state(**changes):
+    return replace(InputState(LinkKind.RANGE, 'a', 'b', 5, {}, '', 0.1, True), **changes)
+
+
+def status(part, made, **changes):
+    by_name = {status.name: status for status in statuses(report(made, **changes))}
+    return by_name.get(f'localizer: {part}')
+
+
+def test_poses_come_placement_by_placement_in_robot_order():
+    poses = feasible_poses(estimate(placement(), placement(1.0)), 'map')
+    assert poses.positions_m.tolist() == [
+        [0.0, 0.0, 0.0],
+        [3.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0],
+        [4.0, 1.0, 0.0],
+    ]
+    assert (poses.stamp_s, poses.frame_id) == (12.5, 'map')
+
+
+def test_unknown_heading_is_no_rotation_at_all():
+    poses = feasible_poses(estimate(placement()), 'map')
+    assert poses.orientations_xyzw.tolist() == [[0.0, 0.0, 0.6, 0.8], [0.0] * 4]
+
+
+def test_no_placement_gives_an_empty_list():
+    poses = feasible_poses(estimate(), 'map')
+    assert (poses.positions_m.shape, poses.orientations_xyzw.shape) == ((0, 3), (0, 4))
+
+
+def test_covariance_holds_the_squares_of_the_farthest_sides():
+    pose = unique_pose(estimate(placement()), 0, 'map')
+    assert np.diag(pose.covariance) == pytest.approx([0.04, 0.04, 0.0, 0.0, 0.0, 0.01])
+    assert np.count_nonzero(pose.covariance) == 3
+
+
+def test_unknown_heading_has_the_variance_of_half_a_turn():
+    pose = unique_pose(estimate(placement()), 1, 'map')
+    assert pose.orientation_xyzw.tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert pose.covariance[5, 5] == pytest.approx(math.pi**2)
+
+
+def test_space_has_six_variances():
+    pose = unique_pose(estimate(placement(dimension=3)), 0, 'map')
+    assert np.diag(pose.covariance) == pytest.approx([0.04] * 3 + [0.01] * 3)
+
+
+@pytest.mark.parametrize(
+    'made',
+    [
+        estimate(),
+        estimate(placement(), placement(1.0)),
+        estimate(placement(), n_hypotheses=70),
+        estimate(placement(enclosure_m=UNBOUNDED)),
+        estimate(placement(positions_m=np.full((2, 2), np.nan))),
+    ],
+    ids=['none', 'two', 'more than listed', 'unbounded', 'unknown'],
+)
+def test_there_is_a_pose_only_while_one_hypothesis_is_left(made):
+    assert unique_pose(made, 1, 'map') is None
+
+
+def test_scene_has_a_namespace_for_each_thing():
+    markers = {marker.namespace: marker for marker in scene(estimate(placement()), 'map').markers}
+    assert set(markers) == {'robots', 'headings', 'enclosures', 'links', 'names'}
+    assert markers['robots'].shape is Shape.SPHERE_LIST and len(markers['robots'].points_m) == 2
+    assert len(markers['headings'].points_m) == 2  # one known heading
+    assert markers['headings'].points_m[1] == pytest.approx([0.6 * 0.28, 0.6 * 0.96, 0.0])
+    assert len(markers['enclosures'].points_m) == 2 * 4 * 2
+    assert len(markers['links'].points_m) == 2
+
+
+def test_box_in_space_has_twelve_edges():
+    markers = {m.namespace: m for m in scene(estimate(placement(dimension=3)), 'map').markers}
+    assert len(markers['enclosures'].points_m) == 2 * 12 * 2
+
+
+def test_identifiers_are_unique_in_each_namespace():
+    markers = scene(estimate(placement(), placement(1.0)), 'map').markers
+    assert len({(marker.namespace, marker.identifier) for marker in markers}) == len(markers)
+    assert sorted(m.text for m in markers if m.namespace == 'names') == ['a', 'a', 'b', 'b']
+
+
+@pytest.mark.parametrize(
+    'stale, contradicts, color',
+    [
+        (False, False, FRESH_RGBA),
+        (True, False, STALE_RGBA),
+        (False, True, CONTRADICTING_RGBA),
+        (True, True, CONTRADICTING_RGBA),
+    ],
+)
+def test_links_are_coloured_by_their_state(stale, contradicts, color):
+    link = LinkState(LinkKind.RANGE, 'a', 'b', 3.0, 3.3, 0.1, stale, contradicts)
+    markers = scene(estimate(placement(), links=(link,)), 'map').markers
+    (links,) = [marker for marker in markers if marker.namespace == 'links']
+    assert links.colors_rgba.tolist() == [color.tolist()] * 2
+
+
+def test_landmarks_are_drawn_and_named():
+    made = estimate(placement(landmarks_m=np.array([[9.0, 9.0]])), landmarks=('beacon',))
+    markers = scene(made, 'map').markers
+    (robots,) = [marker for marker in markers if marker.namespace == 'robots']
+    assert robots.points_m[2].tolist() == [9.0, 9.0, 0.0]
+    assert 'beacon' in [marker.text for marker in markers]
+
+
+def test_what_is_not_known_is_not_drawn():
+    unknown = placement(
+        positions_m=np.array([[0.0, 0.0], [math.nan, math.nan]]),
+        enclosure_m=np.array([[[0.0, 0.0], [0.0, 0.0]], [[-np.inf] * 2, [np.inf] * 2]]),
+    )
+    markers = scene(estimate(unknown), 'map').markers
+    assert all(np.isfinite(marker.points_m).all() for marker in markers)
+    assert [marker.text for marker in markers if marker.namespace == 'names'] == ['a']
+
+
+def test_no_placement_clears_the_view():
+    assert scene(estimate(), 'map').markers == ()
+
+
+@pytest.mark.parametrize(
+    'made, level, text',
+    [
+        (None, Level.WARN, 'no estimate yet'),
+        (estimate(placement()), Level.OK, 'localized: one hypothesis'),
+        (estimate(placement(), placement(1.0)), Level.WARN, 'ambiguous: 2 hypotheses'),
+        (estimate(placement(flexible=True)), Level.WARN, 'flexible'),
+        (estimate(placement(dropped=(AB,))), Level.WARN, 'contradicting inputs dropped'),
+        (estimate(placement(), verdict=Verdict.OUT_OF_BUDGET), Level.WARN, 'out of budget'),
+        (estimate(verdict=None, reason='all is stale'), Level.WARN, 'all is stale'),
+        (estimate(verdict=Verdict.INFEASIBLE), Level.ERROR, 'contradiction: as measured'),
+    ],
+)
+def test_fleet_status(made, level, text):
+    found = status('fleet', made)
+    assert found.level is level and text in found.message
+
+
+def test_trouble_and_failure_come_before_the_estimate():
+    found = status('fleet', estimate(placement()), trouble='the node is inactive', failure='bug')
+    assert (found.level, found.message) == (Level.WARN, 'the node is inactive')
+    found = status('fleet', estimate(placement()), failure='internal error')
+    assert (found.level, found.message) == (Level.ERROR, 'internal error')
+
+
+def test_robot_status_lists_a_few_placements_only():
+    values = status('robot b', estimate(*[placement(k) for k in range(20)])).values
+    assert values['hypothesis_0'] == 'at 3.000 1.000 m, enclosure 0.300 0.300 m wide'
+    assert len(values) == 8
+
+
+def test_conflicts_are_named():
+    made = estimate(verdict=Verdict.INFEASIBLE, conflicts=((AB, BA),))
+    assert status('fleet', made).values['conflict_0'] == 'range a->b, range b->a'
+    assert status('robot a', made).level is Level.ERROR
+    assert status('input range a->b', made).level is Level.ERROR
+
+
+@pytest.mark.parametrize(
+    'made, level, text',
+    [
+        (estimate(placement()), Level.OK, 'localized'),
+        (estimate(placement(), placement(1.0)), Level.WARN, 'ambiguous'),
+        (estimate(placement(), links=()), Level.WARN, 'stale'),
+        (estimate(verdict=None), Level.WARN, 'no placement'),
+        (estimate(verdict=Verdict.INFEASIBLE), Level.WARN, 'no placement'),
+        (
+            estimate(placement(enclosure_m=UNBOUNDED)),
+            Level.WARN,
+            'not bounded',
+        ),
+    ],
+)
+def test_robot_status(made, level, text):
+    found = status('robot b', made)
+    assert found.level is level and text in found.message
+
+
+@pytest.mark.parametrize(
+    'state, level, text',
+    [
+        (input_state(), Level.OK, 'in use'),
+        (input_state(in_use=False), Level.WARN, 'stale'),
+        (input_state(in_use=False, accepted=0, last_reason_text='is NaN'), Level.WARN, 'is NaN'),
+    ],
+)
+def test_input_status(state, level, text):
+    found = status('input range a->b', estimate(), inputs={AB: state})
+    assert found.level is level and text in found.message
+
+
+def test_every_rejection_is_counted_by_its_reason():
+    state = input_state(
+        rejected={RejectionReason.NAN: 2, RejectionReason.TOO_OLD: 3}, last_reason_text='too old'
+    )
+    values = status('input range a->b', estimate(), inputs={AB: state}).values
+    assert values['rejected'] == '5'
+    assert (values['rejected_nan'], values['rejected_too_old']) == ('2', '3')
+    assert values['last_rejection'] == 'too old'
+
+
+def test_silent_input_of_a_template_needs_no_status_an_explicit_one_does():
+    assert status('input range a->b', estimate(), inputs={}) is None
+    explicit = Link('/uwb', 'sensor_msgs/msg/Range', AB, explicit=True)
+    found = status('input range a->b', estimate(), inputs={}, links=(explicit,))
+    assert (found.level, found.message) == (Level.WARN, 'nothing received')
+
+
+def test_malformed_message_is_named():
+    found = status('input range a->b', None, inputs={}, malformed={'/a/range/b': 'no reading'})
+    assert (found.level, found.message) == (Level.WARN, 'malformed: no reading')

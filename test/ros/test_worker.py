@@ -1,0 +1,105 @@
+"""The thread that estimates."""
+
+import subprocess
+import sys
+from threading import Event
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.ros.worker import EstimateWorker  # noqa: E402
+
+DEADLINE_S = 10.0
+
+
+@pytest.fixture
+def make_worker():
+    made = []
+
+    def make(estimate, wake=lambda: None):
+        made.append(EstimateWorker(estimate, wake))
+        return made[-1]
+
+    yield make
+    for worker in made:
+        worker.close()
+
+
+def test_answer_is_taken_once_after_the_wake(make_worker):
+    woken = Event()
+    worker = make_worker(lambda snapshot, cancel: snapshot + 1, woken.set)
+    assert not worker.busy and worker.take() is None
+    worker.submit(1)
+    assert worker.busy
+    assert woken.wait(DEADLINE_S)
+    assert worker.take() == 2
+    assert worker.take() is None and not worker.busy
+
+
+def test_defect_comes_out_of_take(make_worker):
+    woken = Event()
+    worker = make_worker(lambda snapshot, cancel: 1 // snapshot, woken.set)
+    worker.submit(0)
+    assert woken.wait(DEADLINE_S)
+    with pytest.raises(ZeroDivisionError):
+        worker.take()
+    assert not worker.busy
+
+
+def test_cancelled_answer_is_never_seen_and_the_next_one_is(make_worker):
+    running, woken, wakes = Event(), Event(), []
+
+    def estimate(snapshot, cancel):
+        running.set()
+        if snapshot == 'slow':
+            assert cancel.wait(DEADLINE_S)
+        return snapshot
+
+    def wake():
+        wakes.append(1)
+        woken.set()
+
+    worker = make_worker(estimate, wake)
+    worker.submit('slow')
+    assert running.wait(DEADLINE_S)
+    worker.cancel()
+    assert not worker.busy
+    worker.submit('fast')
+    assert woken.wait(DEADLINE_S)
+    assert worker.take() == 'fast'
+    assert len(wakes) == 1
+
+
+def test_close_does_not_wait_for_ever(make_worker, monkeypatch):
+    monkeypatch.setattr('dg_localization.ros.worker.CLOSE_S', 0.05)
+    release, running = Event(), Event()
+
+    def estimate(snapshot, cancel):
+        running.set()
+        assert release.wait(DEADLINE_S)
+
+    worker = make_worker(estimate)
+    worker.submit(None)
+    assert running.wait(DEADLINE_S)
+    worker.close()
+    release.set()
+
+
+def test_process_ends_although_the_thread_does_not():
+    code = """
+import sys, time
+from threading import Event
+from dg_localization.ros import worker
+worker.CLOSE_S = 0.05
+running = Event()
+def estimate(snapshot, cancel):
+    running.set()
+    time.sleep(1000.0)
+one = worker.EstimateWorker(estimate, print)
+one.submit(None)
+running.wait()
+one.close()
+sys.exit(worker.exit_code_despite_worker(3))
+"""
+    assert subprocess.run([sys.executable, '-c', code], timeout=60.0).returncode == 3
