@@ -48,3 +48,23 @@ def pytest_configure(config):
     # Kept for the life of the process: the claim ends with it.
     config.ros_domain = domain['claim_domain']()
     os.environ['ROS_DOMAIN_ID'] = str(config.ros_domain.domain_id)
+
+
+@pytest.fixture(scope='session')
+def compiled_kernels():
+    """Compile the kernels into the cache that the nodes started by tests read them from."""
+    from dg_localization.fleet import FleetConfig, Localizer
+    from dg_localization.fleet.simulation import ROBOTS, FleetMotion, FleetSensors
+
+    localizer = Localizer(FleetConfig(robots=ROBOTS))
+    state, sensors = FleetMotion().state(0.0), FleetSensors()
+    for reading in sensors.ranges(state):
+        localizer.add_range(reading.observer, reading.target, reading.range_m, 1.0, 1.0)
+    localizer.step(1.0)
+
+
+@pytest.fixture(autouse=True)
+def _nodes_answer_in_time(request):
+    # Compiling takes longer than a test of a node waits for an answer.
+    if 'ros' in request.path.relative_to(REPOSITORY).parts:
+        request.getfixturevalue('compiled_kernels')
