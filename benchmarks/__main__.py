@@ -1,0 +1,97 @@
+"""The command line: ``python -m benchmarks [--quick] [--only NAME ...]``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from fnmatch import fnmatch
+import sys
+import time
+
+try:
+    import scipy  # noqa: F401
+    from tqdm import tqdm
+except ImportError as error:
+    sys.exit(f"{error.name} is not installed; the benchmarks need pip install '.[bench]'")
+
+from benchmarks.contest import Row, solver_row
+from benchmarks.peers import classical_mds, codac_contractors, multistart, scip
+from benchmarks.problems import Case, all_cases, dietmaier_file
+from benchmarks.report import case_report, machine, startup_report, summary
+from benchmarks.startup import figures
+
+PEERS = {peer.NAME: peer for peer in (codac_contractors, multistart, classical_mds, scip)}
+STARTUP = 'start-up'
+
+
+def arguments() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(prog='python -m benchmarks', description=__doc__)
+    parser.add_argument('--quick', action='store_true', help='the short cases only, without SCIP')
+    parser.add_argument(
+        '--only',
+        action='append',
+        metavar='NAME',
+        help='only the cases of this name (wildcards allowed, may be repeated)',
+    )
+    parser.add_argument('--list', action='store_true', help='print the names and leave')
+    return parser.parse_args()
+
+
+def peers_of(case: Case, quick: bool) -> Iterator[str]:
+    """Yield the installed peers that are asked for a case."""
+    for name in case.peers:
+        if not PEERS[name].missing() and not (quick and name == 'scip'):
+            yield name
+
+
+def contest(case: Case, quick: bool, progress: tqdm) -> list[Row]:
+    """Run all methods on a case."""
+    progress.set_postfix_str(f'{case.name}: dg_localization')
+    rows = [solver_row(case)]
+    for name in peers_of(case, quick):
+        progress.set_postfix_str(f'{case.name}: {name}')
+        rows += PEERS[name].rows(case)
+    return rows
+
+
+def main() -> None:
+    """Run the cases and print their tables."""
+    options = arguments()
+    cases = all_cases()
+    names = [*(case.name for case in cases), STARTUP]
+    if options.list:
+        print('\n'.join(names))
+        return
+    wanted = options.only or ['*']
+    for pattern in wanted:
+        if not any(fnmatch(name, pattern) for name in names):
+            sys.exit(f'no case is called {pattern!r}; there are: {", ".join(names)}')
+    cases = [
+        case
+        for case in cases
+        if any(fnmatch(case.name, pattern) for pattern in wanted)
+        and (case.quick or options.only or not options.quick)
+    ]
+    print(machine() + '\n')
+    for peer in PEERS.values():
+        if peer.missing():
+            print(f'left out: {peer.missing()}')
+    if not dietmaier_file().exists():
+        print(f"left out: Dietmaier's platform, {dietmaier_file()} is not there")
+    started = time.perf_counter()
+    results = []
+    with tqdm(cases, unit='case', disable=None) as progress:
+        for case in progress:
+            rows = contest(case, options.quick, progress)
+            results.append((case, rows))
+            progress.write(case_report(case, rows))
+    if not options.quick and any(fnmatch(STARTUP, pattern) for pattern in wanted):
+        print(startup_report(figures()))
+    if len(results) > 1:
+        print('### summary\n\n' + summary(results))
+    print(f'\n{time.perf_counter() - started:.0f} s in all')
+
+
+if __name__ == '__main__':
+    main()

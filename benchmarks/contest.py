@@ -1,0 +1,200 @@
+"""Answers of different methods to one case, timed and scored alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from statistics import median
+import time
+from typing import Any, TypeVar
+
+import numpy as np
+
+from benchmarks.exact import exact_hull, linearised_hull, unknown_pairs
+from benchmarks.problems import Case, FloatArray, Pair, squared_distances
+from dg_localization import SolverOptions, Verdict, solve
+
+Answer = TypeVar('Answer')
+
+SOLVER = 'dg_localization'
+TIGHTENING = next((f.name for f in fields(SolverOptions) if f.name.startswith('tighten')), None)
+
+RUNS = 7
+MAX_SECONDS = 20.0
+"""After that no further run is started, however few there were."""
+
+MAX_PAIRS = 40
+"""Widths of larger fleets are compared on so many unknown pairs, drawn at random."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds per run, after one run that is not counted."""
+
+    median: float
+    minimum: float
+    runs: int
+
+
+@dataclass(frozen=True)
+class Score:
+    """How much of the truth an answer holds, and how tightly."""
+
+    found: int
+    """Known placements contained."""
+    widest: float | None = None
+    """Largest and ..."""
+    typical: float | None = None
+    """... median width of an unknown pair over the reference width."""
+    cut: bool = False
+    """Whether some hull lacks a part of the exact one."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method's line in the table of a case."""
+
+    who: str
+    timing: Timing | None = None
+    boxes: int | None = None
+    empty: int | None = None
+    hypotheses: int | None = None
+    score: Score | None = None
+    remark: str = ''
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Bounds of all squared distances of one connected part of an answer, (n, n) in m^2."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+
+def measure(run: Callable[[], Answer]) -> tuple[Answer, Timing]:
+    """
+    Time a function on a warm machine.
+
+    Parameters
+    ----------
+    run : callable
+        What to time.
+
+    Returns
+    -------
+    answer
+        What it returned last.
+    Timing
+        Median and minimum of `RUNS` runs, or of fewer when they take longer than `MAX_SECONDS`.
+
+    """
+    started = time.perf_counter()
+    seconds: list[float] = []
+    answer = run()
+    first = time.perf_counter() - started
+    if first > 0.5 * MAX_SECONDS:
+        return answer, Timing(first, first, 1)
+    while len(seconds) < RUNS and time.perf_counter() - started < MAX_SECONDS:
+        begin = time.perf_counter()
+        answer = run()
+        seconds.append(time.perf_counter() - begin)
+    return answer, Timing(median(seconds), min(seconds), len(seconds))
+
+
+def attainable_resolution(case: Case) -> float:
+    """Return how far the measurement errors leave a distance open, or the resolution if more."""
+    bounds = linearised_hull(case.problem, case.placements[0], compared_pairs(case))
+    widths = np.diff(np.sqrt(np.maximum(bounds, 0.0)), axis=1)
+    return max(case.resolution, float(widths.max()))
+
+
+def compared_pairs(case: Case) -> list[Pair]:
+    """Return the unknown pairs whose widths are compared."""
+    pairs = unknown_pairs(case.problem)
+    chosen = np.random.default_rng(0).permutation(len(pairs))[:MAX_PAIRS]
+    return [pairs[index] for index in sorted(chosen)]
+
+
+_references: dict[tuple[str, int], FloatArray] = {}
+
+
+def reference_hull(case: Case, number: int) -> FloatArray | None:
+    """Return the hull that the widths about a placement are compared with, None without one."""
+    if case.hull is None:
+        return None
+    key = (case.name, number)
+    if key not in _references:
+        bound = exact_hull if case.hull == 'exact' else linearised_hull
+        _references[key] = bound(case.problem, case.placements[number], compared_pairs(case))
+    return _references[key]
+
+
+def score(case: Case, hulls: Sequence[Hull]) -> Score:
+    """
+    Compare an answer with what is known.
+
+    Parameters
+    ----------
+    case : Case
+        The case.
+    hulls : sequence of Hull
+        The connected parts of the answer.
+
+    Returns
+    -------
+    Score
+        A placement counts as found when one hull holds all its distances, and its widths are
+        those of that hull.
+
+    """
+    found = 0
+    ratios: list[float] = []
+    cut = False
+    rows, columns = np.array(compared_pairs(case)).T
+    for number, placement in enumerate(case.placements):
+        squared = squared_distances(placement)
+        slack = 1e-12 * squared.max()
+        holding = [
+            hull
+            for hull in hulls
+            if (hull.lower <= squared + slack).all() and (hull.upper >= squared - slack).all()
+        ]
+        if not holding:
+            continue
+        found += 1
+        reference = reference_hull(case, number)
+        if reference is None:
+            continue
+        lower, upper = holding[0].lower[rows, columns], holding[0].upper[rows, columns]
+        width = reference[:, 1] - reference[:, 0]
+        ratios.extend((upper - lower) / width)
+        if case.hull == 'exact':
+            tolerance = 1e-6 * width
+            cut |= bool((lower > reference[:, 0] + tolerance).any())
+            cut |= bool((upper < reference[:, 1] - tolerance).any())
+    if not ratios:
+        return Score(found)
+    return Score(found, max(ratios), median(ratios), cut)
+
+
+def solver_options(case: Case) -> SolverOptions:
+    """Return how the solver is asked to treat a case."""
+    options: dict[str, Any] = {}
+    if TIGHTENING is not None:
+        options[TIGHTENING] = case.tightened
+    return SolverOptions(case.resolution, case.max_boxes, case.max_seconds, **options)
+
+
+def solver_row(case: Case) -> Row:
+    """Solve a case with this package."""
+    options = solver_options(case)
+    result, timing = measure(lambda: solve(case.problem, options))
+    return Row(
+        SOLVER,
+        timing,
+        result.statistics.processed,
+        result.statistics.empty,
+        len(result.hypotheses),
+        score(case, [Hull(found.lower, found.upper) for found in result.hypotheses]),
+        '' if result.verdict is Verdict.COVERED else result.verdict.value.replace('_', ' '),
+    )

@@ -1,0 +1,1 @@
+"""The other methods. Each module has NAME, ``missing()`` and ``rows(case)``."""
