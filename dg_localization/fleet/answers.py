@@ -73,7 +73,7 @@ def answer(
     elsewhere = check_elsewhere(constraints, plan.points, options, cancel)
     if elsewhere.verdict is Verdict.INFEASIBLE:
         return elsewhere
-    result = solve(constraints.problem(plan.points), options, cancel)
+    result = solve(constraints.problem(plan.held), options, cancel)
     statistics = add_statistics(elsewhere.statistics, result.statistics)
     placer = Placer(snapshot.config, constraints, plan, dropped)
     placements = tuple(

@@ -20,6 +20,7 @@ from dg_localization.solver.rounding import (
 )
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @kernel
@@ -144,3 +145,25 @@ def tighten_opposite_side(
                 greatest = max(greatest, x * x + y * y - 2.0 * x * y * low_cosine + margin)
     lower[b, c] = lower[c, b] = max(lower[b, c], least)
     upper[b, c] = upper[c, b] = min(upper[b, c], greatest)
+
+
+@kernel
+def tighten_by_angles(
+    lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray
+) -> None:
+    """
+    Tighten the sides of triangles opposite to known angles, in place.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n, n)
+        Bounds of the squared distances in m^2; reversed where the angles leave none.
+    corners : ndarray of int, shape (m, 3)
+        The point with the angle, and the two others.
+    cosines : ndarray, shape (m, 2)
+        Bounds of the cosines of the angles.
+
+    """
+    for row in range(len(corners)):
+        a, b, c = corners[row]
+        tighten_opposite_side(lower, upper, a, b, c, cosines[row, 0], cosines[row, 1])

@@ -208,8 +208,8 @@ class FleetConfig:
     min_separation_m : float
         No two robots come nearer than this; their size, say.
     odometry_relative_error : float
-        Greatest error of an odometry displacement (and turn) as a fraction of the path length
-        (and of the sum of all turns) between its two stamps.
+        Greatest error of odometry between two of its stamps, as a fraction of how far (and by
+        how much) the robot can go (and turn) at full speed in that time.
     max_hypotheses : int
         How many placements an estimate lists.
     max_outliers : int

@@ -14,20 +14,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.cartesian import tighten_opposite_side
+from dg_localization.fleet.cartesian import tighten_by_angles
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import LinkKey
 from dg_localization.fleet.intervals import (
     ROUNDING_RAD,
     Interval,
-    cosine_of_angle,
     determinant,
 )
 from dg_localization.fleet.snapshot import RayEvidence, Snapshot
 from dg_localization.solver.problem import Chirality, Problem
 
 Matrix = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,35 @@ class Ray:
 
 
 @dataclass(frozen=True)
+class Angles:
+    """
+    Angles under which observers see pairs of points.
+
+    Parameters
+    ----------
+    corners : numpy.ndarray of int, shape (m, 3)
+        The observer, and the two points.
+    low_rad, high_rad : numpy.ndarray, shape (m,)
+        Bounds in [0, pi].
+
+    """
+
+    corners: IntArray
+    low_rad: np.ndarray
+    high_rad: np.ndarray
+
+    def cosines(self) -> np.ndarray:
+        """Return bounds of the cosines, shape (m, 2)."""
+        return np.stack(
+            [
+                np.maximum(np.cos(self.high_rad) - ROUNDING_RAD, -1.0),
+                np.minimum(np.cos(self.low_rad) + ROUNDING_RAD, 1.0),
+            ],
+            axis=1,
+        )
+
+
+@dataclass(frozen=True)
 class Constraints:
     """
     What is known of the points at the time of a snapshot.
@@ -62,6 +90,8 @@ class Constraints:
     chiralities : tuple of Chirality
     rays : dict of int to tuple of Ray
         By observer, in its body frame at the time of the snapshot.
+    angles : Angles
+        Angles under which pairs of points are seen.
     dimension : int
 
     """
@@ -70,6 +100,7 @@ class Constraints:
     upper: Matrix
     chiralities: tuple[Chirality, ...]
     rays: dict[int, tuple[Ray, ...]]
+    angles: Angles
     dimension: int
 
     @property
@@ -79,14 +110,42 @@ class Constraints:
 
     def component_of(self, point: int) -> tuple[int, ...]:
         """Return the points that bounded distances join to `point`, itself included, in order."""
-        reached = {point}
-        pending = [point]
-        while pending:
-            bounded = np.flatnonzero(np.isfinite(self.upper[pending.pop()]))
-            new = set(bounded.tolist()) - reached
-            reached |= new
-            pending.extend(new)
-        return tuple(sorted(reached))
+        return tuple(sorted(_reached(np.isfinite(self.upper), point)))
+
+    def loose_points(self, component: tuple[int, ...], kept: set[int]) -> list[int]:
+        """
+        Return the points of a connected part that hang on fewer than q distances.
+
+        Parameters
+        ----------
+        component : tuple of int
+            The connected part.
+        kept : set of int
+            Points that do not count as loose.
+
+        Returns
+        -------
+        list of int
+            Each hangs on at least one and on fewer than q of the points not listed before it.
+
+        """
+        bounded = np.isfinite(self.upper)
+        np.fill_diagonal(bounded, False)
+        left = list(component)
+        loose: list[int] = []
+        while True:
+            # One at a time, the last in the list first: they may hang on each other.
+            for point in reversed(left):
+                rest = [other for other in left if other != point]
+                if point in kept or bounded[point, rest].sum() >= self.dimension:
+                    continue
+                # What joins two parts of the fleet is not loose.
+                if len(_reached(bounded[np.ix_(rest, rest)], 0)) == len(rest):
+                    break
+            else:
+                return loose
+            loose.append(point)
+            left = rest
 
     def problem(self, points: tuple[int, ...]) -> Problem:
         """Return the problem of some of the points, numbered as they are listed."""
@@ -102,6 +161,17 @@ class Constraints:
                 if all(p in index for p in chirality.points)
             ],
         )
+
+
+def _reached(joined: NDArray[np.bool_], start: int) -> set[int]:
+    """Return the points that a chain of joined pairs leads to from one of them."""
+    reached = {start}
+    pending = [start]
+    while pending:
+        new = set(np.flatnonzero(joined[pending.pop()]).tolist()) - reached
+        reached |= new
+        pending.extend(new)
+    return reached
 
 
 def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> Constraints:
@@ -133,17 +203,21 @@ def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> 
         by_observer.setdefault(ray.observer, []).append(ray)
     swings = {ray.key: _swing_rad(ray, lower) for ray in rays}
     now = {}
+    angles = []
     for observer, seen in by_observer.items():
         bundle = _Bundle(snapshot, seen, swings)
         now[observer] = tuple(bundle.at(snapshot.stamp_s))
-        angles = bundle.pairs()
-        _apply_angles(lower, upper, observer, *angles)
+        pairs = bundle.pairs()
+        angles.append(_angles_at(observer, *pairs))
         chiralities.extend(
-            _planar_chiralities(observer, *angles)
+            _planar_chiralities(observer, *pairs)
             if config.dimension == 2
             else _spatial_chiralities(observer, bundle)
         )
-    return Constraints(lower, upper, tuple(chiralities), now, config.dimension)
+    seen_angles = _joined(angles)
+    _triangulate(lower, upper, seen_angles)
+    tighten_by_angles(lower, upper, seen_angles.corners, seen_angles.cosines())
+    return Constraints(lower, upper, tuple(chiralities), now, seen_angles, config.dimension)
 
 
 def _tighten(lower: Matrix, upper: Matrix, i: int, j: int, low: float, high: float) -> None:
@@ -277,7 +351,7 @@ class _Bundle:
             (pictures[second.stamp_s][i], pictures[second.stamp_s][j])
             for (i, _), (j, second) in combinations(enumerate(self._rays), 2)
         ]
-        targets = np.array([(a.target, b.target) for a, b in chosen], dtype=np.intp)
+        targets = np.array([(a.target, b.target) for a, b in chosen], dtype=np.int64)
         first = np.array([a.direction for a, _ in chosen]).reshape(-1, 3)
         other = np.array([b.direction for _, b in chosen]).reshape(-1, 3)
         widths = np.array([a.half_width_rad + b.half_width_rad for a, b in chosen])
@@ -381,19 +455,65 @@ def _greatest_sine(angle_rad: float, half_width_rad: float) -> float:
     return max(math.sin(angle_rad - half_width_rad), math.sin(angle_rad + half_width_rad))
 
 
-def _apply_angles(
-    lower: Matrix,
-    upper: Matrix,
-    observer: int,
-    targets: IntArray,
-    angles: np.ndarray,
-    half_widths: np.ndarray,
-) -> None:
-    """Tighten the distances of pairs of points that are seen under known angles, in place."""
-    for (first, second), angle, width in zip(
-        targets.tolist(), np.abs(angles).tolist(), half_widths.tolist(), strict=True
-    ):
-        low, high = max(0.0, angle - width), min(math.pi, angle + width)
-        low_cos, high_cos = cosine_of_angle(low, high)
-        if width < math.pi:
-            tighten_opposite_side(lower, upper, observer, first, second, low_cos, high_cos)
+def _angles_at(
+    observer: int, targets: IntArray, angles: np.ndarray, half_widths: np.ndarray
+) -> Angles:
+    """Return the angles under which one observer sees pairs of points, where they say anything."""
+    known = half_widths < math.pi
+    sizes, widths = np.abs(angles[known]), half_widths[known]
+    corners = np.column_stack([np.full(known.sum(), observer), targets[known]])
+    low, high = np.maximum(sizes - widths, 0.0), np.minimum(sizes + widths, math.pi)
+    return Angles(corners.astype(np.int64), low, high)
+
+
+def _joined(parts: list[Angles]) -> Angles:
+    """Return all angles in one."""
+    return Angles(
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *(part.corners for part in parts)]),
+        np.concatenate([np.empty(0), *(part.low_rad for part in parts)]),
+        np.concatenate([np.empty(0), *(part.high_rad for part in parts)]),
+    )
+
+
+def _triangulate(lower: Matrix, upper: Matrix, angles: Angles) -> None:
+    """
+    Tighten the distances of a point that two others see, by the law of sines, in place.
+
+    With the angles A at a and B at b, the third is pi - A - B, and the sides are as the sines:
+    d_ac = d_ab sin B / sin(A + B). It gives a distance to what is only seen, never ranged.
+    """
+    known = {
+        (corner[0], frozenset(corner[1:])): (low, high)
+        for corner, low, high in zip(
+            angles.corners.tolist(), angles.low_rad.tolist(), angles.high_rad.tolist(), strict=True
+        )
+    }
+    for (a, ends), at_a in known.items():
+        for b in ends:
+            (c,) = ends - {b}
+            at_b = known.get((b, frozenset((a, c))))
+            if at_b is None or math.isinf(upper[a, b]) or lower[a, b] > upper[a, b]:
+                continue
+            base = (math.sqrt(lower[a, b]), math.sqrt(upper[a, b]))
+            _tighten(lower, upper, a, c, *_third_side_m2(base, at_a, at_b))
+
+
+def _third_side_m2(
+    base: tuple[float, float], at_a: tuple[float, float], at_b: tuple[float, float]
+) -> tuple[float, float]:
+    """Return bounds of the square of d_ac from d_ab and the angles at a and b."""
+    low_sum, high_sum = at_a[0] + at_b[0], min(math.pi, at_a[1] + at_b[1])
+    low_b, high_b = _sine_range(*at_b)
+    low_c, high_c = _sine_range(min(low_sum, math.pi), high_sum)
+    # A handful of roundings, each below 1.2e-16 of its result, besides those of the sines.
+    low_m = base[0] * low_b / high_c * (1.0 - 1e-14)
+    high_m = base[1] * high_b / low_c * (1.0 + 1e-14) if low_c > 0.0 else math.inf
+    return _squared(low_m, high_m)
+
+
+def _sine_range(low_rad: float, high_rad: float) -> tuple[float, float]:
+    """Return bounds of the sine over a part of [0, pi]."""
+    ends = (math.sin(low_rad), math.sin(high_rad))
+    low = max(0.0, min(ends) - ROUNDING_RAD)
+    high = 1.0 if low_rad <= math.pi / 2 <= high_rad else max(ends) + ROUNDING_RAD
+    return low, high

@@ -9,6 +9,7 @@ frame. Interval arithmetic, rounded outward, from end to end: the true placement
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 import math
@@ -16,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.cartesian import contract_boxes
+from dg_localization.fleet.cartesian import contract_boxes, tighten_by_angles
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints import Constraints, Ray, anchor_boxes, angles_rad
 from dg_localization.fleet.estimate import FixedFrame, LinkKey, Placement
@@ -56,15 +57,42 @@ class FramePlan:
     ----------
     frame : FixedFrame
     points : tuple of int
-        The connected points.
+        The connected points, the held ones first.
+    n_held : int
+        How many of them the solver places. The others hang on fewer than q distances: they are
+        free to swing, and each would cost the solver a whole circle or sphere of boxes.
     cores : tuple of tuple of int
-        Choices of q points whose place in the fixed frame is known, best first.
+        Choices of q held points whose place in the fixed frame is known, best first.
 
     """
 
     frame: FixedFrame
     points: tuple[int, ...]
+    n_held: int
     cores: tuple[tuple[int, ...], ...]
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """The points that the solver places."""
+        return self.points[: self.n_held]
+
+
+def _plan(
+    frame: FixedFrame,
+    constraints: Constraints,
+    component: tuple[int, ...],
+    cores: tuple[tuple[int, ...], ...],
+    kept: Iterable[int] = (),
+) -> FramePlan:
+    """Return the plan for a connected part of the fleet; the first core and `kept` are held."""
+    loose = constraints.loose_points(component, {*cores[0], *kept})
+    held = tuple(point for point in component if point not in loose)
+    return FramePlan(
+        frame=frame,
+        points=held + tuple(reversed(loose)),
+        n_held=len(held),
+        cores=tuple(core for core in cores if not set(core) & set(loose)),
+    )
 
 
 def plan_frames(
@@ -92,7 +120,11 @@ def plan_frames(
         names = tuple(config.anchors)
         frame = FixedFrame('anchors', names)
         origin = anchored[0][0]
-        plans = [FramePlan(frame, a.component_of(origin), anchored) for a in alternatives]
+        indices = anchor_boxes(config)
+        plans = [
+            _plan(frame, alternative, alternative.component_of(origin), anchored, indices)
+            for alternative in alternatives
+        ]
         free = {i for i, robot in enumerate(config.robots) if robot not in config.anchors}
         if free and not any(free & set(plan.points) for plan in plans):
             return f'no robot is connected to the anchors {", ".join(names)} by a usable range'
@@ -118,12 +150,15 @@ def _plan_from_reference(
     if all(headed):
         frame = FixedFrame('heading', (config.reference_robot,))
         return [
-            FramePlan(frame, points, cores)
-            for points, cores in zip(components, headed, strict=True)
+            _plan(frame, alternative, points, cores)
+            for alternative, points, cores in zip(alternatives, components, headed, strict=True)
         ]
     core = _robot_core(config, constraints, origin, components)
     frame = FixedFrame('robots', tuple(config.points[i] for i in core))
-    return [FramePlan(frame, points, (core,)) for points in components]
+    return [
+        _plan(frame, alternative, points, (core,))
+        for alternative, points in zip(alternatives, components, strict=True)
+    ]
 
 
 def _anchor_cores(config: FleetConfig) -> tuple[tuple[int, ...], ...]:
@@ -202,7 +237,7 @@ class Placer:
     constraints : Constraints
         What the problem was made of.
     plan : FramePlan
-        The frame; the points of the problem are ``plan.points``, in that order.
+        The frame; the points of the problem are ``plan.held``, in that order.
     dropped : frozenset of LinkKey
         What `constraints` leave out.
 
@@ -234,11 +269,21 @@ class Placer:
         self._anchors = {
             index[point]: box for point, box in anchor_boxes(config).items() if point in index
         }
+        held = set(plan.held)
         self._chiralities = [
             (tuple(index[p] for p in chirality.points), chirality.sign)
             for chirality in constraints.chiralities
-            if all(p in index for p in chirality.points)
+            if held.issuperset(chirality.points)
         ]
+        rows = np.array(
+            [held.issuperset(corner) for corner in constraints.angles.corners.tolist()]
+        )
+        corners = constraints.angles.corners[rows.astype(bool)]
+        self._corners = np.array([[index[p] for p in corner] for corner in corners.tolist()])
+        self._corners = self._corners.reshape(-1, 3).astype(np.int64)
+        self._cosines = constraints.angles.cosines()[rows.astype(bool)]
+        chosen = np.ix_(plan.points, plan.points)
+        self._lower, self._upper = constraints.lower[chosen], constraints.upper[chosen]
         self._to_fixed = [self._core_pose(core) for core in self._cores]
 
     def placements(self, hypothesis: Hypothesis) -> list[Placement]:
@@ -247,9 +292,8 @@ class Placer:
 
         None at all when the rays that fix headings rule out every one.
         """
-        found = []
-        choices = self._choices(hypothesis)
-        for handed in choices:
+        found: list[tuple[_Handed | None, Interval]] = []
+        for handed in self._choices(hypothesis):
             enclosure = self._enclose(hypothesis, handed)
             if enclosure is not None:
                 found.append((handed, enclosure))
@@ -259,17 +303,18 @@ class Placer:
         if len(found) == 2 and _equal(found[0][1], found[1][1]):
             found = found[:1]
         placements: list[Placement] = []
-        for handed, enclosure in found:
-            positions = self._fixed_positions(hypothesis, handed, enclosure)
-            placement = self._finish(hypothesis, positions, enclosure, bool(placements))
-            if placement is not None:
-                placements.append(placement)
+        for handed, held in found:
+            positions = self._fixed_positions(hypothesis, handed, held)
+            enclosure = self._with_loose_points(held)
+            if enclosure is not None:
+                placement = self._finish(hypothesis, positions, enclosure, bool(placements))
+                placements += [placement] if placement is not None else []
         return placements
 
     def _choices(self, hypothesis: Hypothesis) -> list[_Handed | None]:
         """Return the handedness that may be: one when a chirality says so, or both."""
         core = self._cores[0]
-        others = [p for p in range(len(self._plan.points)) if p not in core]
+        others = [p for p in range(self._plan.n_held) if p not in core]
         if len(core) < self._dimension or not others:
             return [None]
         known = {}
@@ -287,7 +332,7 @@ class Placer:
         boxes = hypothesis.boxes
         if len(boxes) > MAX_BOXES:
             boxes = np.stack([hypothesis.lower, hypothesis.upper])[None]
-        everyone = range(len(self._plan.points))
+        everyone = range(self._plan.n_held)
         apexes = {
             core: _far_apexes(hypothesis, core, [p for p in everyone if p not in core])
             for core in self._cores
@@ -307,6 +352,10 @@ class Placer:
         apexes: dict[tuple[int, ...], list[int]],
     ) -> Interval | None:
         """Return the coordinates one box of distances allows."""
+        lower, upper = np.array(lower), np.array(upper)
+        tighten_by_angles(lower, upper, self._corners, self._cosines)
+        if (lower > upper).any():
+            return None
         points, side = self._cores[0], 1
         if handed is not None:
             points, side = (*handed.core, handed.apex), handed.side
@@ -349,6 +398,16 @@ class Placer:
                 low[point] = np.maximum(low[point], box.lower)
                 high[point] = np.minimum(high[point], box.upper)
         if (low > high).any() or not contract_boxes(low, high, lower, upper, SWEEPS):
+            return None
+        return Interval(low, high)
+
+    def _with_loose_points(self, held: Interval) -> Interval | None:
+        """Return the enclosure of the held points with that of what hangs on them."""
+        n_loose = len(self._plan.points) - self._plan.n_held
+        unbounded = np.full((n_loose, self._dimension), np.inf)
+        low = np.concatenate([held.lower, -unbounded])
+        high = np.concatenate([held.upper, unbounded])
+        if n_loose and not contract_boxes(low, high, self._lower, self._upper, SWEEPS):
             return None
         return Interval(low, high)
 
@@ -397,7 +456,7 @@ class Placer:
         core = self._cores[0]
         local = positions - positions[core[0]]
         if kind == 'heading':
-            rays = self._rays[core[0]]
+            rays = [ray for ray in self._rays[core[0]] if ray.target < self._plan.n_held]
             directions = _unit_rows(local[[ray.target for ray in rays]])
             weights = [1.0 / (ray.half_width_rad + 1e-6) for ray in rays]
             seen = np.array([ray.direction[: self._dimension] for ray in rays])
@@ -410,6 +469,8 @@ class Placer:
         self, hypothesis: Hypothesis, positions: FloatArray, enclosure: Interval, mirrored: bool
     ) -> Placement | None:
         """Return the placement with its headings, or None when no heading agrees with the rays."""
+        positions = hang(positions, self._lower, self._upper)
+        positions = np.clip(positions, enclosure.lower, enclosure.upper)
         headings = {}
         origin = self._cores[0][0]
         for observer, rays in self._rays.items():
@@ -423,6 +484,19 @@ class Placer:
             if heading is not None:
                 headings[observer] = heading
         return self._rows(hypothesis, positions, enclosure, headings, mirrored)
+
+    def _holds_loose_points(self, positions: FloatArray) -> bool:
+        """Return whether the loose points certainly keep their distances."""
+        for i in range(self._plan.n_held, len(positions)):
+            gaps = (Interval.point(positions[i]) - Interval.point(positions)).square()
+            total = gaps[:, 0]
+            for axis in range(1, self._dimension):
+                total = total + gaps[:, axis]
+            meets = (total.lower >= self._lower[i]) & (total.upper <= self._upper[i])
+            meets[i] = True
+            if not meets.all():
+                return False
+        return True
 
     def _rows(
         self,
@@ -452,8 +526,8 @@ class Placer:
             orientations_xyzw=orientations,
             heading_known=~np.isnan(orientations[:, 0]),
             heading_half_width_rad=half_widths,
-            proved=hypothesis.proved,
-            flexible=hypothesis.flexible,
+            proved=hypothesis.proved and self._holds_loose_points(positions),
+            flexible=hypothesis.flexible or len(points) > self._plan.n_held,
             mirrored=mirrored,
             landmarks_m=all_positions[n_robots:],
             landmark_enclosure_m=boxes[n_robots:],
@@ -511,12 +585,18 @@ def _enclose_local(
 
 
 def _far_apexes(hypothesis: Hypothesis, core: tuple[int, ...], candidates: list[int]) -> list[int]:
-    """Return the candidates that look farthest from the hyperplane of the core, best first."""
-    if hypothesis.positions is None:
-        return candidates[:MAX_APEXES]
-    edges = hypothesis.positions - hypothesis.positions[core[0]]
-    spans = [abs(np.linalg.det(edges[[*core[1:], apex]])) for apex in candidates]
-    return [candidates[i] for i in np.argsort(spans)[::-1][:MAX_APEXES]]
+    """Return the candidates that are farthest from the hyperplane of the core, best first."""
+    if len(candidates) < 2 or len(core) < 2:
+        return candidates
+    heights = {}
+    for apex in candidates:
+        frame = (*core, apex)
+        local = _enclose_local(hypothesis.lower, hypothesis.upper, frame, len(core))
+        if local is not None:
+            # Certainly far first; those that may lie in the hyperplane by how far they may be.
+            heights[apex] = (local.lower[apex, -1], -local.upper[apex, -1])
+    ranked = sorted(heights, key=lambda apex: heights[apex], reverse=True)
+    return ranked[:MAX_APEXES] or candidates[:1]
 
 
 def _rotation_to_axes(edges: FloatArray) -> FloatArray:
@@ -560,3 +640,49 @@ def _mirrored(local: Interval, side: int) -> Interval:
 def _equal(a: Interval, b: Interval) -> bool:
     """Return whether two enclosures are the same."""
     return bool(np.array_equal(a.lower, b.lower) and np.array_equal(a.upper, b.upper))
+
+
+def hang(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """
+    Return positions with a place for each loose point, one after the other.
+
+    A loose point has fewer than q bounded distances to those before it, so that it may be put
+    anywhere on a circle or sphere; it is put on the far side of the fleet.
+
+    Parameters
+    ----------
+    positions : numpy.ndarray, shape (m, q)
+        Of the first m points.
+    lower, upper : numpy.ndarray, shape (n, n)
+        Squared distances in m^2 of all n points.
+
+    Returns
+    -------
+    numpy.ndarray, shape (n, q)
+
+    """
+    for point in range(len(positions), len(lower)):
+        hooks = np.flatnonzero(np.isfinite(upper[point, :point]))
+        lengths = np.sqrt((lower[point, hooks] + upper[point, hooks]) / 2.0)
+        outward = _unit_rows(positions[hooks[:1]] - positions.mean(axis=0))[0]
+        if not outward.any():
+            outward = np.eye(positions.shape[1])[0]
+        place = positions[hooks[0]] + lengths[0] * outward
+        if len(hooks) > 1:
+            place = _on_two_spheres(positions[hooks[:2]], lengths[:2], outward)
+        positions = np.vstack([positions, place])
+    return positions
+
+
+def _on_two_spheres(centres: FloatArray, radii: FloatArray, preferred: FloatArray) -> FloatArray:
+    """Return a point that is on two spheres as nearly as can be, in the preferred direction."""
+    gap = centres[1] - centres[0]
+    distance = max(float(np.linalg.norm(gap)), 1e-12)
+    axis = gap / distance
+    along = (radii[0] ** 2 - radii[1] ** 2 + distance**2) / (2.0 * distance)
+    along = float(np.clip(along, -radii[0], radii[0]))
+    side = preferred - (preferred @ axis) * axis
+    if np.linalg.norm(side) < 1e-6:
+        side = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    side /= np.linalg.norm(side)
+    return np.asarray(centres[0] + along * axis + math.sqrt(radii[0] ** 2 - along**2) * side)

@@ -175,15 +175,6 @@ def normalized(vectors: Interval) -> Interval:
     return units.intersect(Interval(-one, one))
 
 
-def cosine_of_angle(low_rad: float, high_rad: float) -> tuple[float, float]:
-    """Return bounds of the cosine over [low, high], a part of [0, pi]."""
-    margin = 4.0 * math.ulp(1.0)
-    return (
-        max(-1.0, math.cos(high_rad) - margin),
-        min(1.0, math.cos(low_rad) + margin),
-    )
-
-
 def rotation_2d(angle_rad: float, half_width_rad: float) -> Interval:
     """Return the matrices of all rotations by angles within the half width, shape (2, 2)."""
     cosine = _trigonometric_range(angle_rad, half_width_rad)

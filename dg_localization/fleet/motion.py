@@ -15,7 +15,7 @@ from dg_localization.fleet.intervals import ROUNDING_RAD
 @dataclass(frozen=True)
 class OdometrySample:
     """
-    One pose of a robot in its own odometry frame, and the way up to it.
+    One pose of a robot in its own odometry frame.
 
     Parameters
     ----------
@@ -23,16 +23,12 @@ class OdometrySample:
     position_m : numpy.ndarray, shape (3,)
     rotation : numpy.ndarray, shape (3, 3)
         From body to odometry frame.
-    path_m, turned_rad : float
-        Sums of all steps and of all turns since the first sample.
 
     """
 
     stamp_s: float
     position_m: np.ndarray
     rotation: np.ndarray
-    path_m: float
-    turned_rad: float
 
 
 def rotation_of_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
@@ -110,17 +106,13 @@ class OdometryTrack:
         A step or a turn that is faster than the robot can be is a restart of the odometry, which
         says nothing about the way before it: the older samples are forgotten.
         """
-        path_m = turned_rad = 0.0
         if self._samples:
             last = self._samples[-1]
             step_m = float(np.linalg.norm(position_m - last.position_m))
             turn_rad = rotation_angle_rad(last.rotation.T @ rotation)
             if self._restarted(step_m, turn_rad, elapsed_s(stamp_s, last.stamp_s)):
                 self._samples.clear()
-            else:
-                path_m = last.path_m + step_m
-                turned_rad = last.turned_rad + turn_rad
-        self._samples.append(OdometrySample(stamp_s, position_m, rotation, path_m, turned_rad))
+        self._samples.append(OdometrySample(stamp_s, position_m, rotation))
         self._forget_before(stamp_s - self._keep_s)
 
     def _restarted(self, step_m: float, turn_rad: float, seconds: float) -> bool:
@@ -148,7 +140,8 @@ class Motion:
         By point.
     max_turn_rate_rad_s : float
     relative_error : float
-        Of odometry, as a fraction of the path and of the sum of the turns.
+        Of odometry, as a fraction of the way and the turn at full speed. The way itself is not
+        known: between two poses a robot may have gone back and forth.
     tracks : mapping of str to tuple of OdometrySample
         By robot, oldest first.
 
@@ -170,7 +163,7 @@ class Motion:
             limit = min(
                 limit,
                 float(np.linalg.norm(end.position_m - start.position_m))
-                + self.relative_error * abs(end.path_m - start.path_m)
+                + self.relative_error * speed * elapsed_s(start.stamp_s, end.stamp_s)
                 + speed * gaps_s,
             )
         # A handful of roundings, each below 1.2e-16 of the result.
@@ -196,7 +189,7 @@ class Motion:
             start, end = _nearest(track, first_s), _nearest(track, second_s)
             gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
             error_rad = (
-                self.relative_error * abs(end.turned_rad - start.turned_rad)
+                self.relative_error * rate * elapsed_s(start.stamp_s, end.stamp_s)
                 + rate * gaps_s
                 + ROUNDING_RAD
             )

@@ -298,7 +298,7 @@ OPTIONS = st.fixed_dictionaries(
         'bearing_error': st.sampled_from([0.0, 1e-3, 0.05, 0.5]),
         'start_s': st.sampled_from([0.5, 1.7e9]),
         'odometry': st.booleans(),
-        'range_share': st.sampled_from([0.3, 0.7, 1.0]),
+        'range_share': st.sampled_from([0.15, 0.3, 0.7, 1.0]),
         'bearing_share': st.sampled_from([0.0, 0.4, 1.0]),
         'one_image': st.booleans(),
     }
