@@ -29,6 +29,9 @@ class Answer:
     ----------
     verdict : Verdict
     placements : tuple of Placement
+        At most `max_hypotheses` of them.
+    n_hypotheses : int
+        How many there are; those not listed are not checked against the headings.
     statistics : Statistics
         Of all problems solved.
 
@@ -36,11 +39,12 @@ class Answer:
 
     verdict: Verdict
     placements: tuple[Placement, ...]
+    n_hypotheses: int
     statistics: Statistics
 
 
 NO_WORK = Statistics(processed=0, empty=0, split=0, kept=0, pending=0, seconds=0.0)
-CONTRADICTION = Answer(Verdict.INFEASIBLE, (), NO_WORK)
+CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, NO_WORK)
 
 
 def answer(
@@ -76,14 +80,16 @@ def answer(
     result = solve(constraints.problem(plan.held), options, cancel)
     statistics = add_statistics(elsewhere.statistics, result.statistics)
     placer = Placer(snapshot.config, constraints, plan, dropped)
-    placements = tuple(
-        placement
-        for hypothesis in result.hypotheses
-        for placement in placer.placements(hypothesis)
-    )
+    placements: list[Placement] = []
+    n_unlisted = 0
+    for hypothesis in result.hypotheses:
+        if len(placements) < snapshot.config.max_hypotheses:
+            placements += placer.placements(hypothesis)
+        else:
+            n_unlisted += placer.most_placements(hypothesis)
     # A hypothesis whose headings contradict the rays is no placement after all.
     verdict = result.verdict if placements else Verdict.INFEASIBLE
-    return Answer(verdict, placements, statistics)
+    return Answer(verdict, tuple(placements), len(placements) + n_unlisted, statistics)
 
 
 def check_elsewhere(
@@ -124,7 +130,7 @@ def check_elsewhere(
         statistics = add_statistics(statistics, result.statistics)
         if result.verdict is Verdict.INFEASIBLE:
             return replace(CONTRADICTION, statistics=statistics)
-    return Answer(Verdict.COVERED, (), statistics)
+    return Answer(Verdict.COVERED, (), 0, statistics)
 
 
 def add_statistics(first: Statistics, second: Statistics) -> Statistics:

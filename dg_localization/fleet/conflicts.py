@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import time
 
+from dg_localization.fleet.answers import Cancel
 from dg_localization.fleet.estimate import Conflict, LinkKey
 
 Links = frozenset[LinkKey]
@@ -51,10 +52,12 @@ class _Oracle:
         is_contradiction: Callable[[Links, bool], bool],
         max_solves: int,
         max_seconds: float,
+        cancel: Cancel | None,
     ) -> None:
         self._is_contradiction = is_contradiction
         self._left = max_solves
         self._deadline_s = time.monotonic() + max_seconds
+        self._cancel = cancel
         self._known: dict[tuple[Links, bool], bool] = {}
 
     def __call__(self, links: Links, thorough: bool = False) -> bool:
@@ -62,11 +65,24 @@ class _Oracle:
         if self._known.get((links, False)):
             return True
         if (links, thorough) not in self._known:
-            if self._left <= 0 or time.monotonic() > self._deadline_s:
+            self._spend()
+            answer = self._is_contradiction(links, thorough)
+            if self._cancelled():
+                # The answer may be that of a search that was stopped.
                 raise _BudgetExceededError
-            self._left -= 1
-            self._known[links, thorough] = self._is_contradiction(links, thorough)
+            self._known[links, thorough] = answer
         return self._known[links, thorough]
+
+    def _spend(self) -> None:
+        """Take one question off the budget; raise when there is none left."""
+        late = time.monotonic() > self._deadline_s
+        if self._left <= 0 or late or self._cancelled():
+            raise _BudgetExceededError
+        self._left -= 1
+
+    def _cancelled(self) -> bool:
+        """Return whether to stop."""
+        return self._cancel is not None and self._cancel.is_set()
 
 
 def explain(
@@ -75,6 +91,7 @@ def explain(
     max_outliers: int,
     max_solves: int,
     max_seconds: float,
+    cancel: Cancel | None = None,
 ) -> Explanation:
     """
     Explain a contradiction.
@@ -93,13 +110,15 @@ def explain(
         How often to ask.
     max_seconds : float
         How long to go on.
+    cancel : Cancel, optional
+        Ends the budget when set.
 
     Returns
     -------
     Explanation
 
     """
-    oracle = _Oracle(is_contradiction, max_solves, max_seconds)
+    oracle = _Oracle(is_contradiction, max_solves, max_seconds, cancel)
     conflicts: list[Links] = []
     corrections: list[Links] = []
     complete = True

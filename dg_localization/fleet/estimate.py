@@ -235,7 +235,7 @@ class Estimate:
     placements : tuple of Placement
         At most `max_hypotheses` of them.
     n_hypotheses : int
-        How many there are in full.
+        How many there are in full; those not listed are not checked against the headings.
     statistics : Statistics or None
         Work of the solver.
     links : tuple of LinkState

@@ -311,6 +311,10 @@ class Placer:
                 placements += [placement] if placement is not None else []
         return placements
 
+    def most_placements(self, hypothesis: Hypothesis) -> int:
+        """Return how many placements a hypothesis stands for at most, without making them."""
+        return 1 if self._chiralities else len(self._choices(hypothesis))
+
     def _choices(self, hypothesis: Hypothesis) -> list[_Handed | None]:
         """Return the handedness that may be: one when a chirality says so, or both."""
         core = self._cores[0]

@@ -242,7 +242,7 @@ def _with_placements(
         verdict=found.verdict,
         reason=_reason(snapshot, found, plan),
         placements=found.placements[: config.max_hypotheses],
-        n_hypotheses=len(found.placements),
+        n_hypotheses=found.n_hypotheses,
         statistics=found.statistics,
         links=_marked_links(snapshot, conflicts),
         conflicts=conflicts,
@@ -263,7 +263,7 @@ def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[
 def _reason(snapshot: Snapshot, found: Answer, plan: FramePlan) -> str:
     """Return a sentence on what the placements are."""
     config = snapshot.config
-    count = len(found.placements)
+    count = found.n_hypotheses
     parts = ['1 placement' if count == 1 else f'{count} placements']
     if found.verdict is Verdict.OUT_OF_BUDGET:
         parts.append('the search stopped at its budget, what it left open is among them')
@@ -307,6 +307,7 @@ def _explained(
     union = Answer(
         verdict=next(v for v in _WORST_FIRST if v in verdicts),
         placements=tuple(place for found in answers for place in found.placements),
+        n_hypotheses=sum(found.n_hypotheses for found in answers),
         statistics=statistics,
     )
     return _with_placements(snapshot, union, plans[0], explanation.conflicts)
@@ -338,6 +339,7 @@ def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
         config.max_outliers,
         config.max_conflict_solves,
         config.max_conflict_seconds,
+        cancel,
     )
 
 

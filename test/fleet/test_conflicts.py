@@ -1,8 +1,9 @@
 """Minimal conflicts and corrections, on sets whose answer is known."""
 
 from itertools import combinations
+import threading
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from dg_localization.fleet import LinkKey, LinkKind
@@ -26,6 +27,7 @@ def subsets(links, most):
     return [frozenset(s) for size in range(most + 1) for s in combinations(links, size)]
 
 
+@settings(deadline=None)
 @given(conflicts=conflict_sets, max_outliers=st.integers(0, 3))
 def test_all_minimal_corrections_and_only_minimal_conflicts(conflicts, max_outliers):
     explanation = explain(LINKS, contradiction_of(conflicts), max_outliers, 10_000, 60.0)
@@ -44,6 +46,7 @@ def test_all_minimal_corrections_and_only_minimal_conflicts(conflicts, max_outli
         assert explanation.corrections == ()
 
 
+@settings(deadline=None)
 @given(conflicts=conflict_sets)
 def test_disjoint_conflicts_are_all_named_without_any_drop(conflicts):
     explanation = explain(LINKS, contradiction_of(conflicts), 0, 10_000, 60.0)
@@ -64,3 +67,16 @@ def test_a_correction_is_only_taken_after_every_effort():
 
     explanation = explain(LINKS, is_contradiction, 1, 10_000, 60.0)
     assert set(explanation.corrections) == {frozenset({LINKS[0]}), frozenset({LINKS[1]})}
+
+
+def test_a_cancelled_search_claims_nothing():
+    cancel = threading.Event()
+
+    def is_contradiction(links, thorough):
+        cancel.set()
+        return True
+
+    explanation = explain(LINKS, is_contradiction, 1, 10_000, 60.0, cancel)
+    assert not explanation.complete
+    assert explanation.conflicts == ()
+    assert explanation.corrections == ()

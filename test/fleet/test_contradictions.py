@@ -2,6 +2,7 @@
 
 import math
 
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -188,3 +189,27 @@ def test_the_same_measurements_give_the_same_answer(max_outliers):
     for ours, theirs in zip(first.placements, second.placements, strict=True):
         assert np.array_equal(ours.positions_m, theirs.positions_m)
         assert np.array_equal(ours.enclosure_m, theirs.enclosure_m)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([-2.0, -0.5, 0.5, 3.0]))
+def test_one_wrong_range_never_costs_the_truth(seed, size):
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-5.0, 5.0, size=(6, 2))
+    localizer = make_localizer(max_outliers=1)
+    pairs = [(i, j) for i in range(6) for j in range(i) if rng.uniform() < 0.9]
+    wrong = pairs[rng.integers(len(pairs))]
+    for pair in pairs:
+        reading = math.dist(*places[list(pair)]) * rng.uniform(0.9981, 1.0019)
+        reading = max(0.0, reading + size) if pair == wrong else reading
+        localizer.add_range(ROBOTS[pair[0]], ROBOTS[pair[1]], reading, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict in (Verdict.COVERED, Verdict.OUT_OF_BUDGET)
+    if not estimate.conflicts:
+        return
+    origin, towards = (ROBOTS.index(name) for name in estimate.frame.points)
+    local = places - places[origin]
+    axis = local[towards] / np.linalg.norm(local[towards])
+    local = local @ np.array([[axis[0], -axis[1]], [axis[1], axis[0]]])
+    assert holds(estimate, local)
+    assert holds(estimate, local * [1.0, -1.0])

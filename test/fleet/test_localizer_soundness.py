@@ -9,7 +9,7 @@ import numpy as np
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
 
-EXAMPLES = int(os.environ.get('DG_FLEET_EXAMPLES', '60'))
+EXAMPLES = int(os.environ.get('DG_FLEET_EXAMPLES', '400'))
 TICK_S = 0.05
 TOLERANCE_M = 1e-7
 
