@@ -6,7 +6,7 @@ VENV ?= .venv
 JOBS ?= 2
 
 run = $(VENV)/bin/python
-ready = $(VENV)/.ready
+ready = $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
 
 # The ROS wheels set their library paths once per environment; that of a caller may be another's.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE

@@ -306,7 +306,7 @@ def _spin_until(
 def _state(spectator: Spectator) -> str:
     """Return the newest answer in a few words."""
     if not spectator.compared:
-        return f'{spectator.status} (in its first run it compiles the solver)'
+        return spectator.status
     held = sum(len(compared.held_by) > 0 for compared in spectator.compared)
     return (
         f'{count_text(spectator.compared[-1].answer)}; '

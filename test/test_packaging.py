@@ -1,0 +1,213 @@
+"""What installs the package: its metadata agree with each other and with the sources."""
+
+import ast
+import configparser
+from importlib import import_module
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import runpy
+import subprocess
+import sys
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+ROOMS = ('dg_localization', 'msg_adapters')
+SET_UP = 'tools/setup_venv.sh'
+
+
+@pytest.fixture(scope='module')
+def setup_arguments():
+    """Run setup.py without setting up anything, and return what it asks for."""
+    import setuptools
+
+    asked = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setuptools, 'setup', lambda **arguments: asked.update(arguments))
+        patch.chdir(REPOSITORY)
+        runpy.run_path('setup.py')
+    return SimpleNamespace(**asked)
+
+
+@pytest.fixture(scope='module')
+def manifest():
+    return ElementTree.parse(REPOSITORY / 'package.xml').getroot()
+
+
+def test_manifest_and_setup_agree(setup_arguments, manifest):
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    for tag in ('name', 'version', 'license'):
+        assert manifest.findtext(tag) == getattr(setup_arguments, tag)
+    assert 'Apache License' in (REPOSITORY / manifest.find('license').get('file')).read_text()
+
+
+def test_every_ros_package_in_use_is_in_the_manifest(manifest):
+    declared = {element.text for element in manifest.findall('exec_depend')}
+    imported = set()
+    for path in (path for room in ROOMS for path in (REPOSITORY / room).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(node.module.partition('.')[0])
+            elif isinstance(node, ast.Import):
+                imported.update(alias.name.partition('.')[0] for alias in node.names)
+    ros = {name for name in imported if name.endswith(('_msgs', '_srvs', '_interfaces'))}
+    # rclpy itself depends on the interfaces of parameters.
+    assert ros - {'rcl_interfaces'} <= declared
+    assert 'python3-numpy' in declared and 'rclpy' in declared
+
+
+def test_every_folder_of_sources_is_installed(setup_arguments):
+    folders = {
+        '.'.join(path.parent.relative_to(REPOSITORY).parts)
+        for room in ROOMS
+        for path in (REPOSITORY / room).rglob('*.py')
+    }
+    assert set(setup_arguments.packages) == folders
+
+
+def test_share_holds_the_marker_the_manifest_and_every_configuration(setup_arguments):
+    data = {folder: set(files) for folder, files in setup_arguments.data_files}
+    assert data['share/ament_index/resource_index/packages'] == {'resource/dg_localization'}
+    assert data['share/dg_localization'] == {'package.xml'}
+    configurations = {f'config/{path.name}' for path in (REPOSITORY / 'config').glob('*.yaml')}
+    assert 'config/paper_fleet.yaml' in configurations
+    assert data['share/dg_localization/config'] == configurations
+
+
+def test_ros2_run_finds_the_executables(setup_arguments):
+    layout = configparser.ConfigParser()
+    layout.read(REPOSITORY / 'setup.cfg')
+    assert layout['install']['install_scripts'] == '$base/lib/dg_localization'
+    assert layout['develop']['script_dir'] == '$base/lib/dg_localization'
+    scripts = setup_arguments.entry_points['console_scripts']
+    names = {script.partition(' = ')[0] for script in scripts}
+    assert {'localizer', 'simulate_fleet', 'replay'} <= names
+
+
+def test_every_executable_has_a_main(setup_arguments):
+    pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+    for script in setup_arguments.entry_points['console_scripts']:
+        module, _, function = script.partition(' = ')[2].partition(':')
+        assert callable(getattr(import_module(module), function))
+
+
+def test_only_numpy_is_required(setup_arguments):
+    # setuptools is there for colcon, which asks for it.
+    assert [text.rstrip('>=.0123456789') for text in setup_arguments.install_requires] == [
+        'setuptools',
+        'numpy',
+    ]
+
+
+def test_an_extra_that_a_message_names_exists(setup_arguments):
+    for path in (path for room in ROOMS for path in (REPOSITORY / room).rglob('*.py')):
+        for part in path.read_text(encoding='utf-8').split('dg_localization[')[1:]:
+            assert part.partition(']')[0] in setup_arguments.extras_require, path
+
+
+def run_set_up(tmp_path, **environment):
+    return subprocess.run(
+        ['sh', SET_UP],
+        cwd=REPOSITORY,
+        env={**os.environ, 'VENV': str(tmp_path / 'venv'), **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize(
+    ('environment', 'reason'),
+    [
+        ({'ROS_DISTRO': 'humble'}, 'ROS_DISTRO=humble is sourced; this package is for jazzy'),
+        ({'ROS_DISTRO': '', 'PYTHON': 'no_such_python'}, 'PYTHON=no_such_python: not found'),
+        # `false` stands for an interpreter that is too old: it fails the check of its version.
+        ({'ROS_DISTRO': '', 'PYTHON': 'false'}, 'this package needs Python 3.11 or 3.12'),
+    ],
+)
+def test_set_up_refuses_what_cannot_work(tmp_path, environment, reason):
+    result = run_set_up(tmp_path, **environment)
+    assert result.returncode == 1
+    assert reason in result.stderr
+    assert not (tmp_path / 'venv').exists()
+
+
+def test_set_up_does_not_remove_a_folder_that_is_no_environment(tmp_path):
+    folder = tmp_path / 'venv'
+    folder.mkdir()
+    (folder / 'thesis.txt').write_text('years of work')
+    result = run_set_up(tmp_path, ROS_DISTRO='', PYTHON=sys.executable)
+    assert result.returncode == 1
+    assert 'exists and is no virtual environment' in result.stderr
+    assert (folder / 'thesis.txt').exists()
+
+
+def test_make_lists_its_targets():
+    told = subprocess.run(
+        ['make', '--no-print-directory'],
+        cwd=REPOSITORY,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    ).stdout
+    for target in ('venv', 'demo', 'test', 'lint', 'bench'):
+        assert f'\n{target} ' in f'\n{told}'
+
+
+def test_continuous_integration_demands_the_recordings():
+    script = REPOSITORY / '.ci/run'
+    assert os.access(script, os.X_OK)
+    assert 'export DG_REQUIRE_SHARED_DATA=1' in script.read_text()
+
+
+def test_an_absent_recording_skips_or_fails(tmp_path, monkeypatch):
+    shared = runpy.run_path(str(REPOSITORY / 'conftest.py'))['SharedData'](tmp_path)
+    (tmp_path / 'there').touch()
+    assert shared / 'there' == tmp_path / 'there'
+    monkeypatch.delenv('DG_REQUIRE_SHARED_DATA', raising=False)
+    with pytest.raises(pytest.skip.Exception, match='missing is absent'):
+        shared / 'missing'
+    monkeypatch.setenv('DG_REQUIRE_SHARED_DATA', '1')
+    with pytest.raises(pytest.fail.Exception, match='DG_REQUIRE_SHARED_DATA=1'):
+        shared / 'missing'
+
+
+def test_two_processes_never_get_the_same_domain():
+    code = (
+        'from dg_localization.ros.domain import claim_domain;'
+        'claim = claim_domain(); print(claim.domain_id, flush=True); input()'
+    )
+    processes = [
+        subprocess.Popen(
+            [sys.executable, '-c', code],
+            cwd=REPOSITORY,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(3)
+    ]
+    domains = {process.stdout.readline().strip() for process in processes}
+    for process in processes:
+        process.communicate('\n', timeout=20)
+    assert len(domains) == 3
+    assert os.environ['ROS_DOMAIN_ID'] not in domains
+
+
+@pytest.mark.skipif(find_spec('rosbags') is None, reason='rosbags is not installed')
+def test_replay_explains_itself():
+    told = subprocess.run(
+        [sys.executable, '-m', 'dg_localization.ros.replay', '--help'],
+        cwd=REPOSITORY,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    ).stdout
+    for option in ('--rate', '--loop', '--topics', '--start', '--duration', '--wait'):
+        assert option in told
