@@ -32,7 +32,7 @@ class Report:
     robots : tuple of str
         The fleet.
     links : tuple of Link
-        All inputs of the node.
+        The inputs the node listens to.
     inputs : mapping of LinkKey to InputState
         What has arrived.
     malformed : mapping of str to str
@@ -165,7 +165,7 @@ def _input_statuses(report: Report) -> Iterator[Status]:
     """
     Yield a status for each input that was named one by one or has ever delivered.
 
-    The templates stand for every pair of robots; those that nobody measures need no status.
+    Others come by the templates, and a topic may exist that nobody uses.
     """
     contradicting = _contradicting(report.estimate)
     for link in report.links:

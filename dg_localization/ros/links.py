@@ -1,8 +1,12 @@
 """Links: which topic carries whose measurement of whom."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+import re
 from string import Formatter
+
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 
 from dg_localization.fleet import LinkKey, LinkKind
 from msg_adapters import (
@@ -19,6 +23,8 @@ KIND_OF_VALUE = {
     BearingReading: LinkKind.BEARING,
     OdometryReading: LinkKind.ODOMETRY,
 }
+
+ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # What a link string may override, by what the link measures.
 OVERRIDES = {
@@ -94,6 +100,7 @@ def parse_link(text: str) -> Link:
         raise ValueError(f'a link of type {type_name} {wanted}')
     if observer == target:
         raise ValueError(f"'{observer}' cannot measure itself; name two different points")
+    check_topic(topic)
     overrides = dict(_parse_override(word, kind) for word in words if '=' in word)
     return Link(topic, type_name, LinkKey(kind, observer, target), True, overrides)
 
@@ -121,60 +128,95 @@ def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
         raise ValueError(f"'{word}' must end in a number") from None
 
 
-def check_template(template: str, fields: tuple[str, ...]) -> None:
-    """
-    Raise ValueError unless a topic template is empty or holds each of `fields` in braces.
-
-    An empty template stands for no topics.
-    """
-    if not template:
-        return
-    try:
-        found = {name for _, name, _, _ in Formatter().parse(template) if name is not None}
-    except ValueError as error:
-        raise ValueError(f'it is no template: {error}') from None
-    if found != set(fields):
-        wanted = ' and '.join(f'{{{name}}}' for name in fields)
-        raise ValueError(f'it must hold {wanted} and nothing else in braces, or be empty')
-
-
 @dataclass(frozen=True)
-class Templates:
-    """Topic names of ranges, bearings and odometry with {observer}, {target} and {robot}."""
-
-    range: str
-    bearing: str
-    odometry: str
-
-    def expand(self, robots: Iterable[str], points: Iterable[str]) -> Iterator[Link]:
-        """Yield a link from each robot to each other point, and for each robot's odometry."""
-        pairs = ((LinkKind.RANGE, self.range), (LinkKind.BEARING, self.bearing))
-        type_names = {
-            LinkKind.RANGE: 'sensor_msgs/msg/Range',
-            LinkKind.BEARING: 'geometry_msgs/msg/Vector3Stamped',
-        }
-        points = tuple(points)
-        for robot in robots:
-            for kind, template in pairs:
-                for target in points:
-                    if template and target != robot:
-                        topic = template.format(observer=robot, target=target)
-                        yield Link(topic, type_names[kind], LinkKey(kind, robot, target))
-            if self.odometry:
-                topic = self.odometry.format(robot=robot)
-                key = LinkKey(LinkKind.ODOMETRY, robot, '')
-                yield Link(topic, 'nav_msgs/msg/Odometry', key)
-
-
-def all_links(
-    templates: Templates, explicit: Iterable[Link], robots: Iterable[str], points: Iterable[str]
-) -> tuple[Link, ...]:
+class Template:
     """
-    Return the explicit links and those of the templates that no explicit one replaces.
+    A way to name the topics of one kind of measurement.
 
-    An explicit link replaces what the templates give for the same measurement.
+    Attributes
+    ----------
+    text : str
+        The topic with {observer} and {target}, or {robot}, in the place of names; empty for no
+        topics.
+    type_name : str
+        Message type of these topics.
+
     """
-    explicit = tuple(explicit)
-    named = {link.key for link in explicit}
-    expanded = (link for link in templates.expand(robots, points) if link.key not in named)
-    return explicit + tuple(expanded)
+
+    text: str
+    type_name: str
+
+    @property
+    def kind(self) -> LinkKind:
+        """What the topics measure."""
+        return _kind_of(self.type_name)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """What must stand in braces."""
+        return ('robot',) if self.kind is LinkKind.ODOMETRY else ('observer', 'target')
+
+    def check(self) -> None:
+        """
+        Check the text.
+
+        Raises
+        ------
+        ValueError
+            If it is neither empty nor holds each of `fields`, or makes no topic names.
+
+        """
+        if not self.text:
+            return
+        try:
+            found = [name for _, name, _, _ in Formatter().parse(self.text) if name is not None]
+        except ValueError as error:
+            raise ValueError(f'it is no template: {error}') from None
+        if sorted(found) != sorted(self.fields):
+            wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
+            raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
+        check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
+
+    def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
+        """
+        Return the link a topic of this name is, None when it is none.
+
+        Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
+        topic of one point of the fleet and one stranger is a link too: what it delivers will be
+        counted and rejected, which tells of a misspelt or forgotten robot.
+
+        Parameters
+        ----------
+        topic : str
+            Full name of the topic.
+        points : iterable of str
+            Robots and landmarks.
+
+        """
+        known = '|'.join(re.escape(point) for point in points)
+        for observer, target in ((known, known), (known, ANY_NAME), (ANY_NAME, known)):
+            names = {'observer': observer, 'target': target, 'robot': known}
+            match = self._pattern(names).fullmatch(topic)
+            if match:
+                found = match.groupdict()
+                key = LinkKey(
+                    self.kind, found.get('observer') or found['robot'], found.get('target', '')
+                )
+                return Link(topic, self.type_name, key) if key.observer != key.target else None
+        return None
+
+    def _pattern(self, names: Mapping[str, str]) -> re.Pattern[str]:
+        parts = [
+            re.escape(literal) + (f'(?P<{name}>{names[name]})' if name else '')
+            for literal, name, _, _ in Formatter().parse(self.text)
+        ]
+        return re.compile(''.join(parts))
+
+
+def check_topic(topic: str) -> None:
+    """Raise ValueError unless `topic` is a name that ROS allows."""
+    try:
+        validate_topic_name(topic)
+    except InvalidTopicNameException as error:
+        reason = str(error).partition('\n')[0]
+        raise ValueError(f"'{topic}' is no topic name: {reason}") from None

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Estimate, LinkKey, Localizer, Rejection
 from dg_localization.ros.diagnostics import Report, statuses
+from dg_localization.ros.discovery import TopicFinder
 from dg_localization.ros.links import Link
 from dg_localization.ros.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.parameters import declare_settings
@@ -34,6 +35,7 @@ from msg_adapters import (
 )
 
 DIAGNOSTICS_PERIOD_S = 1.0
+DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
 
 Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
@@ -89,12 +91,13 @@ class LocalizerNode(LifecycleNode):
         self._made_to_activate = ExitStack()
         self._estimate: Estimate | None = None
         self._failure = ''
+        self._inputs: dict[str, Link] = {}
         self._malformed: dict[str, str] = {}
         self._last_now_s = 0.0
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady)
         if self.settings.autostart:
             if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
                 self.trigger_activate()
@@ -118,10 +121,16 @@ class LocalizerNode(LifecycleNode):
         """Receive, and localize at the given rate."""
         made = self._made_to_activate
         made.callback(self._forget, 'deactivated')
+        made.callback(self._inputs.clear)
         for link in self.settings.links:
-            made.callback(self.destroy_subscription, self._subscribe(link))
-        timer = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
-        made.callback(self.destroy_timer, timer)
+            self._subscribe(link)
+        ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
+        made.callback(self.destroy_timer, ticker)
+        settings = self.settings
+        finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
+        search = partial(self._find_topics, finder)
+        searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=self._steady)
+        made.callback(self.destroy_timer, searcher)
         self._state = 'active'
 
     @transition
@@ -157,12 +166,24 @@ class LocalizerNode(LifecycleNode):
         self._made_to_activate.close()
         self._made_to_configure.close()
 
-    def _subscribe(self, link: Link) -> Any:
+    def _subscribe(self, link: Link) -> None:
         adapter = adapter_for(link.type_name)
         callback = partial(self._on_message, link, adapter)
-        return self.create_subscription(
+        subscription = self.create_subscription(
             adapter.message_class(), link.topic, callback, qos_profile_sensor_data
         )
+        self._inputs[link.topic] = link
+        self._made_to_activate.callback(self.destroy_subscription, subscription)
+
+    def _find_topics(self, finder: TopicFinder) -> None:
+        """
+        Subscribe to topics that the templates name, once they exist.
+
+        Every subscription costs the executor time at every wake-up, and most pairs of a large
+        fleet never measure each other.
+        """
+        for link in finder.find(self.get_topic_names_and_types()):
+            self._subscribe(link)
 
     def _on_message(self, link: Link, adapter: Adapter, message: Any) -> None:
         """Take one measurement; whatever is wrong with it is counted, never raised."""
@@ -245,7 +266,7 @@ class LocalizerNode(LifecycleNode):
             failure=self._failure,
             estimate=self._estimate,
             robots=self.settings.fleet.robots,
-            links=self.settings.links,
+            links=tuple(self._inputs.values()),
             inputs={LinkKey(state.kind, state.observer, state.target): state for state in states},
             malformed=self._malformed,
         )

@@ -8,10 +8,8 @@ import re
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.validate_topic_name import validate_topic_name
 
 from dg_localization.fleet import (
     Anchor,
@@ -20,7 +18,7 @@ from dg_localization.fleet import (
     LinkOverride,
     RangeErrorModel,
 )
-from dg_localization.ros.links import Link, Templates, all_links, check_template, parse_link
+from dg_localization.ros.links import Link, Template, parse_link
 from dg_localization.ros.process import WrongParameterError
 from dg_localization.solver.result import SolverOptions
 
@@ -38,6 +36,11 @@ KINDS = {
     INTEGER: 'an integer',
     STRING: 'a string',
     BOOL: 'true or false',
+}
+TEMPLATE_TYPES = {
+    'range.topic': 'sensor_msgs/msg/Range',
+    'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
+    'odometry.topic': 'nav_msgs/msg/Odometry',
 }
 LARGEST_INTEGER = 2**63 - 1
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
@@ -291,7 +294,9 @@ class Settings:
     fleet : FleetConfig
         What the ROS-free part is told.
     links : tuple of Link
-        Every input.
+        The inputs named one by one.
+    templates : tuple of Template
+        What the topics of all others are named like.
     fixed_frame : str
         frame_id of everything that is published.
     rate_hz : float
@@ -305,6 +310,7 @@ class Settings:
 
     fleet: FleetConfig
     links: tuple[Link, ...]
+    templates: tuple[Template, ...]
     fixed_frame: str
     rate_hz: float
     use_header_stamp: bool
@@ -393,11 +399,10 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
         fleet = _fleet_config(values, explicit)
     except ValueError as error:
         raise WrongParameterError(f'parameters: {error}') from None
-    links = all_links(_templates(values), explicit, fleet.robots, fleet.points)
-    _check_topics(links)
     return Settings(
         fleet=fleet,
-        links=links,
+        links=explicit,
+        templates=_templates(values),
         fixed_frame=values['fixed_frame'],
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
@@ -415,22 +420,30 @@ def _parse_links(texts: Iterable[str]) -> tuple[Link, ...]:
             raise WrongParameterError(
                 f"parameter 'links': '{text}' is not allowed: {error}"
             ) from None
+    topics = [link.topic for link in links]
+    for topic in topics:
+        if topics.count(topic) > 1:
+            raise WrongParameterError(
+                f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
+            )
     return tuple(links)
 
 
-def _templates(values: Mapping[str, Any]) -> Templates:
-    for name, fields in (
-        ('range.topic', ('observer', 'target')),
-        ('bearing.topic', ('observer', 'target')),
-        ('odometry.topic', ('robot',)),
-    ):
+def _templates(values: Mapping[str, Any]) -> tuple[Template, ...]:
+    templates: dict[str, Template] = {}
+    for name, type_name in TEMPLATE_TYPES.items():
+        template = Template(values[name], type_name)
         try:
-            check_template(values[name], fields)
+            template.check()
+            if template.text in templates:
+                raise ValueError('each kind of measurement needs topics of its own')
         except ValueError as error:
             raise WrongParameterError(
-                f"parameter '{name}': '{values[name]}' is not allowed, {error}"
+                f"parameter '{name}': '{template.text}' is not allowed, {error}"
             ) from None
-    return Templates(values['range.topic'], values['bearing.topic'], values['odometry.topic'])
+        if template.text:
+            templates[template.text] = template
+    return tuple(templates.values())
 
 
 def _check_names(parameter: str, names: Iterable[str]) -> None:
@@ -440,22 +453,6 @@ def _check_names(parameter: str, names: Iterable[str]) -> None:
                 f"parameter '{parameter}': '{name}' is not allowed, a name must begin with a "
                 'letter and go on with letters, digits and underscores: it is part of topic names'
             )
-
-
-def _check_topics(links: Iterable[Link]) -> None:
-    """Raise `WrongParameterError` on a topic name ROS does not allow, or that two links share."""
-    seen: set[str] = set()
-    for link in links:
-        try:
-            validate_topic_name(link.topic)
-        except InvalidTopicNameException as error:
-            reason = str(error).partition('\n')[0]
-            raise WrongParameterError(f"topic '{link.topic}' of {link.key}: {reason}") from None
-        if link.topic in seen:
-            raise WrongParameterError(
-                f"topic '{link.topic}' of {link.key} is named twice; a topic carries one link"
-            )
-        seen.add(link.topic)
 
 
 def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetConfig:

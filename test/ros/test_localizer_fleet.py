@@ -65,7 +65,12 @@ def test_ranges_alone_give_the_eight_solutions_and_their_mirror_images(fresh, pa
     fresh.play(paper_fleet, cameras=False)
     status = fresh.until_status('fleet', Level.WARN, 'ambiguous: 16 hypotheses')
     assert status.values['hypotheses_proved'] == '16'
-    fresh.until(lambda: len(fresh.heard.fleet[-1].poses) == 16 * 6, 'sixteen placements')
+    # Before all pairs had measured, the fleet was another one.
+    fresh.clear()
+    fresh.until(
+        lambda: fresh.heard.fleet and len(fresh.heard.fleet[-1].poses) == 16 * 6,
+        'sixteen placements',
+    )
     found = [gaps_m(positions) for positions in hypotheses(fresh)]
     for solution in paper_fleet.solutions:
         errors = [
@@ -172,6 +177,12 @@ def test_robot_that_is_not_of_the_fleet_is_counted_and_named(fresh):
     values = fresh.until_values('input range robot_1->ghost', rejected_unknown_robot='1')
     assert 'ghost' in values['last_rejection'] and values['topic'] == GHOST
     fresh.until_status('fleet', Level.WARN, 'no usable measurement')
+
+
+def test_stranger_that_fits_a_template_is_counted_and_named(fresh):
+    fresh.send_range('stray', 'robot_3', 5.0)
+    values = fresh.until_values('input range stray->robot_3', rejected_unknown_robot='1')
+    assert "'stray' is not one of the robots" in values['last_rejection']
 
 
 def test_zero_and_nan_rays_are_counted_and_named(fresh):

@@ -95,9 +95,12 @@ def test_recording_has_six_links_and_no_templates():
         ('range.topic', '/range', 'it must hold {observer} and {target}'),
         ('range.topic', '/{observer}/{peer}', 'it must hold {observer} and {target}'),
         ('range.topic', '/{observer', 'it is no template'),
-        ('range.topic', '/a b/{observer}/{target}', "topic '/a b/a/b' of range a->b"),
-        ('bearing.topic', '/{observer}/range/{target}', 'is named twice'),
+        ('range.topic', '/{observer}/{observer}/{target}', 'it must hold .* once'),
+        ('range.topic', '/a b/{observer}/{target}', "'/a b/name/name' is no topic name"),
+        ('bearing.topic', '/{observer}/range/{target}', 'topics of its own'),
         ('odometry.topic', '/{target}/odom', 'it must hold {robot}'),
+        ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),
+        ('links', ['/t sensor_msgs/msg/Range a b', '/t sensor_msgs/msg/Range b a'], 'twice'),
         ('links', ['/t sensor_msgs/msg/Range a'], 'needs an observer and a target'),
         ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
@@ -145,20 +148,18 @@ def test_anchor_without_enough_coordinates_is_refused():
         settings(**{'anchors.names': ['p'], 'anchors.p.position': [1.0]})
 
 
-def test_templates_reach_from_every_robot_to_every_other_point():
-    found = settings(**{'anchors.names': ['p'], 'anchors.p.position': [1.0, 2.0]})
-    topics = {link.topic: link.key for link in found.links}
-    assert topics['/a/range/p'] == LinkKey(LinkKind.RANGE, 'a', 'p')
-    assert topics['/b/bearing/a'] == LinkKey(LinkKind.BEARING, 'b', 'a')
-    assert topics['/c/odom'] == LinkKey(LinkKind.ODOMETRY, 'c', '')
-    assert len(topics) == 3 * 3 * 2 + 3
-    assert not any(link.explicit for link in found.links)
+def test_templates_are_known_by_the_type_of_their_topics():
+    found = settings(**{'bearing.topic': '/cam/{observer}/{target}'})
+    assert [(template.text, template.kind) for template in found.templates] == [
+        ('/{observer}/range/{target}', LinkKind.RANGE),
+        ('/cam/{observer}/{target}', LinkKind.BEARING),
+        ('/{robot}/odom', LinkKind.ODOMETRY),
+    ]
 
 
-def test_explicit_link_replaces_what_the_template_gives():
+def test_explicit_link_overrides_some_bounds():
     found = settings(links=['/uwb/ab sensor_msgs/msg/Range a b max_error=1.5 min_error=0.5'])
-    topics = [link.topic for link in found.links]
-    assert '/uwb/ab' in topics and '/a/range/b' not in topics and '/b/range/a' in topics
+    assert found.links[0].topic == '/uwb/ab' and found.links[0].explicit
     assert found.fleet.range_error_of('a', 'b').max_error_m == 1.5
     assert found.fleet.range_error_of('a', 'b').max_error_relative == 0.03
     assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
@@ -177,7 +178,7 @@ def test_bounds_of_range_and_bearing_of_one_pair_are_gathered():
 
 def test_empty_template_means_no_topics():
     found = settings(**{'range.topic': '', 'bearing.topic': '', 'odometry.topic': ''})
-    assert found.links == ()
+    assert found.links == () and found.templates == ()
 
 
 def test_link_to_a_robot_outside_the_fleet_is_kept_for_its_counts():

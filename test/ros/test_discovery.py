@@ -1,0 +1,79 @@
+"""Which topics are inputs, by their names."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
+from dg_localization.ros.discovery import MAX_STRANGERS, TopicFinder  # noqa: E402
+from dg_localization.ros.links import Template, parse_link  # noqa: E402
+
+RANGE, RAY = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+TEMPLATES = (
+    Template('/{observer}/range/{target}', RANGE),
+    Template('/{observer}/bearing/{target}', RAY),
+    Template('/{robot}/odom', ODOMETRY),
+)
+POINTS = ('a', 'b', 'a_b')
+
+
+def found(*topics, templates=TEMPLATES, explicit=()):
+    finder = TopicFinder(templates, explicit, POINTS)
+    return {link.topic: link.key for link in finder.find([(t, [kind]) for t, kind in topics])}
+
+
+@pytest.mark.parametrize(
+    'topic, type_name, key',
+    [
+        ('/a/range/b', RANGE, LinkKey(LinkKind.RANGE, 'a', 'b')),
+        ('/b/bearing/a', RAY, LinkKey(LinkKind.BEARING, 'b', 'a')),
+        ('/a/odom', ODOMETRY, LinkKey(LinkKind.ODOMETRY, 'a', '')),
+        ('/a/range/z', RANGE, LinkKey(LinkKind.RANGE, 'a', 'z')),
+        ('/z/range/a', RANGE, LinkKey(LinkKind.RANGE, 'z', 'a')),
+    ],
+)
+def test_topic_is_understood(topic, type_name, key):
+    assert found((topic, type_name)) == {topic: key}
+
+
+@pytest.mark.parametrize(
+    'topic, type_name',
+    [
+        ('/a/range/b', RAY),
+        ('/a/range/a', RANGE),
+        ('/y/range/z', RANGE),
+        ('/z/odom', ODOMETRY),
+        ('/a/range/b/c', RANGE),
+        ('/ns/a/range/b', RANGE),
+        ('/rosout', 'rcl_interfaces/msg/Log'),
+    ],
+    ids=['type', 'itself', 'another fleet', 'another odometry', 'deeper', 'prefix', 'any'],
+)
+def test_topic_is_none_of_ours(topic, type_name):
+    assert found((topic, type_name)) == {}
+
+
+def test_known_names_decide_where_a_name_ends():
+    joined = (Template('/uwb/{observer}_{target}', RANGE),)
+    assert found(('/uwb/a_b_b', RANGE), templates=joined) == {
+        '/uwb/a_b_b': LinkKey(LinkKind.RANGE, 'a_b', 'b')
+    }
+
+
+def test_explicit_link_replaces_the_topic_of_the_template():
+    explicit = [parse_link(f'/uwb/ab {RANGE} a b')]
+    topics = [('/a/range/b', RANGE), ('/b/range/a', RANGE), ('/uwb/ab', RANGE)]
+    assert list(found(*topics, explicit=explicit)) == ['/b/range/a']
+
+
+def test_topic_is_found_once():
+    finder = TopicFinder(TEMPLATES, (), POINTS)
+    topics = [('/a/range/b', [RANGE])]
+    assert len(list(finder.find(topics))) == 1
+    assert list(finder.find(topics)) == []
+
+
+def test_only_a_few_strangers_are_listened_to():
+    topics = [(f'/a/range/z{number}', RANGE) for number in range(2 * MAX_STRANGERS)]
+    assert len(found(*topics, ('/a/range/b', RANGE))) == MAX_STRANGERS + 1
