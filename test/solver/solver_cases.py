@@ -96,7 +96,8 @@ def random_case(seed, max_points=9):
 
 def _integer_positions(rng, n_points, dimension):
     """Scatter points, often with some of them together or all of them (nearly) in a hyperplane."""
-    reach = int(rng.choice([1, 3, 10, 1000, 10**6]))
+    # At the last, squared distances are exact but their sums are rounded.
+    reach = int(rng.choice([1, 3, 10, 1000, 10**6, 27_000_000]))
     positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
     shape = rng.choice(['general', 'general', 'flat', 'nearly flat', 'line', 'coincident'])
     if shape == 'flat':

@@ -29,7 +29,7 @@ def random_triangles(seed, zero_length=True):
     """Yield boxes (A, B, C) of squared sides as three (low, high), and a triangle inside."""
     rng = np.random.default_rng(seed)
     for _ in range(300):
-        reach = int(rng.choice([2, 20, 1000]))
+        reach = int(rng.choice([2, 20, 1000, 27_000_000]))
         a, b, i = rng.integers(-reach, reach + 1, size=(3, 2))
         if rng.random() < 0.3:
             i[1] = a[1] = b[1] = 0  # collinear

@@ -177,6 +177,7 @@ def test_no_time_leaves_a_complete_cover(paper_fleet):
 def test_a_long_search_stops_soon(stop):
     """A flex at a resolution it will not reach is stopped from outside within a short time."""
     problem = Problem(*bounds(6, {(i, (i + 1) % 6): (1, 1) for i in range(6)}))
+    solve(problem, SolverOptions(max_boxes=1))  # compiles, which nothing can interrupt
     options = {'resolution': 1e-4, 'max_boxes': 10**9}
     event = threading.Event()
     if stop == 'cancel':
@@ -186,8 +187,8 @@ def test_a_long_search_stops_soon(stop):
         options['max_seconds'] = 0.2
     result = solve(problem, SolverOptions(**options), cancel=event)
     assert result.verdict is Verdict.OUT_OF_BUDGET
-    # The search itself; other processes may be busy on this machine.
-    assert 0.15 < result.statistics.seconds < 0.7
+    # Twenty milliseconds late at most, were this the only process of the machine.
+    assert 0.15 < result.statistics.seconds < 1.0
     hexagon = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
     squared = squared_distances(hexagon)
     assert any(

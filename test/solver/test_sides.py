@@ -23,7 +23,7 @@ def test_volume_product_holds_the_exact_product(seed):
     rng = np.random.default_rng(seed)
     dimension = int(rng.integers(1, 4))
     n_points = int(rng.integers(dimension + 1, 9))
-    reach = int(rng.choice([2, 50, 10**4]))
+    reach = int(rng.choice([2, 50, 10**4, 27_000_000]))
     positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
     squared = squared_distances(positions)
     width = float(rng.choice([0.0, 1e-9, 0.05]))
