@@ -1,5 +1,6 @@
 """What an estimate and its inputs say as diagnostics: the fleet, each robot, each input."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,21 @@ from msg_adapters import Level, Status
 
 # The topics hold every placement; the diagnostics show a person the first few.
 LISTED_HYPOTHESES = 8
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """How many messages of a topic could not be read, and what was wrong with the last."""
+
+    count: int
+    last: str
+
+    def and_one(self, wrong: str) -> 'Malformed':
+        """Return this with one more."""
+        return Malformed(self.count + 1, wrong)
+
+
+NONE_MALFORMED = Malformed(0, '')
 
 
 @dataclass(frozen=True)
@@ -35,8 +51,8 @@ class Report:
         The inputs the node listens to.
     inputs : mapping of LinkKey to InputState
         What has arrived.
-    malformed : mapping of str to str
-        By topic, what was wrong with the last message that could not be read.
+    malformed : mapping of str to Malformed
+        By topic, the messages that could not be read.
 
     """
 
@@ -47,7 +63,7 @@ class Report:
     robots: tuple[str, ...]
     links: tuple[Link, ...]
     inputs: Mapping[LinkKey, InputState]
-    malformed: Mapping[str, str]
+    malformed: Mapping[str, Malformed]
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
@@ -168,14 +184,17 @@ def _input_statuses(report: Report) -> Iterator[Status]:
     Others come by the templates, and a topic may exist that nobody uses.
     """
     contradicting = _contradicting(report.estimate)
+    topics_of = Counter(link.key for link in report.links)
     for link in report.links:
         state = report.inputs.get(link.key)
-        malformed = report.malformed.get(link.topic, '')
-        if not (link.explicit or state or malformed):
+        malformed = report.malformed.get(link.topic, NONE_MALFORMED)
+        if not (link.explicit or state or malformed.count):
             continue
         level, message = _input_state(state, malformed, link.key in contradicting)
-        values = {'topic': link.topic, 'type': link.type_name, **_input_values(state)}
+        values = {'topic': link.topic, 'type': link.type_name, **_input_values(state, malformed)}
         name = f'{report.node}: input {link.key}'
+        if topics_of[link.key] > 1:
+            name += f' by {link.topic}'
         yield Status(level, name, message, link.key.observer, values)
 
 
@@ -190,11 +209,14 @@ def _contradicting(estimate: Estimate | None) -> set[LinkKey]:
     return in_links.union(*estimate.conflicts)
 
 
-def _input_state(state: InputState | None, malformed: str, contradicts: bool) -> tuple[Level, str]:
+def _input_state(
+    state: InputState | None, malformed: Malformed, contradicts: bool
+) -> tuple[Level, str]:
     if contradicts:
         return Level.ERROR, 'contradicts other measurements'
     if state is None:
-        return Level.WARN, f'malformed: {malformed}' if malformed else 'nothing received'
+        wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
+        return Level.WARN, wrong
     if state.in_use:
         return Level.OK, 'in use'
     if state.accepted:
@@ -202,16 +224,17 @@ def _input_state(state: InputState | None, malformed: str, contradicts: bool) ->
     return Level.WARN, f'nothing acceptable received: {state.last_reason_text}'
 
 
-def _input_values(state: InputState | None) -> dict[str, str]:
-    if state is None:
-        return {'accepted': '0', 'rejected': '0'}
-    values = {
-        'accepted': str(state.accepted),
-        'rejected': str(sum(state.rejected.values())),
-        'age_s': f'{state.age_s:.3f}',
-    }
-    for reason, count in state.rejected.items():
-        values[f'rejected_{reason.value}'] = str(count)
-    if state.last_reason_text:
-        values['last_rejection'] = state.last_reason_text
+def _input_values(state: InputState | None, malformed: Malformed) -> dict[str, str]:
+    values = {'accepted': '0', 'rejected': '0'}
+    if state is not None:
+        values['accepted'] = str(state.accepted)
+        values['rejected'] = str(sum(state.rejected.values()))
+        values['age_s'] = f'{state.age_s:.3f}'
+        for reason, count in state.rejected.items():
+            values[f'rejected_{reason.value}'] = str(count)
+        if state.last_reason_text:
+            values['last_rejection'] = state.last_reason_text
+    if malformed.count:
+        values['malformed'] = str(malformed.count)
+        values['last_malformed'] = malformed.last
     return values

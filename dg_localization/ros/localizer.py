@@ -17,22 +17,16 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from dg_localization.fleet import Estimate, LinkKey, Localizer, Rejection
-from dg_localization.ros.diagnostics import Report, statuses
+from dg_localization.fleet import Estimate, LinkKey, Localizer
+from dg_localization.ros.diagnostics import NONE_MALFORMED, Malformed, Report, statuses
 from dg_localization.ros.discovery import TopicFinder
+from dg_localization.ros.intake import add_reading
 from dg_localization.ros.links import Link
 from dg_localization.ros.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.parameters import declare_settings
 from dg_localization.ros.process import run_node
 from dg_localization.ros.worker import EstimateWorker, exit_code_despite_worker
-from msg_adapters import (
-    Adapter,
-    BearingReading,
-    Diagnostics,
-    OdometryReading,
-    RangeReading,
-    adapter_for,
-)
+from msg_adapters import Adapter, Diagnostics, adapter_for
 
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
@@ -81,18 +75,13 @@ class LocalizerNode(LifecycleNode):
         super().__init__('localizer', **kwargs)
         self.settings = declare_settings(self)
         self._localizer = Localizer(self.settings.fleet)
-        self._add: dict[type, Callable[..., Rejection | None]] = {
-            RangeReading: self._add_range,
-            BearingReading: self._add_bearing,
-            OdometryReading: self._add_odometry,
-        }
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
         self._estimate: Estimate | None = None
         self._failure = ''
         self._inputs: dict[str, Link] = {}
-        self._malformed: dict[str, str] = {}
+        self._malformed: dict[str, Malformed] = {}
         self._last_now_s = 0.0
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
@@ -193,42 +182,16 @@ class LocalizerNode(LifecycleNode):
         try:
             reading = adapter.from_message(message)
         except Exception as error:  # an adapter of somebody else's type may raise anything
-            self._malformed[link.topic] = f'{type(error).__name__}: {error}'
+            self._malformed[link.topic] = self._malformed.get(link.topic, NONE_MALFORMED).and_one(
+                f'{type(error).__name__}: {error}'
+            )
             return
         stamp_s = reading.stamp_s if self.settings.use_header_stamp else now_s
-        rejection = self._add[adapter.value_class](link.key, reading, stamp_s, now_s)
+        rejection = add_reading(self._localizer, link.key, reading, stamp_s, now_s)
         if rejection is not None:
             self.get_logger().warning(
                 f'{link.topic}: {rejection}', throttle_duration_sec=REPEATED_WARNING_S
             )
-
-    def _add_range(
-        self, key: LinkKey, reading: RangeReading, stamp_s: float, now_s: float
-    ) -> Rejection | None:
-        return self._localizer.add_range(
-            key.observer,
-            key.target,
-            reading.range_m,
-            stamp_s,
-            now_s,
-            min_range_m=reading.min_range_m,
-            max_range_m=reading.max_range_m,
-            variance_m2=reading.variance_m2,
-        )
-
-    def _add_bearing(
-        self, key: LinkKey, reading: BearingReading, stamp_s: float, now_s: float
-    ) -> Rejection | None:
-        return self._localizer.add_bearing(
-            key.observer, key.target, reading.ray_xyz, stamp_s, now_s
-        )
-
-    def _add_odometry(
-        self, key: LinkKey, reading: OdometryReading, stamp_s: float, now_s: float
-    ) -> Rejection | None:
-        return self._localizer.add_odometry(
-            key.observer, reading.position_xyz, reading.orientation_xyzw, stamp_s, now_s
-        )
 
     def _on_tick(self) -> None:
         """Have the newest measurements answered, unless the worker is still at older ones."""

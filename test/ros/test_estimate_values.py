@@ -18,7 +18,7 @@ from dg_localization.fleet import (  # noqa: E402
     Placement,
     RejectionReason,
 )
-from dg_localization.ros.diagnostics import Report, statuses  # noqa: E402
+from dg_localization.ros.diagnostics import Malformed, Report, statuses  # noqa: E402
 from dg_localization.ros.links import Link  # noqa: E402
 from dg_localization.ros.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
@@ -291,6 +291,13 @@ def test_silent_input_of_a_template_needs_no_status_an_explicit_one_does():
     assert (found.level, found.message) == (Level.WARN, 'nothing received')
 
 
-def test_malformed_message_is_named():
-    found = status('input range a->b', None, inputs={}, malformed={'/a/range/b': 'no reading'})
+def test_malformed_messages_are_counted_and_named():
+    malformed = {'/a/range/b': Malformed(1, 'too short').and_one('no reading')}
+    found = status('input range a->b', None, inputs={}, malformed=malformed)
     assert (found.level, found.message) == (Level.WARN, 'malformed: no reading')
+    assert (found.values['malformed'], found.values['last_malformed']) == ('2', 'no reading')
+
+
+def test_two_topics_of_one_link_have_names_of_their_own():
+    links = tuple(Link(topic, 'sensor_msgs/msg/Range', AB, True) for topic in ('/x', '/y'))
+    assert status('input range a->b by /y', None, links=links).values['topic'] == '/y'

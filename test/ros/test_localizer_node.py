@@ -164,6 +164,7 @@ def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monke
     )
     bench.send_range('robot_1', 'robot_2', 3.0, topic='/uwb/a')
     bench.until_status('input range robot_1->robot_2', Level.WARN, 'malformed: ValueError')
+    bench.until_values('input range robot_1->robot_2', malformed='1', accepted='0')
 
 
 def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
