@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from fnmatch import fnmatch
+from functools import partial
 import sys
 import time
 
@@ -14,20 +14,35 @@ try:
 except ImportError as error:
     sys.exit(f"{error.name} is not installed; the benchmarks need pip install '.[bench]'")
 
-from benchmarks.contest import Row, solver_row
+from benchmarks import startup, truth
+from benchmarks.contest import (
+    FULL,
+    QUICK,
+    SOLVER,
+    Effort,
+    Row,
+    isolated,
+    prepare,
+    rows as rows_of_solver,
+)
 from benchmarks.peers import classical_mds, codac_contractors, multistart, scip
 from benchmarks.problems import Case, all_cases, dietmaier_file
-from benchmarks.report import case_report, machine, startup_report, summary
-from benchmarks.startup import figures
+from benchmarks.report import case_report, figures_report, machine, summary
 
 PEERS = {peer.NAME: peer for peer in (codac_contractors, multistart, classical_mds, scip)}
 STARTUP = 'start-up'
+FORMULATIONS = 4
+"""The most that a peer shows of a case."""
+GRACE = 10.0
+"""Seconds after its limit until a method is taken to hang."""
 
 
 def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks', description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='the short cases only, without SCIP')
+    parser.add_argument(
+        '--quick', action='store_true', help='the short cases only, and little patience with peers'
+    )
     parser.add_argument(
         '--only',
         action='append',
@@ -38,20 +53,17 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def peers_of(case: Case, quick: bool) -> Iterator[str]:
-    """Yield the installed peers that are asked for a case."""
-    for name in case.peers:
-        if not PEERS[name].missing() and not (quick and name == 'scip'):
-            yield name
-
-
-def contest(case: Case, quick: bool, progress: tqdm) -> list[Row]:
+def contest(case: Case, effort: Effort, progress: tqdm) -> list[Row]:
     """Run all methods on a case."""
-    progress.set_postfix_str(f'{case.name}: dg_localization')
-    rows = [solver_row(case)]
-    for name in peers_of(case, quick):
+    prepare(case)
+    methods = {SOLVER: rows_of_solver}
+    methods |= {name: PEERS[name].rows for name in case.peers if not PEERS[name].missing()}
+    rows: list[Row] = []
+    for name, method in methods.items():
         progress.set_postfix_str(f'{case.name}: {name}')
-        rows += PEERS[name].rows(case)
+        patience = case.max_seconds if name == SOLVER else FORMULATIONS * effort.peer
+        run = partial(method, case, effort)
+        rows += isolated(run, name, effort.measuring + patience + GRACE)
     return rows
 
 
@@ -79,15 +91,18 @@ def main() -> None:
             print(f'left out: {peer.missing()}')
     if not dietmaier_file().exists():
         print(f"left out: Dietmaier's platform, {dietmaier_file()} is not there")
+    effort = QUICK if options.quick else FULL
     started = time.perf_counter()
+    seconds = startup.load_kernels()
+    print(f'kernels loaded, or compiled for the first time, in {seconds:.1f} s\n')
     results = []
     with tqdm(cases, unit='case', disable=None) as progress:
         for case in progress:
-            rows = contest(case, options.quick, progress)
+            rows = contest(case, effort, progress)
             results.append((case, rows))
             progress.write(case_report(case, rows))
     if not options.quick and any(fnmatch(STARTUP, pattern) for pattern in wanted):
-        print(startup_report(figures()))
+        print(figures_report(STARTUP, [*startup.figures(), *truth.figures()]))
     if len(results) > 1:
         print('### summary\n\n' + summary(results))
     print(f'\n{time.perf_counter() - started:.0f} s in all')

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
+import multiprocessing
 from statistics import median
 import time
 from typing import Any, TypeVar
@@ -20,11 +22,23 @@ SOLVER = 'dg_localization'
 TIGHTENING = next((f.name for f in fields(SolverOptions) if f.name.startswith('tighten')), None)
 
 RUNS = 7
-MAX_SECONDS = 20.0
-"""After that no further run is started, however few there were."""
 
 MAX_PAIRS = 40
 """Widths of larger fleets are compared on so many unknown pairs, drawn at random."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to wait, in seconds."""
+
+    measuring: float
+    """After so long no further run of a method is started, however few there were."""
+    peer: float
+    """After so long a peer has failed."""
+
+
+FULL = Effort(measuring=20.0, peer=60.0)
+QUICK = Effort(measuring=1.5, peer=2.0)
 
 
 @dataclass(frozen=True)
@@ -64,6 +78,16 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Figure:
+    """One measured figure and what it should be."""
+
+    what: str
+    value: str
+    aim: str = ''
+    met: bool | None = None
+
+
+@dataclass(frozen=True)
 class Hull:
     """Bounds of all squared distances of one connected part of an answer, (n, n) in m^2."""
 
@@ -71,7 +95,7 @@ class Hull:
     upper: FloatArray
 
 
-def measure(run: Callable[[], Answer]) -> tuple[Answer, Timing]:
+def measure(run: Callable[[], Answer], effort: Effort) -> tuple[Answer, Timing]:
     """
     Time a function on a warm machine.
 
@@ -79,31 +103,33 @@ def measure(run: Callable[[], Answer]) -> tuple[Answer, Timing]:
     ----------
     run : callable
         What to time.
+    effort : Effort
+        When to stop.
 
     Returns
     -------
     answer
         What it returned last.
     Timing
-        Median and minimum of `RUNS` runs, or of fewer when they take longer than `MAX_SECONDS`.
+        Median and minimum of `RUNS` runs after one that is not counted, or of fewer when time
+        is up; at least the first counts.
 
     """
     started = time.perf_counter()
-    seconds: list[float] = []
     answer = run()
     first = time.perf_counter() - started
-    if first > 0.5 * MAX_SECONDS:
-        return answer, Timing(first, first, 1)
-    while len(seconds) < RUNS and time.perf_counter() - started < MAX_SECONDS:
+    seconds: list[float] = []
+    while len(seconds) < RUNS and time.perf_counter() + first - started < effort.measuring:
         begin = time.perf_counter()
         answer = run()
         seconds.append(time.perf_counter() - begin)
+    seconds = seconds or [first]
     return answer, Timing(median(seconds), min(seconds), len(seconds))
 
 
 def attainable_resolution(case: Case) -> float:
     """Return how far the measurement errors leave a distance open, or the resolution if more."""
-    bounds = linearised_hull(case.problem, case.placements[0], compared_pairs(case))
+    bounds = _linearised_hull(case, 0)
     widths = np.diff(np.sqrt(np.maximum(bounds, 0.0)), axis=1)
     return max(case.resolution, float(widths.max()))
 
@@ -115,18 +141,21 @@ def compared_pairs(case: Case) -> list[Pair]:
     return [pairs[index] for index in sorted(chosen)]
 
 
-_references: dict[tuple[str, int], FloatArray] = {}
+@cache
+def _linearised_hull(case: Case, number: int) -> FloatArray:
+    return linearised_hull(case.problem, case.placements[number], compared_pairs(case))
+
+
+@cache
+def _exact_hull(case: Case, number: int) -> FloatArray:
+    return exact_hull(case.problem, case.placements[number], compared_pairs(case))
 
 
 def reference_hull(case: Case, number: int) -> FloatArray | None:
     """Return the hull that the widths about a placement are compared with, None without one."""
     if case.hull is None:
         return None
-    key = (case.name, number)
-    if key not in _references:
-        bound = exact_hull if case.hull == 'exact' else linearised_hull
-        _references[key] = bound(case.problem, case.placements[number], compared_pairs(case))
-    return _references[key]
+    return (_exact_hull if case.hull == 'exact' else _linearised_hull)(case, number)
 
 
 def score(case: Case, hulls: Sequence[Hull]) -> Score:
@@ -185,11 +214,11 @@ def solver_options(case: Case) -> SolverOptions:
     return SolverOptions(case.resolution, case.max_boxes, case.max_seconds, **options)
 
 
-def solver_row(case: Case) -> Row:
+def rows(case: Case, effort: Effort) -> list[Row]:
     """Solve a case with this package."""
     options = solver_options(case)
-    result, timing = measure(lambda: solve(case.problem, options))
-    return Row(
+    result, timing = measure(lambda: solve(case.problem, options), effort)
+    row = Row(
         SOLVER,
         timing,
         result.statistics.processed,
@@ -198,3 +227,49 @@ def solver_row(case: Case) -> Row:
         score(case, [Hull(found.lower, found.upper) for found in result.hypotheses]),
         '' if result.verdict is Verdict.COVERED else result.verdict.value.replace('_', ' '),
     )
+    return [row]
+
+
+def prepare(case: Case) -> None:
+    """Compute what scores need, once for all methods."""
+    attainable_resolution(case)
+    for number in range(len(case.placements)):
+        reference_hull(case, number)
+
+
+def isolated(run: Callable[[], Iterable[Row]], who: str, max_seconds: float) -> list[Row]:
+    """
+    Run a method in a process of its own, which may hang or crash.
+
+    Parameters
+    ----------
+    run : callable
+        Returns the rows of the method.
+    who : str
+        Named in the row of a method that fails.
+    max_seconds : float
+        Patience.
+
+    Returns
+    -------
+    list of Row
+        What the method returned, or one row that says how it failed.
+
+    """
+    # Forked, so that loaded kernels and prepared hulls are there already.
+    context = multiprocessing.get_context('fork')
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=lambda: sender.send(list(run())))
+    process.start()
+    sender.close()
+    try:
+        if not receiver.poll(max_seconds):
+            return [Row(who, remark=f'stopped after {max_seconds:.0f} s')]
+        rows: list[Row] = receiver.recv()
+        return rows
+    except EOFError:
+        process.join()
+        return [Row(who, remark=f'crashed, exit code {process.exitcode}')]
+    finally:
+        process.kill()
+        process.join()

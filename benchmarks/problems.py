@@ -40,7 +40,7 @@ class Target:
     """Against the fastest Codac formulation that found everything."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """
     One problem.
@@ -84,7 +84,7 @@ class Case:
     tightened: bool = False
     hull: str | None = None
     peers: tuple[str, ...] = ()
-    max_seconds: float = 60.0
+    max_seconds: float = 30.0
     max_boxes: int = 20000
     quick: bool = True
 

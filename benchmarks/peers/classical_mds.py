@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
-from benchmarks.contest import Row, Score, measure
+from benchmarks.contest import Effort, Row, Score, measure
 from benchmarks.exact import measured_pairs
 from benchmarks.problems import Case, FloatArray, placement_of, squared_distances
 
@@ -34,10 +34,10 @@ def placement(case: Case, random: np.random.Generator) -> FloatArray:
     return placement_of(shortest_path(drawn, directed=False) ** 2, case.problem.dimension)
 
 
-def rows(case: Case) -> Iterator[Row]:
+def rows(case: Case, effort: Effort) -> Iterator[Row]:
     """Run the method many times; a run hits when its placement agrees with every range."""
     random = np.random.default_rng(0)
-    trials, timing = measure(lambda: [placement(case, random) for _ in range(TRIALS)])
+    trials, timing = measure(lambda: [placement(case, random) for _ in range(TRIALS)], effort)
     distances = [np.sqrt(squared_distances(trial)) for trial in trials]
     pairs = list(combinations(range(case.problem.n_points), 2))
     rows_, columns = np.array(pairs).T

@@ -19,13 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, permutations
 import time
 from typing import Any
 
 import numpy as np
 
-from benchmarks.contest import Hull, Row, attainable_resolution, measure, score
+from benchmarks.contest import Effort, Hull, Row, attainable_resolution, measure, score
 from benchmarks.exact import measured_pairs
 from benchmarks.problems import Case
 from dg_localization import Problem, SideConstraint
@@ -42,7 +43,6 @@ LONGEST_VECTOR = 10
 """``codac.vec`` takes no more."""
 RIGID = 1e-9
 """Frame points whose distances are known this well, relatively, get constant coordinates."""
-MAX_SECONDS = 60.0
 
 Expression = Any
 """A codac expression, an interval constant, or None for zero."""
@@ -345,7 +345,7 @@ class Paving:
     empty: int
 
 
-def pave(model: Model, resolution: float, max_seconds: float = MAX_SECONDS) -> Paving:
+def pave(model: Model, resolution: float, max_seconds: float) -> Paving:
     """Contract and bisect until all coordinates are known to `resolution` in m."""
     deadline = time.perf_counter() + max_seconds
     # ``contract`` works in place: the model keeps its box.
@@ -401,14 +401,14 @@ def formulations(case: Case) -> list[Formulation]:
     return shown
 
 
-def rows(case: Case) -> Iterator[Row]:
+def rows(case: Case, effort: Effort) -> Iterator[Row]:
     """Solve a case with each formulation."""
     resolution = attainable_resolution(case)
     for formulation in formulations(case):
         model = Model(case.problem, formulation)
-        paving, timing = measure(lambda model=model: pave(model, resolution))
+        paving, timing = measure(partial(pave, model, resolution, effort.peer), effort)
         if paving.kept is None:
-            remark = f'none in {MAX_SECONDS:g} s'
+            remark = f'none in {effort.peer:g} s'
             yield Row(formulation.label, boxes=paving.processed, remark=remark)
             continue
         groups = components(paving.kept)

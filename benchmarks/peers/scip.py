@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.contest import Hull, Row, Timing, compared_pairs, score
+from benchmarks.contest import Effort, Hull, Row, Timing, compared_pairs, score
 from benchmarks.exact import measured_pairs
 from benchmarks.problems import Case, Pair
 
@@ -25,7 +25,6 @@ except ImportError:
     pyscipopt = None
 
 NAME = 'scip'
-MAX_SECONDS = 60.0
 
 
 def missing() -> str | None:
@@ -83,20 +82,20 @@ def _bound(case: Case, pair: Pair, sense: str, max_seconds: float) -> tuple[floa
     return model.getDualbound(), model.getNNodes()
 
 
-def rows(case: Case) -> Iterator[Row]:
+def rows(case: Case, effort: Effort) -> Iterator[Row]:
     """Bound every compared pair from both sides."""
     started = time.perf_counter()
     hull = Hull(case.problem.lower.copy(), case.problem.upper.copy())
     nodes = 0
     for pair in compared_pairs(case):
         for bounds, sense in ((hull.lower, 'minimize'), (hull.upper, 'maximize')):
-            left = started + MAX_SECONDS - time.perf_counter()
+            left = started + effort.peer - time.perf_counter()
             if left <= 0.0:
-                yield Row('SCIP', boxes=nodes, remark=f'unfinished after {MAX_SECONDS:g} s')
+                yield Row('SCIP', boxes=nodes, remark=f'unfinished after {effort.peer:g} s')
                 return
-            bound, effort = _bound(case, pair, sense, left)
+            bound, searched = _bound(case, pair, sense, left)
             bounds[pair] = bounds[pair[::-1]] = bound
-            nodes += effort
+            nodes += searched
     seconds = time.perf_counter() - started
     timing = Timing(seconds, seconds, 1)
     yield Row('SCIP', timing, boxes=nodes, hypotheses=1, score=score(case, [hull]))
