@@ -79,7 +79,7 @@ def answer(
         return elsewhere
     result = solve(constraints.problem(plan.held), options, cancel)
     statistics = add_statistics(elsewhere.statistics, result.statistics)
-    placer = Placer(snapshot.config, constraints, plan, dropped)
+    placer = Placer(snapshot, constraints, plan, dropped)
     placements: list[Placement] = []
     n_unlisted = 0
     for hypothesis in result.hypotheses:

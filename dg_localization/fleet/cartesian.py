@@ -22,6 +22,9 @@ from dg_localization.solver.rounding import (
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+ANGLE_SWEEPS = 3
+"""Passes over all angles: what one tightens, another may use."""
+
 
 @kernel
 def contract_boxes(
@@ -148,11 +151,56 @@ def tighten_opposite_side(
 
 
 @kernel
-def tighten_by_angles(
-    lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray
+def tighten_adjacent_side(
+    lower: FloatArray,
+    upper: FloatArray,
+    a: int,
+    b: int,
+    c: int,
+    low_cosine: float,
+    high_cosine: float,
 ) -> None:
     """
-    Tighten the sides of triangles opposite to known angles, in place.
+    Tighten the side ab of a triangle with a known angle at a, in place.
+
+    The law of cosines solved for x = d_ab, with y = d_ac: x = y cosine +- sqrt(s_bc - y^2 sine^2).
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n, n)
+        Bounds of the squared distances in m^2; `upper` becomes negative where there is no side.
+    a, b, c : int
+        The corner with the angle, the other end of the side, and the third corner.
+    low_cosine, high_cosine : float
+        Bounds of the cosine of the angle.
+
+    """
+    if math.isinf(upper[b, c]) or lower[a, c] > upper[a, c]:
+        return
+    near, far = sqrt_down(lower[a, c]), sqrt_up(upper[a, c])
+    largest_cosine = max(abs(low_cosine), abs(high_cosine))
+    squared_sine = max(0.0, down(1.0 - square_up(largest_cosine)))
+    room = up(upper[b, c] - max(0.0, down(lower[a, c] * squared_sine)))
+    if room < 0.0:
+        upper[a, b] = upper[b, a] = -1.0
+        return
+    root = sqrt_up(room)
+    if high_cosine <= 0.0 or not math.isinf(far):
+        longest = up(up((far if high_cosine > 0.0 else near) * high_cosine) + root)
+        reach = square_up(longest) if longest >= 0.0 else -1.0
+        upper[a, b] = upper[b, a] = min(upper[a, b], reach)
+    if low_cosine >= 0.0 or not math.isinf(far):
+        shortest = down(down((near if low_cosine > 0.0 else far) * low_cosine) - root)
+        if shortest > 0.0:
+            lower[a, b] = lower[b, a] = max(lower[a, b], square_down(shortest))
+
+
+@kernel
+def tighten_by_angles(
+    lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray, sweeps: int
+) -> None:
+    """
+    Tighten the sides of triangles with known angles, in place.
 
     Parameters
     ----------
@@ -162,8 +210,15 @@ def tighten_by_angles(
         The point with the angle, and the two others.
     cosines : ndarray, shape (m, 2)
         Bounds of the cosines of the angles.
+    sweeps : int
+        Passes over all angles.
 
     """
-    for row in range(len(corners)):
-        a, b, c = corners[row]
-        tighten_opposite_side(lower, upper, a, b, c, cosines[row, 0], cosines[row, 1])
+    for _ in range(sweeps):
+        for row in range(len(corners)):
+            a, b, c = corners[row]
+            low, high = cosines[row, 0], cosines[row, 1]
+            tighten_opposite_side(lower, upper, a, b, c, low, high)
+            if lower[b, c] <= upper[b, c]:
+                tighten_adjacent_side(lower, upper, a, b, c, low, high)
+                tighten_adjacent_side(lower, upper, a, c, b, low, high)

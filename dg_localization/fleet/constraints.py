@@ -14,14 +14,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.cartesian import tighten_by_angles
-from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.anchors import squared_bounds
+from dg_localization.fleet.cartesian import ANGLE_SWEEPS, tighten_by_angles
 from dg_localization.fleet.estimate import LinkKey
-from dg_localization.fleet.intervals import (
-    ROUNDING_RAD,
-    Interval,
-    determinant,
-)
+from dg_localization.fleet.intervals import ROUNDING_RAD
 from dg_localization.fleet.snapshot import RayEvidence, Snapshot
 from dg_localization.solver.problem import Chirality, Problem
 
@@ -197,7 +193,7 @@ def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> 
     for i, j, low_m2, high_m2 in _given_distances(snapshot, dropped):
         _tighten(lower, upper, i, j, low_m2, high_m2)
     rays = [ray for ray in snapshot.rays if ray.key not in dropped]
-    chiralities = list(_anchor_chirality(config))
+    chiralities = list(snapshot.anchors.chiralities)
     by_observer: dict[int, list[RayEvidence]] = {}
     for ray in rays:
         by_observer.setdefault(ray.observer, []).append(ray)
@@ -216,7 +212,7 @@ def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> 
         )
     seen_angles = _joined(angles)
     _triangulate(lower, upper, seen_angles)
-    tighten_by_angles(lower, upper, seen_angles.corners, seen_angles.cosines())
+    tighten_by_angles(lower, upper, seen_angles.corners, seen_angles.cosines(), ANGLE_SWEEPS)
     return Constraints(lower, upper, tuple(chiralities), now, seen_angles, config.dimension)
 
 
@@ -232,71 +228,16 @@ def _given_distances(
     """Yield pairs of points with bounds of their squared distance: links, anchors, sizes."""
     for evidence in snapshot.distances:
         if evidence.key not in dropped:
-            yield evidence.first, evidence.second, *_squared(evidence.lower_m, evidence.upper_m)
-    yield from _anchor_distances(snapshot.config)
-    separation_m2 = _squared(snapshot.config.min_separation_m, math.inf)
+            yield (
+                evidence.first,
+                evidence.second,
+                *squared_bounds(evidence.lower_m, evidence.upper_m),
+            )
+    yield from snapshot.anchors.distances
+    separation_m2 = squared_bounds(snapshot.config.min_separation_m, math.inf)
     if separation_m2[0] > 0.0:
         for i, j in combinations(range(len(snapshot.config.robots)), 2):
             yield i, j, *separation_m2
-
-
-def _squared(lower_m: float, upper_m: float) -> tuple[float, float]:
-    """Return bounds of the square of a distance; below zero there is none."""
-    low = math.nextafter(lower_m * lower_m, -math.inf) if lower_m > 0.0 else 0.0
-    if upper_m < 0.0:
-        # No distance is negative. An empty interval that starts at the least possible number.
-        return max(low, math.ulp(0.0)), 0.0
-    return max(0.0, low), math.nextafter(upper_m * upper_m, math.inf)
-
-
-def anchor_boxes(config: FleetConfig) -> dict[int, Interval]:
-    """Return the coordinates of every anchor within its bound, by point."""
-    index = {point: i for i, point in enumerate(config.points)}
-    return {
-        index[name]: Interval.around(np.array(anchor.coordinates_m), anchor.bound_m)
-        if anchor.bound_m > 0.0
-        else Interval.point(anchor.coordinates_m)
-        for name, anchor in config.anchors.items()
-    }
-
-
-def _anchor_distances(config: FleetConfig) -> Iterator[tuple[int, int, float, float]]:
-    """Yield the squared distances of all pairs of anchors within their bounds."""
-    index = {point: i for i, point in enumerate(config.points)}
-    for (a, first), (b, second) in combinations(config.anchors.items(), 2):
-        gap = Interval.point(first.coordinates_m) - Interval.point(second.coordinates_m)
-        squares = gap.square()
-        total = squares[0]
-        for k in range(1, config.dimension):
-            total = total + squares[k]
-        slack = first.bound_m + second.bound_m
-        if slack > 0.0:
-            slack = math.nextafter(slack, math.inf)
-            distance = total.sqrt()
-            lower_m = math.nextafter(float(distance.lower) - slack, -math.inf)
-            upper_m = math.nextafter(float(distance.upper) + slack, math.inf)
-            yield index[a], index[b], *_squared(lower_m, upper_m)
-        else:
-            yield index[a], index[b], max(0.0, float(total.lower)), float(total.upper)
-
-
-def _anchor_chirality(config: FleetConfig) -> Iterator[Chirality]:
-    """
-    Yield the handedness of the q + 1 anchors that span most, when their bounds leave it certain.
-
-    One is enough: the mutual distances of the anchors fix the others.
-    """
-    boxes = anchor_boxes(config)
-    best = 0.0
-    chirality = None
-    for points in combinations(boxes, config.dimension + 1):
-        edges = [boxes[point] - boxes[points[0]] for point in points[1:]]
-        volume = determinant(Interval.stack(edges, axis=0))
-        margin = max(float(volume.lower), -float(volume.upper))
-        if margin > best:
-            best, chirality = margin, Chirality(points, volume.sign())
-    if chirality is not None:
-        yield chirality
 
 
 def _swing_rad(ray: RayEvidence, lower: Matrix) -> float:
@@ -508,7 +449,7 @@ def _third_side_m2(
     # A handful of roundings, each below 1.2e-16 of its result, besides those of the sines.
     low_m = base[0] * low_b / high_c * (1.0 - 1e-14)
     high_m = base[1] * high_b / low_c * (1.0 + 1e-14) if low_c > 0.0 else math.inf
-    return _squared(low_m, high_m)
+    return squared_bounds(low_m, high_m)
 
 
 def _sine_range(low_rad: float, high_rad: float) -> tuple[float, float]:

@@ -17,9 +17,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.cartesian import contract_boxes, tighten_by_angles
+from dg_localization.fleet.anchors import MAX_CORES
+from dg_localization.fleet.cartesian import ANGLE_SWEEPS, contract_boxes, tighten_by_angles
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.constraints import Constraints, Ray, anchor_boxes, angles_rad
+from dg_localization.fleet.constraints import Constraints, Ray, angles_rad
 from dg_localization.fleet.estimate import FixedFrame, LinkKey, Placement
 from dg_localization.fleet.headings import Heading, NoHeadingError, best_rotation, estimate_heading
 from dg_localization.fleet.intervals import (
@@ -30,13 +31,12 @@ from dg_localization.fleet.intervals import (
     rotate,
     rotation_2d,
 )
+from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.solver.coordinates import enclose_coordinates
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
 
-MAX_CORES = 6
-"""How many cores are tried to narrow an enclosure; each costs a pass over all points."""
 
 MAX_APEXES = 4
 """How many points beside the core are tried for each."""
@@ -96,14 +96,14 @@ def _plan(
 
 
 def plan_frames(
-    config: FleetConfig, constraints: Constraints, alternatives: list[Constraints]
+    snapshot: Snapshot, constraints: Constraints, alternatives: list[Constraints]
 ) -> list[FramePlan] | str:
     """
     Choose one fixed frame for all alternatives.
 
     Parameters
     ----------
-    config : FleetConfig
+    snapshot : Snapshot
     constraints : Constraints
         What all links of a snapshot say, contradictions included.
     alternatives : list of Constraints
@@ -115,14 +115,19 @@ def plan_frames(
         One plan for each alternative, or a sentence that says why there is no frame.
 
     """
-    anchored = _anchor_cores(config)
+    config, anchored = snapshot.config, snapshot.anchors.cores
     if anchored:
         names = tuple(config.anchors)
         frame = FixedFrame('anchors', names)
-        origin = anchored[0][0]
-        indices = anchor_boxes(config)
+        origin, kept = anchored[0][0], snapshot.anchors.boxes
         plans = [
-            _plan(frame, alternative, alternative.component_of(origin), anchored, indices)
+            _plan(
+                frame,
+                alternative,
+                alternative.component_of(origin),
+                anchored,
+                snapshot.anchors.boxes,
+            )
             for alternative in alternatives
         ]
         free = {i for i, robot in enumerate(config.robots) if robot not in config.anchors}
@@ -159,19 +164,6 @@ def _plan_from_reference(
         _plan(frame, alternative, points, (core,))
         for alternative, points in zip(alternatives, components, strict=True)
     ]
-
-
-def _anchor_cores(config: FleetConfig) -> tuple[tuple[int, ...], ...]:
-    """Return sets of q anchors that certainly span a hyperplane, the largest first."""
-    boxes = anchor_boxes(config)
-    sizes = {}
-    for core in combinations(boxes, config.dimension):
-        edges = [boxes[point] - boxes[core[0]] for point in core[1:]]
-        normal = edges[0] if config.dimension == 2 else cross(edges[0], edges[1])
-        size = np.maximum(normal.lower, -normal.upper).max()
-        if size > 0.0:
-            sizes[core] = size
-    return tuple(sorted(sizes, key=lambda core: -sizes[core])[:MAX_CORES])
 
 
 def _heading_cores(
@@ -233,7 +225,7 @@ class Placer:
 
     Parameters
     ----------
-    config : FleetConfig
+    snapshot : Snapshot
     constraints : Constraints
         What the problem was made of.
     plan : FramePlan
@@ -245,15 +237,15 @@ class Placer:
 
     def __init__(
         self,
-        config: FleetConfig,
+        snapshot: Snapshot,
         constraints: Constraints,
         plan: FramePlan,
         dropped: frozenset[LinkKey],
     ) -> None:
-        self._config = config
+        self._config = snapshot.config
         self._plan = plan
         self._dropped = dropped
-        self._dimension = config.dimension
+        self._dimension = snapshot.config.dimension
         index = {point: i for i, point in enumerate(plan.points)}
         # A core point that is not connected pads a fleet that is too small for a full frame.
         self._cores = [tuple(index[p] for p in core if p in index) for core in plan.cores]
@@ -267,7 +259,7 @@ class Placer:
             if observer in index
         }
         self._anchors = {
-            index[point]: box for point, box in anchor_boxes(config).items() if point in index
+            index[point]: box for point, box in snapshot.anchors.boxes.items() if point in index
         }
         held = set(plan.held)
         self._chiralities = [
@@ -357,7 +349,7 @@ class Placer:
     ) -> Interval | None:
         """Return the coordinates one box of distances allows."""
         lower, upper = np.array(lower), np.array(upper)
-        tighten_by_angles(lower, upper, self._corners, self._cosines)
+        tighten_by_angles(lower, upper, self._corners, self._cosines, ANGLE_SWEEPS)
         if (lower > upper).any():
             return None
         points, side = self._cores[0], 1

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
+from dg_localization.fleet.anchors import anchor_geometry
 from dg_localization.fleet.answers import (
     Answer,
     Cancel,
@@ -50,6 +51,7 @@ class Localizer:
     def __init__(self, config: FleetConfig) -> None:
         self._config = config
         self._store = MeasurementStore(config)
+        self._anchors = anchor_geometry(config)
 
     @property
     def config(self) -> FleetConfig:
@@ -159,7 +161,7 @@ class Localizer:
 
     def snapshot(self, now_s: float) -> Snapshot:
         """Return what the measurements say at `now_s`; later ones do not change it."""
-        return take_snapshot(self._store, self._config, now_s)
+        return take_snapshot(self._store, self._config, self._anchors, now_s)
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
         """
@@ -188,7 +190,7 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     constraints = constrain(snapshot)
-    plans = plan_frames(snapshot.config, constraints, [constraints])
+    plans = plan_frames(snapshot, constraints, [constraints])
     if isinstance(plans, str):
         found = check_elsewhere(constraints, (), snapshot.config.solver, cancel)
     else:
@@ -291,7 +293,7 @@ def _explained(
     explanation = _explanation(snapshot, cancel)
     corrections = explanation.corrections if explanation.complete else ()
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
-    plans = plan_frames(config, constraints, alternatives) if alternatives else ''
+    plans = plan_frames(snapshot, constraints, alternatives) if alternatives else ''
     if isinstance(plans, str):
         reason = _contradiction_reason(config, explanation, plans)
         return _without_placements(
@@ -326,7 +328,7 @@ def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
         dropped = everything - links
         options = config.solver if thorough else brief
         constraints = constrain(snapshot, dropped)
-        plans = plan_frames(config, constraints, [constraints])
+        plans = plan_frames(snapshot, constraints, [constraints])
         if isinstance(plans, str):
             found = check_elsewhere(constraints, (), options, cancel)
         else:

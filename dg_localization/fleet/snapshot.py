@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from dg_localization.fleet.anchors import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import LinkKey, LinkState
 from dg_localization.fleet.measurements import DistanceReading, MeasurementStore, RayReading
@@ -81,6 +82,7 @@ class Snapshot:
     distances : tuple of DistanceEvidence
     rays : tuple of RayEvidence
     motion : Motion
+    anchors : AnchorGeometry
     links : tuple of LinkState
         Every range and bearing link that has ever delivered.
 
@@ -91,6 +93,7 @@ class Snapshot:
     distances: tuple[DistanceEvidence, ...]
     rays: tuple[RayEvidence, ...]
     motion: Motion
+    anchors: AnchorGeometry
     links: tuple[LinkState, ...]
 
     @property
@@ -99,7 +102,9 @@ class Snapshot:
         return (*(d.key for d in self.distances), *(r.key for r in self.rays))
 
 
-def take_snapshot(store: MeasurementStore, config: FleetConfig, now_s: float) -> Snapshot:
+def take_snapshot(
+    store: MeasurementStore, config: FleetConfig, anchors: AnchorGeometry, now_s: float
+) -> Snapshot:
     """Return what the measurements of `store` say at `now_s`."""
     motion = Motion(
         max_speed_m_s={point: config.speed_m_s(point) for point in config.points},
@@ -122,7 +127,7 @@ def take_snapshot(store: MeasurementStore, config: FleetConfig, now_s: float) ->
         links.append(
             LinkState(key.kind, key.observer, key.target, lower_m, upper_m, age_s, not readings)
         )
-    return Snapshot(config, now_s, tuple(distances), tuple(rays), motion, tuple(links))
+    return Snapshot(config, now_s, tuple(distances), tuple(rays), motion, anchors, tuple(links))
 
 
 def _aged_bounds_m(

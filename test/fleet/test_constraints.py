@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
-from dg_localization.fleet.cartesian import contract_boxes, tighten_opposite_side
+from dg_localization.fleet.cartesian import (
+    contract_boxes,
+    tighten_adjacent_side,
+    tighten_opposite_side,
+)
 from dg_localization.fleet.constraints import constrain
 from dg_localization.fleet.frames import hang
 
@@ -45,6 +49,38 @@ def test_the_law_of_cosines_excludes_no_triangle(first, second, angle, parts):
     opposite = x * x + y * y - 2.0 * x * y * math.cos(between(angle, parts[2]))
     rounding = 1e-14 * (x + y) ** 2 + 1e-300
     assert lower[1, 2] - rounding <= opposite <= upper[1, 2] + rounding
+
+
+@settings(deadline=None)
+@given(
+    places=st.lists(st.tuples(side, side), min_size=3, max_size=3),
+    slack=st.tuples(side, side, side, st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+)
+def test_an_adjacent_side_excludes_no_triangle(places, slack):
+    points = np.array(places)
+    true = ((points[:, None] - points[None]) ** 2).sum(axis=-1)
+    widths = np.array(
+        [[0.0, slack[0], slack[1]], [slack[0], 0.0, slack[2]], [slack[1], slack[2], 0.0]]
+    )
+    lower, upper = np.maximum(true - widths, 0.0), true + widths
+    edges = points[1:] - points[0]
+    lengths = np.linalg.norm(edges, axis=1)
+    if lengths.min() < 1e-3:
+        return
+    cosine = float(np.clip(edges[0] @ edges[1] / lengths.prod(), -1.0, 1.0))
+    low, high = max(-1.0, cosine - slack[3] - 1e-12), min(1.0, cosine + slack[4] + 1e-12)
+    tighten_adjacent_side(lower, upper, 0, 1, 2, low, high)
+    assert lower[0, 1] - 1e-9 <= true[0, 1] <= upper[0, 1] + 1e-9
+
+
+def test_an_adjacent_side_is_sharp_and_may_be_none():
+    lower = np.array([[0.0, 0.0, 9.0], [0.0, 0.0, 25.0], [9.0, 25.0, 0.0]])
+    upper = np.array([[0.0, 99.0, 9.0], [99.0, 0.0, 25.0], [9.0, 25.0, 0.0]])
+    tighten_adjacent_side(lower, upper, 0, 1, 2, -1e-16, 1e-16)
+    assert upper[0, 1] == pytest.approx(16.0)
+    lower[0, 2] = upper[0, 2] = lower[2, 0] = upper[2, 0] = 36.0
+    tighten_adjacent_side(lower, upper, 0, 1, 2, -1e-16, 1e-16)
+    assert upper[0, 1] < lower[0, 1]
 
 
 def test_the_law_of_cosines_is_sharp():
