@@ -37,6 +37,13 @@ GRACE = 10.0
 """Seconds after its limit until a method is taken to hang."""
 
 
+NOTE = (
+    'Times are medians (minima) of warm runs. Ours is a call of solve, with placements and their '
+    "proofs;\nCodac's is its search alone. Widths are those of unknown pairs over the exact hull "
+    'or the linearised\nbound: the largest ratio (the median).'
+)
+
+
 def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks', description=__doc__)
@@ -86,6 +93,7 @@ def main() -> None:
         and (case.quick or options.only or not options.quick)
     ]
     print(machine() + '\n')
+    print(NOTE + '\n')
     for peer in PEERS.values():
         if peer.missing():
             print(f'left out: {peer.missing()}')

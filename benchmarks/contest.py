@@ -37,7 +37,7 @@ class Effort:
     """After so long a peer has failed."""
 
 
-FULL = Effort(measuring=20.0, peer=60.0)
+FULL = Effort(measuring=10.0, peer=60.0)
 QUICK = Effort(measuring=1.5, peer=2.0)
 
 

@@ -50,10 +50,11 @@ def machine() -> str:
         else iter(()),
         platform.processor() or 'unknown processor',
     )
-    load = os.getloadavg()[0]
+    cores, load = os.cpu_count() or 1, os.getloadavg()[0]
+    busy = ' (BUSY: the times below are too long)' if load > 0.75 * cores else ''
     return '\n'.join(
         [
-            f'{model}, {os.cpu_count()} cores, load {load:.1f}; {platform.platform()}',
+            f'{model}, {cores} cores, load {load:.1f}{busy}; {platform.platform()}',
             f'Python {platform.python_version()}, ' + ', '.join(map(_version, PACKAGES)),
         ]
     )

@@ -1,18 +1,20 @@
 """
 Codac 2: interval contractors on the distance equations in Cartesian coordinates.
 
-The frame is pinned to q mutually measured points, so that as many coordinates as equations are
-left for a minimally rigid problem. ``CtcInverse`` with its centered form contracts vectors of
-equations, ``CtcFixpoint`` repeats it, and the widest coordinate is bisected. What was found to
-matter, and is used here:
+The frame is pinned to q mutually measured points, so that a minimally rigid problem has as many
+coordinates as equations. ``CtcInverse``, with its centered form, contracts vectors of equations,
+``CtcFixpoint`` repeats it, and the widest coordinate is bisected. What was found to matter:
 
-- The frame: through the pair with the most common neighbours (15 nodes for the paper's fleet;
-  through P2 and P1 it takes 25, and the boxes are wider).
-- Sides: propagated to signs of single determinants, which also removes the mirror image. Left as
-  products of two determinants they contract little.
-- A square system of the manipulator given as one vector is preconditioned in a way that loses all
-  six solutions (Codac 2.1.2); all but one equation in one vector and the last on its own does not.
-- In space, the differences of equations to two pinned points are linear; adding them helps.
+- The frame. Through the pair with the most common neighbours the paper's fleet takes 15 nodes;
+  through P2 and P1 it takes 25, and the boxes are wider.
+- Sides. As signs of single determinants, propagated from one side to the next, they are cheaper
+  than as products of two, and they remove the mirror image.
+- Square systems. The manipulator's nine equations in one vector lose all six solutions
+  (Codac 2.1.2); eight in one vector and the ninth on its own lose none.
+- In space the differences of two legs of one platform point are linear; adding them helps.
+
+The times are those of the search alone: neither building the contractors nor turning boxes into
+distances is counted.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations, permutations
+from itertools import combinations
 import time
 from typing import Any
 
@@ -28,6 +30,7 @@ import numpy as np
 
 from benchmarks.contest import Effort, Hull, Row, attainable_resolution, measure, score
 from benchmarks.exact import measured_pairs
+from benchmarks.peers.algebra import Expression, determinant, minus, parity, plus
 from benchmarks.problems import Case
 from dg_localization import Problem, SideConstraint
 
@@ -43,9 +46,6 @@ LONGEST_VECTOR = 10
 """``codac.vec`` takes no more."""
 RIGID = 1e-9
 """Frame points whose distances are known this well, relatively, get constant coordinates."""
-
-Expression = Any
-"""A codac expression, an interval constant, or None for zero."""
 
 
 def missing() -> str | None:
@@ -64,11 +64,6 @@ def best_frame(problem: Problem) -> tuple[int, ...]:
         ),
         key=lambda points: measured[list(points)].all(axis=0).sum(),
     )
-
-
-def _parity(order: Sequence[int]) -> int:
-    inversions = sum(a > b for a, b in combinations(order, 2))
-    return -1 if inversions % 2 else 1
 
 
 def signs_of(sides: Sequence[SideConstraint]) -> dict[tuple[int, ...], int]:
@@ -90,7 +85,7 @@ def signs_of(sides: Sequence[SideConstraint]) -> dict[tuple[int, ...], int]:
     links: dict[tuple[int, ...], list[tuple[tuple[int, ...], int]]] = {}
     for side in sides:
         first, second = (*side.face, side.first), (*side.face, side.second)
-        sign = -int(side.side) * _parity(first) * _parity(second)
+        sign = -int(side.side) * parity(first) * parity(second)
         one, other = tuple(sorted(first)), tuple(sorted(second))
         links.setdefault(one, []).append((other, sign))
         links.setdefault(other, []).append((one, sign))
@@ -106,29 +101,6 @@ def signs_of(sides: Sequence[SideConstraint]) -> dict[tuple[int, ...], int]:
     return signs
 
 
-def _minus(a: Expression, b: Expression) -> Expression:
-    if b is None:
-        return a
-    return -1.0 * b if a is None else a - b
-
-
-def _plus(a: Expression, b: Expression) -> Expression:
-    if a is None or b is None:
-        return b if a is None else a
-    return a + b
-
-
-def _determinant(rows: list[list[Expression]]) -> Expression:
-    total: Expression = None
-    for order in permutations(range(len(rows))):
-        product: Expression = float(_parity(order))
-        for row, column in enumerate(order):
-            entry = rows[row][column]
-            product = None if product is None or entry is None else product * entry
-        total = _plus(total, product)
-    return total
-
-
 def _half_lines() -> dict[int, Any]:
     return {1: codac.Interval(0.0, np.inf), -1: codac.Interval(-np.inf, 0.0)}
 
@@ -138,12 +110,12 @@ class Formulation:
     """How the equations are given to Codac."""
 
     label: str
-    centered: bool = True
     spare_last: bool = True
     """Whether the last equation of a square system is kept apart."""
     linear: bool = False
     """Whether differences of equations to pinned points are added."""
     fixpoint: bool = True
+    """Whether a box is contracted until that gains little, or once before it is bisected."""
     frame: tuple[int, ...] | None = None
     """The pinned points; None takes the best."""
     products: bool = False
@@ -198,7 +170,7 @@ class Model:
 
     def _edge(self, i: int, j: int) -> list[Expression]:
         return [
-            _minus(self._coordinate(i, axis), self._coordinate(j, axis))
+            minus(self._coordinate(i, axis), self._coordinate(j, axis))
             for axis in range(self.problem.dimension)
         ]
 
@@ -213,7 +185,7 @@ class Model:
             squared = None
             for difference in self._edge(i, j):
                 if difference is not None:
-                    squared = _plus(squared, codac.sqr(difference))
+                    squared = plus(squared, codac.sqr(difference))
             equations.append((squared, self._range(i, j)))
         return equations
 
@@ -232,7 +204,7 @@ class Model:
                 for axis, difference in enumerate(self._edge(b, a)):
                     if difference is not None:
                         term = (2.0 * difference) * self._coordinate(p, axis)
-                        total = _plus(total, term)
+                        total = plus(total, term)
                     for point, sign in ((a, -1.0), (b, 1.0)):
                         if (point, axis) in self._constants:
                             value = value + sign * codac.sqr(self._constants[point, axis])
@@ -240,7 +212,7 @@ class Model:
         return equations
 
     def _handedness(self, first: int, *others: int) -> Expression:
-        return _determinant([self._edge(point, first) for point in others])
+        return determinant([self._edge(point, first) for point in others])
 
     def _products(self) -> list[tuple[Expression, Any]]:
         half_lines = _half_lines()
@@ -258,15 +230,15 @@ class Model:
         half_lines = _half_lines()
         equations = []
         for simplex, sign in signs_of(self.problem.sides).items():
-            determinant = self._handedness(*simplex)
-            if not isinstance(determinant, codac.Interval):
-                equations.append((determinant, half_lines[sign]))
+            handedness = self._handedness(*simplex)
+            if not isinstance(handedness, codac.Interval):
+                equations.append((handedness, half_lines[sign]))
         return equations
 
-    def _inverse(self, equations: Sequence[tuple[Expression, Any]], centered: bool) -> Any:
+    def _inverse(self, equations: Sequence[tuple[Expression, Any]]) -> Any:
         expressions, values = zip(*equations, strict=True)
         function = codac.AnalyticFunction([self._x], codac.vec(*expressions))
-        return codac.CtcInverse(function, codac.IntervalVector(list(values)), centered)
+        return codac.CtcInverse(function, codac.IntervalVector(list(values)))
 
     def _contractor(self, formulation: Formulation) -> Any:
         equations = self._equations()
@@ -282,7 +254,7 @@ class Model:
         groups += [[equation] for equation in sides]
         contractor = None
         for group in groups:
-            part = self._inverse(group, formulation.centered)
+            part = self._inverse(group)
             contractor = part if contractor is None else contractor & part
         if formulation.fixpoint:
             return codac.CtcFixpoint(contractor, FIXPOINT_RATIO)
@@ -309,7 +281,7 @@ class Model:
             return {apexes[0]: 1}
         simplices = {apex: (*self.frame, apex) for apex in apexes}
         return {
-            apex: signs[tuple(sorted(simplex))] * _parity(simplex)
+            apex: signs[tuple(sorted(simplex))] * parity(simplex)
             for apex, simplex in simplices.items()
             if tuple(sorted(simplex)) in signs
         }

@@ -8,8 +8,6 @@ products of determinants. It says nothing of a problem with several hypotheses.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations, permutations
-import math
 import time
 from typing import Any
 
@@ -17,6 +15,7 @@ import numpy as np
 
 from benchmarks.contest import Effort, Hull, Row, Timing, compared_pairs, score
 from benchmarks.exact import measured_pairs
+from benchmarks.peers.algebra import determinant
 from benchmarks.problems import Case, Pair
 
 try:
@@ -30,14 +29,6 @@ NAME = 'scip'
 def missing() -> str | None:
     """Say what is missing, if anything."""
     return None if pyscipopt else 'SCIP is not installed (pip install pyscipopt)'
-
-
-def _determinant(rows_: list[list[Any]]) -> Any:
-    total = 0.0
-    for order in permutations(range(len(rows_))):
-        inversions = sum(a > b for a, b in combinations(order, 2))
-        total += (-1) ** inversions * math.prod(rows_[row][c] for row, c in enumerate(order))
-    return total
 
 
 def _bound(case: Case, pair: Pair, sense: str, max_seconds: float) -> tuple[float, int]:
@@ -71,7 +62,7 @@ def _bound(case: Case, pair: Pair, sense: str, max_seconds: float) -> tuple[floa
         model.addCons(squared(i, j) >= problem.lower[i, j])
     for side in problem.sides:
         first, second = (
-            _determinant([edge(side.face[0], point) for point in (*side.face[1:], apex)])
+            determinant([edge(side.face[0], point) for point in (*side.face[1:], apex)])
             for apex in (side.first, side.second)
         )
         model.addCons(int(side.side) * first * second <= 0.0)
