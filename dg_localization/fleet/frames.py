@@ -121,13 +121,7 @@ def plan_frames(
         frame = FixedFrame('anchors', names)
         origin, kept = anchored[0][0], snapshot.anchors.boxes
         plans = [
-            _plan(
-                frame,
-                alternative,
-                alternative.component_of(origin),
-                anchored,
-                snapshot.anchors.boxes,
-            )
+            _plan(frame, alternative, alternative.component_of(origin), anchored, kept)
             for alternative in alternatives
         ]
         free = {i for i, robot in enumerate(config.robots) if robot not in config.anchors}
@@ -584,13 +578,16 @@ def _far_apexes(hypothesis: Hypothesis, core: tuple[int, ...], candidates: list[
     """Return the candidates that are farthest from the hyperplane of the core, best first."""
     if len(candidates) < 2 or len(core) < 2:
         return candidates
+    edges = None
+    if hypothesis.positions is not None:
+        edges = hypothesis.positions - hypothesis.positions[core[0]]
     heights = {}
     for apex in candidates:
-        frame = (*core, apex)
-        local = _enclose_local(hypothesis.lower, hypothesis.upper, frame, len(core))
+        local = _enclose_local(hypothesis.lower, hypothesis.upper, (*core, apex), len(core))
         if local is not None:
-            # Certainly far first; those that may lie in the hyperplane by how far they may be.
-            heights[apex] = (local.lower[apex, -1], -local.upper[apex, -1])
+            span = 0.0 if edges is None else abs(float(np.linalg.det(edges[[*core[1:], apex]])))
+            # Certainly far first; those that may lie in the hyperplane by where they seem to be.
+            heights[apex] = (local.lower[apex, -1], span)
     ranked = sorted(heights, key=lambda apex: heights[apex], reverse=True)
     return ranked[:MAX_APEXES] or candidates[:1]
 
