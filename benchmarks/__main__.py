@@ -15,6 +15,7 @@ except ImportError as error:
     sys.exit(f"{error.name} is not installed; the benchmarks need pip install '.[bench]'")
 
 from benchmarks import startup, truth
+from benchmarks.cases import Case, all_cases
 from benchmarks.contest import (
     FULL,
     QUICK,
@@ -26,7 +27,7 @@ from benchmarks.contest import (
     rows as rows_of_solver,
 )
 from benchmarks.peers import classical_mds, codac_contractors, multistart, scip
-from benchmarks.problems import Case, all_cases, dietmaier_file
+from benchmarks.problems import dietmaier_file
 from benchmarks.report import case_report, figures_report, machine, summary
 
 PEERS = {peer.NAME: peer for peer in (codac_contractors, multistart, classical_mds, scip)}

@@ -12,8 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from benchmarks.cases import Case
 from benchmarks.exact import exact_hull, linearised_hull, unknown_pairs
-from benchmarks.problems import Case, FloatArray, Pair, squared_distances
+from benchmarks.problems import FloatArray, Pair, squared_distances
 from dg_localization import SolverOptions, Verdict, solve
 
 Answer = TypeVar('Answer')

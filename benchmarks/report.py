@@ -9,8 +9,8 @@ import os
 from pathlib import Path
 import platform
 
+from benchmarks.cases import Case
 from benchmarks.contest import SOLVER, Figure, Row
-from benchmarks.problems import Case
 
 PACKAGES = ('numpy', 'numba', 'scipy', 'codac', 'pyscipopt')
 HEADER = (

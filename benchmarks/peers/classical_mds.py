@@ -13,9 +13,10 @@ from itertools import combinations
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
+from benchmarks.cases import Case
 from benchmarks.contest import Effort, Row, Score, measure
 from benchmarks.exact import measured_pairs
-from benchmarks.problems import Case, FloatArray, placement_of, squared_distances
+from benchmarks.problems import FloatArray, placement_of, squared_distances
 
 NAME = 'mds'
 TRIALS = 100

@@ -28,10 +28,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import Case
 from benchmarks.contest import Effort, Hull, Row, attainable_resolution, measure, score
 from benchmarks.exact import measured_pairs
 from benchmarks.peers.algebra import Expression, determinant, minus, parity, plus
-from benchmarks.problems import Case
 from dg_localization import Problem, SideConstraint
 
 try:

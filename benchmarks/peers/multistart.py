@@ -13,9 +13,10 @@ import time
 import numpy as np
 from scipy.optimize import least_squares
 
+from benchmarks.cases import Case
 from benchmarks.contest import Effort, Row, Score, attainable_resolution, measure
 from benchmarks.exact import measured_pairs, unknown_pairs
-from benchmarks.problems import Case, FloatArray, squared_distances
+from benchmarks.problems import FloatArray, squared_distances
 
 NAME = 'multistart'
 STARTS = 50

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import Case
 from benchmarks.contest import Effort, Hull, Row, Timing, compared_pairs, score
 from benchmarks.exact import measured_pairs
 from benchmarks.peers.algebra import determinant
-from benchmarks.problems import Case, Pair
+from benchmarks.problems import Pair
 
 try:
     import pyscipopt
