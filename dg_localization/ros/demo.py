@@ -55,6 +55,8 @@ LATCHED = QoSProfile(
 # Without compiled kernels in its cache the localizer compiles them before its first answer.
 FIRST_ANSWER_S = 180.0
 END_S = 10.0
+# As a shell reports a program that SIGINT ended.
+INTERRUPTED = 130
 POINTS_PER_BOX = 8
 
 
@@ -306,7 +308,7 @@ def _spin_until(
 def _state(spectator: Spectator) -> str:
     """Return the newest answer in a few words."""
     if not spectator.compared:
-        return spectator.status
+        return 'waiting for the first answer (the very first run compiles the solver: a minute)'
     held = sum(len(compared.held_by) > 0 for compared in spectator.compared)
     return (
         f'{count_text(spectator.compared[-1].answer)}; '
@@ -326,7 +328,8 @@ def main(args: list[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit code: 0, or 1 when something failed or an answer did not hold the truth.
+        Exit code: 0, 1 when something failed or an answer did not hold the truth, or 130 when
+        it was interrupted.
 
     """
     parser = argparse.ArgumentParser(prog='demo', description='Localize a simulated fleet.')
@@ -344,7 +347,8 @@ def main(args: list[str] | None = None) -> int:
         print(f'\n{error}', file=sys.stderr)
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
+        print('\ninterrupted', file=sys.stderr)
+        return INTERRUPTED
     finally:
         rclpy.try_shutdown()
         claim.release()
