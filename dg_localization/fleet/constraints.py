@@ -418,11 +418,14 @@ def _joined(parts: list[Angles]) -> Angles:
 
 def _triangulate(lower: Matrix, upper: Matrix, angles: Angles) -> None:
     """
-    Tighten the distances of a point that two others see, by the law of sines, in place.
+    Bound the distances to a point that is only seen, never ranged, by the law of sines, in place.
 
     With the angles A at a and B at b, the third is pi - A - B, and the sides are as the sines:
-    d_ac = d_ab sin B / sin(A + B). It gives a distance to what is only seen, never ranged.
+    d_ac = d_ab sin B / sin(A + B).
     """
+    unranged = np.isinf(upper)
+    if not unranged.any():
+        return
     known = {
         (corner[0], frozenset(corner[1:])): (low, high)
         for corner, low, high in zip(
@@ -432,8 +435,10 @@ def _triangulate(lower: Matrix, upper: Matrix, angles: Angles) -> None:
     for (a, ends), at_a in known.items():
         for b in ends:
             (c,) = ends - {b}
+            if not unranged[a, c] or unranged[a, b] or lower[a, b] > upper[a, b]:
+                continue
             at_b = known.get((b, frozenset((a, c))))
-            if at_b is None or math.isinf(upper[a, b]) or lower[a, b] > upper[a, b]:
+            if at_b is None:
                 continue
             base = (math.sqrt(lower[a, b]), math.sqrt(upper[a, b]))
             _tighten(lower, upper, a, c, *_third_side_m2(base, at_a, at_b))

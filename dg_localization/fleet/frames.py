@@ -261,13 +261,11 @@ class Placer:
             for chirality in constraints.chiralities
             if held.issuperset(chirality.points)
         ]
-        rows = np.array(
-            [held.issuperset(corner) for corner in constraints.angles.corners.tolist()]
-        )
-        corners = constraints.angles.corners[rows.astype(bool)]
-        self._corners = np.array([[index[p] for p in corner] for corner in corners.tolist()])
-        self._corners = self._corners.reshape(-1, 3).astype(np.int64)
-        self._cosines = constraints.angles.cosines()[rows.astype(bool)]
+        renamed = np.full(len(constraints.lower), -1)
+        renamed[list(plan.held)] = np.arange(plan.n_held)
+        corners = renamed[constraints.angles.corners]
+        rows = (corners >= 0).all(axis=1)
+        self._corners, self._cosines = corners[rows], constraints.angles.cosines()[rows]
         chosen = np.ix_(plan.points, plan.points)
         self._lower, self._upper = constraints.lower[chosen], constraints.upper[chosen]
         self._to_fixed = [self._core_pose(core) for core in self._cores]
