@@ -1,0 +1,110 @@
+"""Five real robots with cameras among fifteen landmarks: the surveyed truth is never lost."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+
+NUMBERS = range(1, 6)
+# Measurement stamps of this recording are late by about this much.
+LATE_S = 0.05
+RANGES = RangeErrorModel(min_error_relative=-0.15, max_error_relative=0.15)
+
+
+class Recording:
+    """One excerpt: events in time, and where the robots truly were."""
+
+    def __init__(self, folder):
+        rows = {path.name: np.loadtxt(path, ndmin=2) for path in folder.glob('*.dat')}
+        self.landmarks = {f'm{int(row[0])}': row[1:3] for row in rows['Landmark_Groundtruth.dat']}
+        self.truth = {k: rows[f'Robot{k}_Groundtruth.dat'] for k in NUMBERS}
+        subjects = {int(barcode): int(subject) for subject, barcode in rows['Barcodes.dat']}
+        self.events = []
+        for k in NUMBERS:
+            for stamp_s, barcode, range_m, bearing_rad in rows[f'Robot{k}_Measurement.dat']:
+                subject = subjects.get(int(barcode), k)
+                if subject != k:
+                    target = f'r{subject}' if subject in NUMBERS else f'm{subject}'
+                    self.events.append((stamp_s - LATE_S, k, target, range_m, bearing_rad))
+            self.events += dead_reckoning(k, rows[f'Robot{k}_Odometry.dat'])
+        self.events.sort(key=lambda event: event[0])
+
+    def poses_at(self, stamp_s):
+        """Return x, y and yaw of all robots."""
+        return np.array(
+            [
+                [
+                    np.interp(stamp_s, t[:, 0], column)
+                    for column in (*t[:, 1:3].T, np.unwrap(t[:, 3]))
+                ]
+                for t in self.truth.values()
+            ]
+        )
+
+
+def dead_reckoning(robot, rows):
+    """Yield odometry poses from speeds and turn rates."""
+    x = y = yaw = 0.0
+    for (before_s, speed, rate), (stamp_s, *_) in zip(rows[:-1], rows[1:], strict=True):
+        step_s = stamp_s - before_s
+        middle = yaw + rate * step_s / 2.0
+        x, y = x + speed * step_s * math.cos(middle), y + speed * step_s * math.sin(middle)
+        yaw += rate * step_s
+        yield stamp_s, robot, None, (x, y), yaw
+
+
+def feed(localizer, event):
+    stamp_s, number, target, first, angle = event
+    robot = f'r{number}'
+    if target is None:
+        orientation = [0.0, 0.0, math.sin(angle / 2.0), math.cos(angle / 2.0)]
+        localizer.add_odometry(robot, [*first, 0.0], orientation, stamp_s, stamp_s)
+        return
+    localizer.add_range(robot, target, first, stamp_s, stamp_s)
+    ray = [math.cos(angle), math.sin(angle), 0.0]
+    localizer.add_bearing(robot, target, ray, stamp_s, stamp_s)
+
+
+def holds(placement, poses):
+    positions, yaws = poses[:, :2], poses[:, 2]
+    inside = (positions >= placement.enclosure_m[:, 0]) & (
+        positions <= placement.enclosure_m[:, 1]
+    )
+    for row in np.flatnonzero(placement.heading_known):
+        z, w = placement.orientations_xyzw[row, 2:]
+        error = math.remainder(2.0 * math.atan2(z, w) - yaws[row], 2.0 * math.pi)
+        if abs(error) > placement.heading_half_width_rad[row]:
+            return False
+    return bool((positions >= low).all() and (positions <= high).all())
+
+
+@pytest.mark.parametrize('excerpt', ['excerpt_D7_t515_545', 'excerpt_D7_t800_822'])
+@pytest.mark.filterwarnings('ignore:loadtxt')
+def test_the_surveyed_truth_is_in_a_placement_at_every_tick(shared, excerpt):
+    recording = Recording(shared / f'data/mrclam/{excerpt}')
+    config = FleetConfig(
+        robots=[f'r{k}' for k in NUMBERS],
+        anchors={name: Anchor(xy, 0.01) for name, xy in recording.landmarks.items()},
+        max_age_s=2.0,
+        max_speed_m_s=0.2,
+        max_turn_rate_rad_s=0.6,
+        odometry_relative_error=0.1,
+        range_error=RANGES,
+        bearing_half_width_rad=0.12,
+        max_outliers=1,
+        solver=SolverOptions(resolution=0.1, max_boxes=200),
+    )
+    localizer = Localizer(config)
+    ticks = np.arange(recording.events[0][0] + 2.0, recording.events[-1][0], 1.5)
+    pending = iter(recording.events)
+    event = next(pending)
+    for now_s in ticks:
+        while event is not None and event[0] <= now_s:
+            feed(localizer, event)
+            event = next(pending, None)
+        estimate = localizer.step(now_s)
+        assert estimate.frame.kind == 'anchors'
+        assert any(holds(p, recording.poses_at(now_s)) for p in estimate.placements), now_s
