@@ -70,9 +70,7 @@ def feed(localizer, event):
 
 def holds(placement, poses):
     positions, yaws = poses[:, :2], poses[:, 2]
-    inside = (positions >= placement.enclosure_m[:, 0]) & (
-        positions <= placement.enclosure_m[:, 1]
-    )
+    low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
     for row in np.flatnonzero(placement.heading_known):
         z, w = placement.orientations_xyzw[row, 2:]
         error = math.remainder(2.0 * math.atan2(z, w) - yaws[row], 2.0 * math.pi)
