@@ -148,7 +148,7 @@ def make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options):
         max_turn_rate_rad_s=turn_rate * 1.0001,
         odometry_relative_error=0.05,
         max_hypotheses=10_000,
-        solver=SolverOptions(resolution=0.2, max_boxes=40),
+        solver=SolverOptions(resolution=0.2, max_boxes=40, max_seconds=1.0),
     )
     return World(config, options['start_s'], positions, rotations)
 
