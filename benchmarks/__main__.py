@@ -75,42 +75,48 @@ def contest(case: Case, effort: Effort, progress: tqdm) -> list[Row]:
     return rows
 
 
-def main() -> None:
-    """Run the cases and print their tables."""
-    options = arguments()
-    cases = all_cases()
+def selected(cases: list[Case], patterns: list[str] | None, quick: bool) -> list[Case]:
+    """Return the cases that were asked for, or leave with a message when there are none."""
+    if patterns is None:
+        return [case for case in cases if case.quick or not quick]
     names = [*(case.name for case in cases), STARTUP]
-    if options.list:
-        print('\n'.join(names))
-        return
-    wanted = options.only or ['*']
-    for pattern in wanted:
+    for pattern in patterns:
         if not any(fnmatch(name, pattern) for name in names):
             sys.exit(f'no case is called {pattern!r}; there are: {", ".join(names)}')
-    cases = [
-        case
-        for case in cases
-        if any(fnmatch(case.name, pattern) for pattern in wanted)
-        and (case.quick or options.only or not options.quick)
-    ]
-    print(machine() + '\n')
-    print(NOTE + '\n')
+    return [case for case in cases if any(fnmatch(case.name, pattern) for pattern in patterns)]
+
+
+def print_preamble() -> None:
+    """Say what is measured where, and what is missing."""
+    print(f'{machine()}\n\n{NOTE}\n')
     for peer in PEERS.values():
         if peer.missing():
             print(f'left out: {peer.missing()}')
     if not dietmaier_file().exists():
         print(f"left out: Dietmaier's platform, {dietmaier_file()} is not there")
-    effort = QUICK if options.quick else FULL
-    started = time.perf_counter()
     seconds = startup.load_kernels()
-    print(f'kernels loaded, or compiled for the first time, in {seconds:.1f} s\n')
+    print(f'kernels loaded, or compiled for the first time, in {seconds:.1f} s\n', flush=True)
+
+
+def main() -> None:
+    """Run the cases and print their tables."""
+    started = time.perf_counter()
+    options = arguments()
+    cases = all_cases()
+    if options.list:
+        print('\n'.join([*(case.name for case in cases), STARTUP]))
+        return
+    full = not options.quick
+    cases = selected(cases, options.only, options.quick)
+    print_preamble()
     results = []
     with tqdm(cases, unit='case', disable=None) as progress:
         for case in progress:
-            rows = contest(case, effort, progress)
+            rows = contest(case, FULL if full else QUICK, progress)
             results.append((case, rows))
             progress.write(case_report(case, rows))
-    if not options.quick and any(fnmatch(STARTUP, pattern) for pattern in wanted):
+    patterns = options.only or (['*'] if full else [])
+    if any(fnmatch(STARTUP, pattern) for pattern in patterns):
         print(figures_report(STARTUP, [*startup.figures(), *truth.figures()]))
     if len(results) > 1:
         print('### summary\n\n' + summary(results))
