@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from dg_localization.fleet import FleetConfig, Localizer
 from dg_localization.fleet.simulation import (
     EDGES,
     ROBOTS,
@@ -111,6 +112,20 @@ def test_bearings_are_within_the_bound():
             towards = state.positions_m[target] - state.positions_m[observer]
             cosine = seen @ towards / np.linalg.norm(towards)
             assert np.arccos(min(cosine, 1.0)) <= bound + 1e-7
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_cameras_leave_one_of_the_eight_placements_all_the_time(seed):
+    motion, sensors = FleetMotion(speed_m_s=0.5, seed=seed), FleetSensors(seed=seed)
+    for time_s in (0.0, 40.0, 150.0):
+        state = motion.state(time_s)
+        localizer = Localizer(FleetConfig(robots=ROBOTS))
+        for reading in sensors.ranges(state):
+            localizer.add_range(reading.observer, reading.target, reading.range_m, 1.0, 1.0)
+        assert localizer.step(1.0).n_hypotheses == 16  # eight and their mirror images
+        for reading in sensors.bearings(state):
+            localizer.add_bearing(reading.observer, reading.target, reading.ray, 1.0, 1.0)
+        assert localizer.step(1.0).n_hypotheses == 1
 
 
 def test_the_same_seed_gives_the_same_readings():
