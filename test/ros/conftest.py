@@ -141,10 +141,18 @@ class Bench:
         rclpy.shutdown(context=self.context)
 
     def forget(self):
-        """Forget what was heard and stop sending; wait until the localizer has forgotten too."""
+        """Stop sending, and reset the localizer until nothing that was on its way is left."""
         self.sending = []
+        self.until(self._is_forgotten, 'a localizer that remembers nothing')
+
+    def _is_forgotten(self):
         self.call('/localizer/reset', Trigger)
         self.clear()
+        status = self.until(
+            lambda: s if (s := self.status('fleet')) and s.message != 'reset' else None,
+            'diagnostics after the reset',
+        )
+        return 'no usable measurement' in status.message
 
     def clear(self):
         heard = self.heard
@@ -222,14 +230,18 @@ class Bench:
         what = f"'{part}' at {Level(level).name} with '{text}'"
         return self.until(reached, what, deadline_s)
 
-    def until_values(self, part, **wanted):
-        """Wait until a status has these values, and return all its values."""
+    def until_count(self, part, name):
+        """Wait until a count of a status is not zero, and return all its values."""
 
         def reached():
             values = dict(self.status(part).values) if self.status(part) else {}
-            return values if wanted.items() <= values.items() else None
+            return values if int(values.get(name, '0')) else None
 
-        return self.until(reached, f"'{part}' with {wanted}")
+        return self.until(reached, f"'{part}' with a count of {name}")
+
+    def repeat(self, *sends):
+        """Keep calling these: sensor data is best effort, and the first may find nobody yet."""
+        self.sending = list(sends)
 
     def call(self, name, service, request=None):
         if name not in self._clients:

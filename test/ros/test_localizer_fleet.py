@@ -1,5 +1,6 @@
 """The executable `localizer` as a process, driven over DDS with the paper's fleet."""
 
+from functools import partial
 import math
 import signal
 
@@ -116,6 +117,8 @@ def test_cameras_leave_the_true_placement_only(fresh, paper_fleet):
 
 def test_markers_clear_what_was_there_and_color_links(fresh, paper_fleet):
     fresh.play(paper_fleet, cameras=True)
+    fresh.until_status('fleet', Level.OK, 'one hypothesis')
+    fresh.clear()
     fresh.until(
         lambda: fresh.heard.markers and len(fresh.heard.markers[-1].markers) > 1, 'markers'
     )
@@ -152,14 +155,18 @@ def test_wrong_readings_are_counted_and_named_and_none_is_used(fresh, paper_flee
         'future': {'range_m': 5.0, 'stamp_s': now_s + 60.0},
         'zero_stamp': {'range_m': 5.0, 'stamp_s': 0.0},
     }
-    # A topic each: sensor data is best effort, a burst on one topic may lose some.
-    for reading, (a, b) in zip(wrong.values(), paper_fleet.edges, strict=True):
-        fresh.send_range(paper_fleet.robots[a], paper_fleet.robots[b], **reading)
-    for reason, (a, b) in zip(wrong, paper_fleet.edges, strict=True):
-        part = f'input range {paper_fleet.robots[a]}->{paper_fleet.robots[b]}'
-        values = fresh.until_values(part, **{f'rejected_{reason}': '1'})
-        assert (values['accepted'], values['rejected']) == ('0', '1')
-        assert values['last_rejection']
+    names = [[paper_fleet.robots[i] for i in edge] for edge in paper_fleet.edges]
+    fresh.repeat(
+        *[
+            partial(fresh.send_range, *pair, **reading)
+            for pair, reading in zip(names, wrong.values(), strict=True)
+        ]
+    )
+    for reason, (observer, target) in zip(wrong, names, strict=True):
+        part = f'input range {observer}->{target}'
+        values = fresh.until_count(part, f'rejected_{reason}')
+        assert values['accepted'] == '0'
+        assert values['rejected'] == values[f'rejected_{reason}']
         fresh.until_status(part, Level.WARN, values['last_rejection'])
     status = fresh.until_status('fleet', Level.WARN, 'no usable measurement')
     assert status.values['inputs_in_use'] == '0'
@@ -167,29 +174,38 @@ def test_wrong_readings_are_counted_and_named_and_none_is_used(fresh, paper_flee
 
 
 def test_closer_than_the_sensor_can_see_is_a_bound(fresh):
-    fresh.send_range('robot_1', 'robot_2', -math.inf, min_range_m=0.5, max_range_m=30.0)
-    values = fresh.until_values('input range robot_1->robot_2', accepted='1')
+    limits = {'min_range_m': 0.5, 'max_range_m': 30.0}
+    fresh.repeat(partial(fresh.send_range, 'robot_1', 'robot_2', -math.inf, **limits))
+    values = fresh.until_count('input range robot_1->robot_2', 'accepted')
     assert values['rejected'] == '0'
 
 
 def test_robot_that_is_not_of_the_fleet_is_counted_and_named(fresh):
-    fresh.send_range('robot_1', 'ghost', 5.0, topic=GHOST)
-    values = fresh.until_values('input range robot_1->ghost', rejected_unknown_robot='1')
+    fresh.repeat(partial(fresh.send_range, 'robot_1', 'ghost', 5.0, topic=GHOST))
+    values = fresh.until_count('input range robot_1->ghost', 'rejected_unknown_robot')
     assert 'ghost' in values['last_rejection'] and values['topic'] == GHOST
     fresh.until_status('fleet', Level.WARN, 'no usable measurement')
 
 
 def test_stranger_that_fits_a_template_is_counted_and_named(fresh):
-    fresh.send_range('stray', 'robot_3', 5.0)
-    values = fresh.until_values('input range stray->robot_3', rejected_unknown_robot='1')
+    fresh.repeat(partial(fresh.send_range, 'stray', 'robot_3', 5.0))
+    values = fresh.until_count('input range stray->robot_3', 'rejected_unknown_robot')
     assert "'stray' is not one of the robots" in values['last_rejection']
 
 
 def test_zero_and_nan_rays_are_counted_and_named(fresh):
-    fresh.send_bearing('robot_1', 'robot_2', np.zeros(3))
-    fresh.send_bearing('robot_2', 'robot_1', np.array([math.nan, 1.0, 0.0]))
-    fresh.until_values('input bearing robot_1->robot_2', rejected_zero_ray='1', accepted='0')
-    fresh.until_values('input bearing robot_2->robot_1', rejected_invalid_ray='1', accepted='0')
+    wrong = {'zero_ray': np.zeros(3), 'invalid_ray': np.array([math.nan, 1.0, 0.0])}
+    pairs = [('robot_1', 'robot_2'), ('robot_2', 'robot_1')]
+    fresh.repeat(
+        *[
+            partial(fresh.send_bearing, *pair, ray)
+            for pair, ray in zip(pairs, wrong.values(), strict=True)
+        ]
+    )
+    for reason, (observer, target) in zip(wrong, pairs, strict=True):
+        part = f'input bearing {observer}->{target}'
+        values = fresh.until_count(part, f'rejected_{reason}')
+        assert values['accepted'] == '0'
 
 
 def test_contradiction_empties_everything_and_heals(fresh, paper_fleet):
@@ -226,11 +242,13 @@ def test_reset_forgets_at_once(fresh, paper_fleet):
     fresh.play(paper_fleet, cameras=False)
     fresh.until(lambda: fresh.heard.fleet and fresh.heard.fleet[-1].poses, 'placements')
     fresh.sending = []
+    fresh.clear()
     answer = fresh.call('/localizer/reset', Trigger)
     assert answer.success and 'forgotten' in answer.message
-    fresh.until(lambda: not fresh.heard.fleet[-1].poses, 'an empty array')
-    fresh.clear()
-    fresh.until_status('fleet', Level.WARN, 'no usable measurement')
+    fresh.until(
+        lambda: any(not array.poses for array in fresh.heard.fleet), 'an empty array at once'
+    )
+    fresh.forget()
     assert fresh.status('input range robot_1->robot_2') is None
 
 

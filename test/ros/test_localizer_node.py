@@ -1,5 +1,6 @@
 """The node inside the test process: lifecycle, time, parameters from files, failures."""
 
+from functools import partial
 import signal
 import time
 
@@ -93,7 +94,7 @@ def test_transition_that_is_not_possible_is_refused(bench, make_node):
 
 
 def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
-    make_node(use_sim_time=True)
+    make_node(use_sim_time=True, max_future=0.5)
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
     clock = {'s': 1000.0}
 
@@ -105,14 +106,13 @@ def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node)
 
     bench.sending = [send]
     wait_for_placements(bench, 2)
-    bench.until_values('input range robot_1->robot_2', rejected='0')
+    bench.until_count('input range robot_1->robot_2', 'accepted')
     bench.clear()
     clock['s'] = 10.0
     bench.until(lambda: any(not array.poses for array in bench.heard.fleet), 'an empty array')
     wait_for_placements(bench, 2)
     assert 10 <= bench.heard.fleet[-1].header.stamp.sec < 100
-    values = bench.until_values('input range robot_1->robot_2', rejected='0')
-    assert 0 < int(values['accepted']) < 100
+    bench.until_count('input range robot_1->robot_2', 'accepted')
 
 
 def test_stamps_of_arrival_serve_sources_without_headers(bench, make_node):
@@ -146,8 +146,9 @@ def test_anchors_give_the_frame_and_rule_out_the_mirror_image(bench, make_node):
 def test_explicit_link_is_warned_about_while_it_is_silent(bench, make_node):
     make_node(links=['/uwb/a sensor_msgs/msg/Range robot_1 robot_2'])
     bench.until_status('input range robot_1->robot_2', Level.WARN, 'nothing received')
-    bench.send_range('robot_1', 'robot_2', 3.0, topic='/uwb/a')
-    bench.until_values('input range robot_1->robot_2', accepted='1', topic='/uwb/a')
+    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/uwb/a'))
+    values = bench.until_count('input range robot_1->robot_2', 'accepted')
+    assert values['topic'] == '/uwb/a'
 
 
 def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monkeypatch):
@@ -162,9 +163,10 @@ def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monke
         bearing__topic='',
         odometry__topic='',
     )
-    bench.send_range('robot_1', 'robot_2', 3.0, topic='/uwb/a')
+    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/uwb/a'))
     bench.until_status('input range robot_1->robot_2', Level.WARN, 'malformed: ValueError')
-    bench.until_values('input range robot_1->robot_2', malformed='1', accepted='0')
+    values = bench.until_count('input range robot_1->robot_2', 'malformed')
+    assert values['accepted'] == '0'
 
 
 def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
