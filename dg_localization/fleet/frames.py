@@ -321,10 +321,11 @@ class Placer:
         if len(boxes) > MAX_BOXES:
             boxes = np.stack([hypothesis.lower, hypothesis.upper])[None]
         everyone = range(self._plan.n_held)
-        apexes = {
-            core: _far_apexes(hypothesis, core, [p for p in everyone if p not in core])
-            for core in self._cores
-        }
+        apexes = {}
+        if handed is not None:
+            for core in self._cores:
+                others = [point for point in everyone if point not in core]
+                apexes[core] = _far_apexes(hypothesis, core, others)
         total = None
         for lower, upper in boxes:
             enclosure = self._enclose_box(lower, upper, handed, apexes)
@@ -574,7 +575,7 @@ def _enclose_local(
 
 def _far_apexes(hypothesis: Hypothesis, core: tuple[int, ...], candidates: list[int]) -> list[int]:
     """Return the candidates that are farthest from the hyperplane of the core, best first."""
-    if len(candidates) < 2 or len(core) < 2:
+    if len(candidates) < 2:
         return candidates
     edges = None
     if hypothesis.positions is not None:

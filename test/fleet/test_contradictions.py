@@ -191,6 +191,43 @@ def test_the_same_measurements_give_the_same_answer(max_outliers):
         assert np.array_equal(ours.enclosure_m, theirs.enclosure_m)
 
 
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_correction_may_cut_the_reference_robot_off(dimension):
+    # Either range of the reference robot may be wrong, and one of them is all that holds it.
+    localizer = make_localizer(max_outliers=1, dimension=dimension)
+    for first, second, reading in (
+        ('a', 'b', 1.0),
+        ('b', 'c', 1.0),
+        ('c', 'd', 1.0),
+        ('d', 'a', 5.0),
+        ('b', 'd', 1.5),
+    ):
+        localizer.add_range(first, second, reading, NOW_S, NOW_S)
+    localizer.add_range('b', 'e', 1.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict in (Verdict.COVERED, Verdict.OUT_OF_BUDGET)
+    corrections = {placement.dropped for placement in estimate.placements}
+    assert (WRONG,) in corrections
+    assert (LinkKey(LinkKind.RANGE, 'd', 'a'),) in corrections
+    for placement in estimate.placements:
+        assert (placement.enclosure_m[:, 0] <= placement.enclosure_m[:, 1]).all()
+
+
+def test_a_correction_that_leaves_the_reference_robot_alone_bounds_nothing():
+    localizer = make_localizer(max_outliers=1)
+    localizer.add_range('a', 'b', 1.0, NOW_S, NOW_S)
+    localizer.add_range('b', 'a', 5.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert {p.dropped[0].observer for p in estimate.placements} == {'a', 'b'}
+    localizer.reset()
+    model = RangeErrorModel(min_error_m=0.5, max_error_m=1.0)
+    localizer = make_localizer(max_outliers=1, range_error=model)
+    localizer.add_range('a', 'b', 0.1, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.placements == ()
+    assert 'without them, reference robot a is not connected' in estimate.reason
+
+
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([-2.0, -0.5, 0.5, 3.0]))
 def test_one_wrong_range_never_costs_the_truth(seed, size):
