@@ -57,7 +57,8 @@ class RangeErrorModel:
     ``high = max_error_m + max_error_relative * r + sigma_factor * sigma`` and
     ``low = min_error_m + min_error_relative * r - sigma_factor * sigma``, where sigma is the
     standard deviation the measurement came with (zero when it came with none). Ultra-wideband
-    reads too long far more often than too short, so `max_error_m` is usually the larger one.
+    reads too long far more often than too short, so `max_error_m` is usually the larger one. A
+    reading in single precision, as in ``sensor_msgs/Range``, is off by another 6e-8 of it.
 
     Parameters
     ----------
@@ -206,14 +207,16 @@ class FleetConfig:
     max_turn_rate_rad_s : float
         No robot turns faster; decides how much an old bearing widens.
     min_separation_m : float
-        No two robots come nearer than this; their size, say.
+        No two robots come nearer than this; their size, say. Moving robots that no range bounds
+        need it for their bearings to count: seen from very near, anything may turn at once.
     odometry_relative_error : float
         Greatest error of odometry between two of its stamps, as a fraction of how far (and by
         how much) the robot can go (and turn) at full speed in that time.
     max_hypotheses : int
         How many placements an estimate lists.
     max_outliers : int
-        How many contradicting links may be dropped to get an answer.
+        How many contradicting links may be dropped to get an answer. Every minimal way to do so
+        counts; no more links are taken to be wrong than that needs.
     max_conflict_solves : int
         How many problems may be solved to explain one contradiction; 0 explains none.
     max_conflict_seconds : float
