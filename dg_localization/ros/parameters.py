@@ -369,12 +369,10 @@ def check_values(given: Mapping[str, Any], ignored: Iterable[str] = ()) -> dict[
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
     if name.startswith('anchors.'):
-        return f"; name the anchor in 'anchors.names' and set {NAME_OF_ANCHOR}"
+        wanted = 'anchors.NAME.position or anchors.NAME.bound'
+        return f"; name the anchor in 'anchors.names' and set {wanted}"
     close = get_close_matches(name, list(known), n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
-
-
-NAME_OF_ANCHOR = 'anchors.NAME.position or anchors.NAME.bound'
 
 
 def _table_for(values: Mapping[str, Any]) -> list[Spec]:
