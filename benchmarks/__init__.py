@@ -6,3 +6,9 @@ How fast, how complete and how tight the solver is, next to others in the same r
 other methods, each optional. ``startup``: import, compilation, and the kernels without numba.
 ``truth``: the stored hulls. ``report``: tables and verdicts. Run with ``python -m benchmarks``.
 """
+
+import os
+
+# Targets are for one core, and threads that compete for it would slow the peers down most.
+for _library in ('OMP', 'OPENBLAS', 'MKL'):
+    os.environ.setdefault(f'{_library}_NUM_THREADS', '1')
