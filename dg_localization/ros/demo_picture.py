@@ -72,7 +72,7 @@ def _draw_panel(panel: Any, scenario: Scenario) -> None:
             va='center',
             fontsize=9,
             bbox={'boxstyle': 'round,pad=0.15', 'facecolor': 'white', 'edgecolor': color},
-            zorder=7,
+            zorder=4.5,
         )
     panel.plot(*truth.positions_m.T, **TRUTH_STYLE, zorder=6)
     panel.set_title(f'{scenario.title}: {count_text(answer)}')
