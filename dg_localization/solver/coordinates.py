@@ -99,6 +99,10 @@ def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
                 enclosure[point, UPPER, axis] = high
         if not on_line:
             shadow = np.zeros_like(box)
+            # Nothing is known of the points that the projection leaves out.
+            shadow[UPPER] = np.inf
+            for i in range(n_points):
+                shadow[UPPER, i, i] = 0.0
             shadow_points = np.zeros_like(points)
             count = project(box, shadow, coordinates, points, count, shadow_points, origin, end)
             if count < 0:

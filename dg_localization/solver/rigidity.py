@@ -95,7 +95,8 @@ def explained_widths(
 
     """
     n_points, dimension = positions.shape
-    edges = np.nonzero(np.triu(measured, 1))
+    first, second = np.nonzero(np.triu(measured, 1))
+    edges = first, second
     pairs = np.triu_indices(n_points, 1)
     error = half_widths[edges]
     lengths_m2 = ((positions[edges[0]] - positions[edges[1]]) ** 2).sum(axis=1)

@@ -24,6 +24,7 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import SolverOptions, Statistics
 from dg_localization.solver.rigidity import explained_widths, is_flexible
 from dg_localization.solver.sides import handedness_is_possible, sides_of
+from dg_localization.solver.smoothing import smooth_triangles
 
 MAX_SWEEPS = 50
 LEAST_GAIN = 0.05
@@ -72,13 +73,14 @@ class Pruner:
         self._measured = np.isfinite(problem.upper) & ~np.eye(problem.n_points, dtype=bool)
         self._half_widths = 0.5 * (problem.upper - problem.lower)
 
-    def whole(self) -> FloatArray:
-        """Return the box of the problem itself."""
+    def whole(self) -> FloatArray | None:
+        """Return the box of the problem itself, None where the triangles prove it to be empty."""
         n_points = self._problem.n_points
         box = np.zeros((4, n_points, n_points))
         box[LOWER] = self._problem.lower
         box[UPPER] = self._problem.upper
-        return box
+        points, distance = self._work.points[0], self._work.distance
+        return box if smooth_triangles(box, distance, points, n_points) else None
 
     def prune(self, box: FloatArray) -> bool:
         """Contract a box in place; False when it is proved to be empty."""
@@ -159,9 +161,14 @@ def search(
     pruner = Pruner(problem, options)
     order = count()
     # The widest box first: an early stop then leaves the most even cover.
-    pending: list[tuple[float, int, FloatArray]] = [(0.0, next(order), pruner.whole())]
+    pending: list[tuple[float, int, FloatArray]] = []
     kept: list[FloatArray] = []
     processed = empty = split = 0
+    whole = pruner.whole()
+    if whole is None:
+        processed = empty = 1
+    else:
+        heapq.heappush(pending, (0.0, next(order), whole))
 
     def statistics() -> Statistics:
         seconds = time.perf_counter() - start

@@ -65,7 +65,7 @@ def sides_of(problem: Problem) -> Sides:
     n_points = problem.n_points
     start = np.zeros((n_points, n_points), dtype=np.int64)
     stop = np.zeros((n_points, n_points), dtype=np.int64)
-    table = []
+    table: list[tuple[int, int, int, int]] = []
     for face, group, apex, sign in sorted(_rows(problem)):
         index = (face[0], face[-1] if len(face) < 3 else face[1])
         if stop[index] == 0:
