@@ -8,17 +8,66 @@ load a self-recursive kernel from its cache.)
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.solver.back_projection import back_project
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.jit import kernel
-from dg_localization.solver.line import reduce_line
-from dg_localization.solver.projection import project
+from dg_localization.solver.line import BOTH, reduce_line
+from dg_localization.solver.linearization import (
+    CONTRACTED,
+    EMPTY,
+    LEFT_ALONE,
+    contract_linear,
+)
+from dg_localization.solver.placements import place
+from dg_localization.solver.projection import is_axis, project
 from dg_localization.solver.smoothing import smooth_triangles
+
+UNFINISHED = 3
+"""Besides EMPTY and CONTRACTED: there is more to gain."""
+
+SWEEP, NEXT_AXIS = range(2)
+
+MOST_THROUGH = 16
+"""On the line, points are compared through this many of the best known others."""
+
+LOCAL_POINTS = (20, 20, 12)
+"""In a larger fleet of 1, 2, 3 dimensions the first sweep projects only so many points."""
+
+AXES_BEFORE_SPLIT = 12
+"""How many axes per point are tried before a box with a gap is split."""
+
+LEAST_GAIN = 0.05
+"""A sweep that shortens no range by more than this fraction is the last."""
+
+LEAST_GAP = 0.1
+"""A gap narrower than this fraction of the resolution is not worth a split."""
+
+MAX_COMBINATIONS = 4
+LEAST_COMBINATION_GAIN = 0.5
+
+EXPLAINED_FACTOR = 3.0
+"""How much wider a finished box may be than the first-order effect of the measurement errors."""
+
+
+class Groups(NamedTuple):
+    """
+    The points that chains of measured pairs connect, group by group, for the kernels.
+
+    Group g has the points ``members[offsets[g]:offsets[g + 1]]`` and the measured pairs
+    ``edges[edge_offsets[g]:edge_offsets[g + 1]]``, which count within its members.
+    """
+
+    offsets: IntArray
+    members: IntArray
+    edge_offsets: IntArray
+    edges: IntArray
+    errors: FloatArray  # width of each measured interval in m^2
 
 
 class Sides(NamedTuple):
@@ -43,9 +92,13 @@ class Workspace(NamedTuple):
     points: IntArray  # (q, n)
     distance: FloatArray  # (4, n, n)
     sigma: NDArray[np.int8]  # (n, n)
+    widths: FloatArray  # (n, n), m^2, when the sweep began
+    explained: FloatArray  # (n, n), m^2
+    order: IntArray  # (axes,)
+    progress: IntArray  # (2,): SWEEP and NEXT_AXIS
 
 
-def make_workspace(n_points: int, dimension: int) -> Workspace:
+def make_workspace(n_points: int, dimension: int, n_axes: int) -> Workspace:
     """Allocate the scratch arrays for `n_points` in `dimension`."""
     points = np.zeros((dimension, n_points), dtype=np.int64)
     points[0] = np.arange(n_points)
@@ -55,14 +108,22 @@ def make_workspace(n_points: int, dimension: int) -> Workspace:
         points=points,
         distance=np.zeros((4, n_points, n_points)),
         sigma=np.zeros((n_points, n_points), dtype=np.int8),
+        widths=np.zeros((n_points, n_points)),
+        explained=np.zeros((n_points, n_points)),
+        order=np.arange(n_axes),
+        progress=np.zeros(2, dtype=np.int64),
     )
 
 
 @kernel
 def _set_sigma(
-    sigma: NDArray[np.int8], sides: Sides, f0: int, f1: int, third: int, value: int
+    sigma: NDArray[np.int8], sides: Sides, f0: int, f1: int, third: int, known_sides: bool
 ) -> bool:
-    """Write `value` times the side of all pairs of apexes of a face; tell if any is known."""
+    """
+    Write the side of all pairs of apexes of a face, or clear it; tell if any is known.
+
+    Two constraints that contradict each other leave both: such points lie on the face.
+    """
     known = False
     stop = sides.stop[f0, f1]
     for x in range(sides.start[f0, f1], stop):
@@ -72,7 +133,10 @@ def _set_sigma(
             if sides.rows[y, 0] == third and sides.rows[y, 1] == sides.rows[x, 1]:
                 i = sides.rows[x, 2]
                 k = sides.rows[y, 2]
-                sigma[i, k] = sigma[k, i] = -value * sides.rows[x, 3] * sides.rows[y, 3]
+                side = -sides.rows[x, 3] * sides.rows[y, 3] if known_sides else 0
+                if side != 0 and sigma[i, k] != 0 and sigma[i, k] != side:
+                    side = BOTH
+                sigma[i, k] = sigma[k, i] = side
                 known = True
     return known
 
@@ -92,17 +156,18 @@ def _reduce_shadow(
             f0, f1 = f1, f0
     elif f0 > f1:
         f0, f1 = f1, f0
-    known = f0 >= 0 and _set_sigma(work.sigma, sides, f0, f1, f2, 1)
+    known = f0 >= 0 and _set_sigma(work.sigma, sides, f0, f1, f2, True)
     left = reduce_line(
         work.boxes[level],
         work.distance,
         work.points[level],
         count,
+        MOST_THROUGH,
         merged if known else -1,
         work.sigma,
     )
     if known:
-        _set_sigma(work.sigma, sides, f0, f1, f2, 0)
+        _set_sigma(work.sigma, sides, f0, f1, f2, False)
     return left
 
 
@@ -146,7 +211,7 @@ def _reduce_plane(
 
 @kernel
 def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
-    """Project space along (a, b) to a plane, reduce that along all its axes, and return."""
+    """Project space along (a, b) to a plane, reduce that along the axes of faces, and return."""
     shadow_count = project(
         work.boxes[0],
         work.boxes[1],
@@ -159,15 +224,12 @@ def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> 
     )
     if shadow_count < 0:
         return False
-    for x in range(shadow_count):
-        for y in range(x + 1, shadow_count):
-            c = work.points[1, x]
-            e = work.points[1, y]
-            if work.boxes[1, UPPER, c, e] == np.inf:
-                continue
-            # Only axes through the common image of a and b span a face, {a, b, e}.
-            f0, f1, f2 = (a, b, e) if c == a else (-1, -1, -1)
-            if not _reduce_plane(work, sides, 1, shadow_count, c, e, f0, f1, f2):
+    # Only axes through the common image of a and b span a face, {a, b, e}; the others cost n times
+    # as much and gain nothing in the end (docs/projections.md).
+    for x in range(1, shadow_count):
+        e = work.points[1, x]
+        if is_axis(work.boxes[1], a, e):
+            if not _reduce_plane(work, sides, 1, shadow_count, a, e, a, b, e):
                 return False
     return back_project(
         work.boxes[0],
@@ -178,17 +240,6 @@ def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> 
         a,
         b,
     )
-
-
-@kernel
-def _reduce_directly(work: Workspace, sides: Sides, count: int) -> bool:
-    """Reduce a one-dimensional problem, in which every point is a face."""
-    for x in range(count):
-        face = work.points[0, x]
-        if x == 0 or sides.stop[face, face] > sides.start[face, face]:
-            if not _reduce_shadow(work, sides, 0, count, face, face, face, -1):
-                return False
-    return True
 
 
 @kernel
@@ -215,36 +266,211 @@ def _largest_gain(box: FloatArray, widths: FloatArray, count: int) -> float:
 
 
 @kernel
+def _relative_error(box: FloatArray, i: int, j: int) -> float:
+    """Return how much of the squared distance of a pair is unknown, from 0 to 1."""
+    if np.isinf(box[UPPER, i, j]):
+        return 1.0
+    return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
+
+
+@kernel
+def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bool:
+    """Project the `count` points known best along an axis, reduce, and back-project."""
+    dimension, _, n_points, _ = work.boxes.shape
+    box = work.boxes[0]
+    if dimension == 1:
+        return _reduce_shadow(work, sides, 0, n_points, a, a, a, -1)
+    if not is_axis(box, a, b):
+        return True
+    if n_points > MOST_THROUGH:
+        errors = np.empty(n_points)
+        for i in range(n_points):
+            errors[i] = _relative_error(box, a, i) + _relative_error(box, b, i)
+        errors[a] = errors[b] = -1.0
+        work.points[0, :] = np.argsort(errors, kind='mergesort')
+    if dimension == 2:
+        return _reduce_plane(work, sides, 0, count, a, b, a, b, -1)
+    return _reduce_space(work, sides, count, a, b)
+
+
+@kernel
+def _combine_group(
+    box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
+) -> int:
+    """Narrow one group by linear combinations, as long as that gains much."""
+    n_points = box.shape[1]
+    widths = np.empty((n_points, n_points))
+    status = LEFT_ALONE
+    for _ in range(MAX_COMBINATIONS):
+        _remember_widths(box, widths, n_points)
+        status = contract_linear(box, place(box, dimension), edges, errors, explained)
+        if status != CONTRACTED or _largest_gain(box, widths, n_points) < LEAST_COMBINATION_GAIN:
+            break
+    return status
+
+
+@kernel
+def combine(box: FloatArray, dimension: int, groups: Groups, explained: FloatArray) -> bool:
+    """
+    Narrow every group of connected points by linear combinations of its measured pairs.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2, narrowed in place.
+    dimension : int
+        The dimension q of the space.
+    groups : Groups
+        The groups.
+    explained : ndarray, shape (n, n)
+        Where the widths that measurement errors explain are written, in m^2; zero for the pairs
+        of a group that the measurements do not make rigid.
+
+    Returns
+    -------
+    bool
+        False when the box is proved to hold no placement.
+
+    """
+    explained[:] = 0.0
+    for group in range(len(groups.offsets) - 1):
+        members = groups.members[groups.offsets[group] : groups.offsets[group + 1]]
+        size = len(members)
+        if size < 2:
+            continue
+        edges = groups.edges[groups.edge_offsets[group] : groups.edge_offsets[group + 1]]
+        errors = groups.errors[groups.edge_offsets[group] : groups.edge_offsets[group + 1]]
+        local = np.empty((4, size, size))
+        for x in range(size):
+            for y in range(size):
+                for plane in range(4):
+                    local[plane, x, y] = box[plane, members[x], members[y]]
+        local_explained = np.empty((size, size))
+        status = _combine_group(local, dimension, edges, errors, local_explained)
+        if status == EMPTY:
+            return False
+        if status == LEFT_ALONE:
+            continue
+        for x in range(size):
+            for y in range(size):
+                if x != y:
+                    explained[members[x], members[y]] = local_explained[x, y]
+                    for plane in range(4):
+                        box[plane, members[x], members[y]] = local[plane, x, y]
+    return True
+
+
+@kernel
+def _is_narrow(box: FloatArray, resolution_m: float) -> bool:
+    """Tell whether every bounded distance is known to the resolution."""
+    n_points = box.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            upper = box[UPPER, i, j]
+            if upper < np.inf and math.sqrt(upper) - math.sqrt(box[LOWER, i, j]) > resolution_m:
+                return False
+    return True
+
+
+@kernel
+def excess(
+    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float, i: int, j: int
+) -> float:
+    """Return how many times wider a range is than it has to be; nothing is asked of no bound."""
+    low, high = box[LOWER, i, j], box[UPPER, i, j]
+    if np.isinf(high):
+        return 0.0
+    if explained[i, j] > 0.0:
+        middle_m = math.sqrt(0.5 * (low + high))
+        return (high - low) / (factor * explained[i, j] + resolution_m * 2.0 * middle_m)
+    return (math.sqrt(high) - math.sqrt(low)) / resolution_m
+
+
+@kernel
+def _is_explained(
+    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
+) -> bool:
+    """Tell whether no range is wider than it has to be."""
+    n_points = box.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            if excess(box, explained, factor, resolution_m, i, j) > 1.0:
+                return False
+    return True
+
+
+@kernel
+def widest_gap_m(box: FloatArray) -> float:
+    """Return the width of the widest known gap in m."""
+    n_points = box.shape[1]
+    widest = 0.0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            high = box[GAP_UPPER, i, j]
+            if high > box[GAP_LOWER, i, j]:
+                widest = max(widest, math.sqrt(high) - math.sqrt(box[GAP_LOWER, i, j]))
+    return widest
+
+
+@kernel
+def _rank_axes(work: Workspace, axes: IntArray, order: IntArray) -> None:
+    """Order the axes by how well the distances to their two ends are known, best first."""
+    box = work.boxes[0]
+    n_points = box.shape[1]
+    badness = np.empty(len(axes))
+    for x in range(len(axes)):
+        a, b = axes[x, 0], axes[x, 1]
+        total = _relative_error(box, a, b)
+        known = 0.0
+        for i in range(n_points):
+            if i != a and i != b:
+                error = _relative_error(box, a, i) + _relative_error(box, b, i)
+                known += 1.0 / (0.01 + error + total)
+        badness[x] = -known
+    # Stable, and so the same with and without numba.
+    order[:] = np.argsort(badness, kind='mergesort')
+
+
+@kernel
 def contract(
     box: FloatArray,
     work: Workspace,
     sides: Sides,
     axes: IntArray,
-    max_sweeps: int,
-    least_gain: float,
-) -> bool:
+    groups: Groups,
+    factor: float,
+    resolution_m: float,
+    batch: int,
+    most_axes: int,
+) -> int:
     """
-    Contract a box in place until a sweep over its axes gains little.
+    Contract a box in place until nothing gains much; call again while it is UNFINISHED.
 
     Parameters
     ----------
     box : ndarray, shape (4, n, n)
         The box in m^2.
     work : Workspace
-        Scratch arrays; its first level is overwritten by `box`.
+        Scratch arrays, and how far the contraction of this box has come; see `start`.
     sides : Sides
         The known sides.
     axes : ndarray of int, shape (k, 2)
-        The axes to project along, tried in this order.
-    max_sweeps : int
-        Most sweeps over the axes.
-    least_gain : float
-        Stop when no range lost more than this fraction of its width in a sweep.
+        The axes to project along.
+    groups : Groups
+        The connected points and their measured pairs.
+    factor : float
+        Stop when no range is more than so many times wider than the measurement errors explain.
+    resolution_m : float
+        Stop when every distance is known to this many metres.
+    batch : int
+        After how many axes linear combinations are tried.
+    most_axes : int
+        After how many axes to return, so that the caller can look at the clock.
 
     Returns
     -------
-    bool
-        False when the box is proved to hold no placement.
+    int
+        ``EMPTY`` when the box is proved to hold no placement, ``CONTRACTED``, or ``UNFINISHED``.
 
     Notes
     -----
@@ -252,30 +478,57 @@ def contract(
     removed once stays removed. (Section 4, with the triangle inequalities of Section 5.1 first.)
 
     """
-    dimension = work.boxes.shape[0]
-    n_points = box.shape[1]
-    work.boxes[0][:] = box
-    left = smooth_triangles(work.boxes[0], work.distance, work.points[0], n_points)
-    widths = np.empty((n_points, n_points))
-    for _ in range(max_sweeps):
-        if not left:
+    dimension, _, n_points, _ = work.boxes.shape
+    inner = work.boxes[0]
+    inner[:] = box
+    progress = work.progress
+    if progress[SWEEP] == 0 and progress[NEXT_AXIS] == 0:
+        for point in range(n_points):
+            work.points[0, point] = point
+    status = UNFINISHED
+    applied = 0
+    while status == UNFINISHED and applied < most_axes:
+        is_local = progress[SWEEP] == 0 and n_points > LOCAL_POINTS[dimension - 1]
+        if progress[NEXT_AXIS] == 0:
+            if progress[SWEEP] < 2 and not smooth_triangles(
+                inner, work.distance, work.points[0], n_points
+            ):
+                status = EMPTY
+                break
+            _remember_widths(inner, work.widths, n_points)
+            _rank_axes(work, axes, work.order)
+        # The best axes of a first, local sweep are the measured pairs and what they soon reveal.
+        end = min(len(axes), len(groups.edges)) if is_local else len(axes)
+        last = min(progress[NEXT_AXIS] + batch, end)
+        for x in range(progress[NEXT_AXIS], last):
+            axis = work.order[x]
+            count = LOCAL_POINTS[dimension - 1] if is_local else n_points
+            if not _apply_axis(work, sides, axes[axis, 0], axes[axis, 1], count):
+                status = EMPTY
+                break
+        applied += last - progress[NEXT_AXIS]
+        progress[NEXT_AXIS] = last
+        if status == EMPTY:
             break
-        _remember_widths(work.boxes[0], widths, n_points)
-        if dimension == 1:
-            left = _reduce_directly(work, sides, n_points)
-        else:
-            for x in range(axes.shape[0]):
-                a = axes[x, 0]
-                b = axes[x, 1]
-                if work.boxes[0, UPPER, a, b] == np.inf or work.boxes[0, LOWER, a, b] <= 0.0:
-                    continue
-                if dimension == 2:
-                    left = _reduce_plane(work, sides, 0, n_points, a, b, a, b, -1)
-                else:
-                    left = _reduce_space(work, sides, n_points, a, b)
-                if not left:
-                    break
-        if left and _largest_gain(work.boxes[0], widths, n_points) < least_gain:
-            break
-    box[:] = work.boxes[0]
-    return left
+        if is_local:
+            if last == end:
+                progress[NEXT_AXIS] = 0
+                progress[SWEEP] += 1
+            continue
+        if widest_gap_m(inner) > LEAST_GAP * resolution_m:
+            # The two parts will be looked at one by one; until then they blur each other.
+            if last >= min(end, AXES_BEFORE_SPLIT * n_points):
+                status = CONTRACTED
+        elif not combine(inner, dimension, groups, work.explained):
+            status = EMPTY
+        elif _is_narrow(inner, resolution_m) or _is_explained(
+            inner, work.explained, factor, resolution_m
+        ):
+            status = CONTRACTED
+        elif last == end:
+            progress[NEXT_AXIS] = 0
+            progress[SWEEP] += 1
+            if _largest_gain(inner, work.widths, n_points) < LEAST_GAIN:
+                status = CONTRACTED
+    box[:] = inner
+    return status

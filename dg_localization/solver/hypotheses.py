@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.jit import kernel
 from dg_localization.solver.placements import agrees, place, with_handedness
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
@@ -15,9 +18,23 @@ MAX_ATTEMPTS = 16
 """In how many boxes of a component a placement is looked for."""
 
 
-def components(bounds: FloatArray) -> list[NDArray[np.intp]]:
+@kernel
+def _touch(first: FloatArray, second: FloatArray) -> bool:
+    """Tell whether two boxes have a point in common."""
+    n_points = first.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            if first[LOWER, i, j] > second[UPPER, i, j]:
+                return False
+            if second[LOWER, i, j] > first[UPPER, i, j]:
+                return False
+    return True
+
+
+@kernel
+def components(bounds: FloatArray) -> IntArray:
     """
-    Group boxes that touch.
+    Assign boxes to connected components, which are numbered in the order of their first boxes.
 
     Parameters
     ----------
@@ -26,49 +43,41 @@ def components(bounds: FloatArray) -> list[NDArray[np.intp]]:
 
     Returns
     -------
-    list of ndarray of int
-        The indices of the boxes of each connected component.
+    ndarray of int, shape (k,)
+        The number of the component of each box, from 0.
 
     """
-    unseen = np.ones(len(bounds), dtype=bool)
-    groups = []
-    for seed in range(len(bounds)):
-        if not unseen[seed]:
+    count = len(bounds)
+    label = np.full(count, -1)
+    queue = np.empty(count, dtype=np.int64)
+    n_components = 0
+    for seed in range(count):
+        if label[seed] >= 0:
             continue
-        unseen[seed] = False
-        group = [seed]
-        for member in group:
-            low, high = bounds[member]
-            others = np.flatnonzero(unseen)
-            touching = np.all(
-                (bounds[others, LOWER] <= high) & (bounds[others, UPPER] >= low), axis=(1, 2)
-            )
-            group.extend(others[touching].tolist())
-            unseen[others[touching]] = False
-        groups.append(np.array(sorted(group)))
-    return groups
+        label[seed] = n_components
+        queue[0] = seed
+        head, tail = 0, 1
+        while head < tail:
+            member = queue[head]
+            head += 1
+            for other in range(seed + 1, count):
+                if label[other] < 0 and _touch(bounds[member], bounds[other]):
+                    label[other] = n_components
+                    queue[tail] = other
+                    tail += 1
+        n_components += 1
+    return label
 
 
-def _islands(upper: FloatArray) -> list[NDArray[np.intp]]:
-    """Group the points between which every distance is bounded."""
-    unseen = np.ones(len(upper), dtype=bool)
-    islands = []
-    for seed in range(len(upper)):
-        if unseen[seed]:
-            island = np.flatnonzero(np.isfinite(upper[seed]))
-            unseen[island] = False
-            islands.append(island)
-    return islands
-
-
+@kernel
 def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
     """
-    Return a placement for a contracted box, its unconnected parts far enough apart.
+    Return a placement for a box, its unconnected parts far enough apart.
 
     Parameters
     ----------
     box : ndarray, shape (4, n, n)
-        The box in m^2; it may be unbounded.
+        The box in m^2, its triangles smoothed; it may be unbounded.
     dimension : int
         The dimension q of the space.
 
@@ -78,18 +87,36 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
         Coordinates in m.
 
     """
-    positions = np.zeros((box.shape[1], dimension))
+    n_points = box.shape[1]
+    positions = np.zeros((n_points, dimension))
+    placed = np.zeros(n_points, dtype=np.bool_)
     edge = 0.0
-    clearance = 1.0 + 2.0 * float(np.sqrt(box[LOWER].max()))
-    for island in _islands(box[UPPER]):
-        local = place(np.ascontiguousarray(box[:, island[:, None], island]), dimension)
-        local[:, 0] += edge - local[:, 0].min()
-        edge = local[:, 0].max() + clearance
-        positions[island] = local
+    clearance = 1.0 + 2.0 * math.sqrt(box[LOWER].max())
+    for seed in range(n_points):
+        if placed[seed]:
+            continue
+        # The triangles bound every distance between points that any chain connects.
+        island = np.flatnonzero(box[UPPER, seed] < np.inf)
+        local_box = np.empty((4, len(island), len(island)))
+        for x in range(len(island)):
+            for y in range(len(island)):
+                for plane in range(4):
+                    local_box[plane, x, y] = box[plane, island[x], island[y]]
+        local = place(local_box, dimension)
+        leftmost = local[:, 0].min()
+        for x in range(len(island)):
+            placed[island[x]] = True
+            for axis in range(dimension):
+                positions[island[x], axis] = local[x, axis]
+            positions[island[x], 0] += edge - leftmost
+        edge = positions[island, 0].max() + clearance
     return positions
 
 
-def _hypothesis(problem: Problem, boxes: list[FloatArray]) -> Hypothesis:
+def _hypothesis(
+    problem: Problem, measured: NDArray[np.bool_], boxes: list[FloatArray]
+) -> Hypothesis:
+    """Describe one component of the cover."""
     bounds = np.array([box[: UPPER + 1] for box in boxes])
     step = max(1, len(boxes) // MAX_ATTEMPTS)
     positions = None
@@ -108,7 +135,7 @@ def _hypothesis(problem: Problem, boxes: list[FloatArray]) -> Hypothesis:
         boxes=bounds,
         positions=positions,
         proved=proved,
-        flexible=is_flexible(positions, np.isfinite(problem.upper)),
+        flexible=bool(is_flexible(positions, measured)),
     )
 
 
@@ -131,7 +158,10 @@ def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis
     """
     if not boxes:
         return ()
+    measured = np.isfinite(problem.upper)
     bounds = np.array([box[: UPPER + 1] for box in boxes])
+    label = components(bounds)
     return tuple(
-        _hypothesis(problem, [boxes[index] for index in group]) for group in components(bounds)
+        _hypothesis(problem, measured, [boxes[index] for index in np.flatnonzero(label == number)])
+        for number in range(label.max() + 1)
     )

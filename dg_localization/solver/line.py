@@ -27,6 +27,9 @@ from dg_localization.solver.box import (
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
+BOTH = 2
+"""The side of two points that are known to lie on the same side and on opposite ones."""
+
 
 @kernel
 def _restrict(
@@ -100,11 +103,36 @@ def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) 
 
 
 @kernel
+def _branches(
+    a_low: float, a_high: float, b_low: float, b_high: float
+) -> tuple[float, float, float, float]:
+    """Bound |a - b| and a + b."""
+    near_low = max(0.0, down(a_low - b_high), down(b_low - a_high))
+    near_high = up(max(a_high - b_low, b_high - a_low))
+    return near_low, near_high, down(a_low + b_low), up(a_high + b_high)
+
+
+@kernel
+def _from_merged(
+    j_low: float, j_high: float, jk_low: float, jk_high: float, side: int
+) -> tuple[float, float]:
+    """
+    Bound the near branch of the merged point's distance from k, seen from j on a known side.
+
+    With j and k on the same side it is d_j - d_jk, on opposite sides d_jk - d_j; never |...|.
+    """
+    if side < 0:
+        return max(0.0, down(j_low - jk_high)), up(j_high - jk_low)
+    return max(0.0, down(jk_low - j_high)), up(jk_high - j_low)
+
+
+@kernel
 def reduce_line(
     box: FloatArray,
     distance: FloatArray,
     points: IntArray,
     count: int,
+    n_through: int,
     merged: int,
     sigma: NDArray[np.int8],
 ) -> bool:
@@ -121,10 +149,13 @@ def reduce_line(
         The points on the line; the first `count` entries count.
     count : int
         Number of points.
+    n_through : int
+        Number of points, the first ones, that the others are compared through.
     merged : int
         The point that is the image of the projection axes, -1 for none.
     sigma : ndarray of int8, shape (n, n)
-        Side of each pair of points with respect to `merged`: -1 same, +1 opposite, 0 free.
+        Side of each pair of points with respect to `merged`: -1 same, +1 opposite, 0 free, or
+        `BOTH`.
 
     Returns
     -------
@@ -133,7 +164,7 @@ def reduce_line(
 
     """
     _roots(box, distance, points, count)
-    for z in range(count):
+    for z in range(min(count, n_through)):
         j = points[z]
         for x in range(count):
             i = points[x]
@@ -147,15 +178,29 @@ def reduce_line(
                     continue
                 jk_low = distance[LOWER, j, k]
                 jk_high = distance[UPPER, j, k]
-                side = sigma[i, k] if j == merged else 0
-                near_low, near_high = math.inf, -math.inf
-                far_low, far_high = math.inf, -math.inf
-                if side <= 0:
-                    near_low = max(0.0, down(ij_low - jk_high), down(jk_low - ij_high))
-                    near_high = up(max(ij_high - jk_low, jk_high - ij_low))
-                if side >= 0:
-                    far_low = down(ij_low + jk_low)
-                    far_high = up(ij_high + jk_high)
+                near_low, near_high, far_low, far_high = _branches(
+                    ij_low, ij_high, jk_low, jk_high
+                )
+                if j == merged:
+                    side = sigma[i, k]
+                    if side == BOTH:
+                        near_low, near_high = max(near_low, far_low), min(near_high, far_high)
+                    elif side > 0:
+                        near_low, near_high = math.inf, -math.inf
+                    if side < 0 or side == BOTH:
+                        far_low, far_high = math.inf, -math.inf
+                elif i == merged and sigma[j, k] != 0:
+                    near_low, near_high = _from_merged(
+                        ij_low, ij_high, jk_low, jk_high, sigma[j, k]
+                    )
+                    if sigma[j, k] > 0:
+                        far_low, far_high = math.inf, -math.inf
+                elif k == merged and sigma[i, j] != 0:
+                    near_low, near_high = _from_merged(
+                        jk_low, jk_high, ij_low, ij_high, sigma[i, j]
+                    )
+                    if sigma[i, j] > 0:
+                        far_low, far_high = math.inf, -math.inf
                 if not _restrict(distance, i, k, near_low, near_high, far_low, far_high):
                     return False
 

@@ -9,12 +9,12 @@ decided afterwards and apart, with outward rounding: nothing here can turn a gue
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import combinations
 import math
-from typing import Any
 
 import numpy as np
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.rounding import UNIT, down, square_down, square_up, up
@@ -23,6 +23,12 @@ MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
 
 MAX_STEPS = 40
+
+UNSURE = 2
+"""The sign of a determinant that rounding errors may have turned."""
+
+LEAST_PERMANENT = 2.0**-300
+"""Below it products may have underflowed."""
 
 
 @kernel
@@ -180,9 +186,14 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
 
 
 @kernel
-def _distances_agree(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> bool:
-    """Tell whether every squared distance, with all rounding, lies in its interval."""
+def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
+    """
+    Compare every squared distance, with all rounding, with its interval.
+
+    Returns 1 when all lie inside, -1 when one lies outside, 0 when it is too close to call.
+    """
     n_points, dimension = positions.shape
+    answer = 1
     for i in range(n_points):
         for j in range(i + 1, n_points):
             low = 0.0
@@ -191,41 +202,98 @@ def _distances_agree(positions: FloatArray, lower: FloatArray, upper: FloatArray
                 difference = abs(positions[i, axis] - positions[j, axis])
                 low = down(low + square_down(max(0.0, down(difference))))
                 high = up(high + square_up(up(difference)))
+            if high < lower[i, j] or low > upper[i, j]:
+                return -1
             if low < lower[i, j] or high > upper[i, j]:
-                return False
+                answer = 0
+    return answer
+
+
+def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
+    """Tell whether every squared distance of a placement lies in its interval, exactly."""
+    answer = _compare_distances(positions, problem.lower, problem.upper)
+    if answer != 0:
+        return bool(answer > 0)
+    exact = [[Fraction(x) for x in point] for point in positions.tolist()]
+    # A fraction compares exactly with a float of Python, infinity included.
+    lower, upper = problem.lower.tolist(), problem.upper.tolist()
+    for i, j in combinations(range(problem.n_points), 2):
+        squared = sum((x - y) ** 2 for x, y in zip(exact[i], exact[j], strict=True))
+        if not lower[i][j] <= squared <= upper[i][j]:
+            return False
     return True
 
 
-def sign_of_determinant(points: FloatArray) -> int:
+@kernel
+def _determinant_and_bound(
+    positions: FloatArray, simplices: IntArray, x: int
+) -> tuple[float, float]:
+    """Return the determinant of a simplex's edges, and the permanent of their absolute values."""
+    dimension = positions.shape[1]
+    edges = np.empty((dimension, dimension))
+    for row in range(dimension):
+        for axis in range(dimension):
+            edges[row, axis] = (
+                positions[simplices[x, row + 1], axis] - positions[simplices[x, 0], axis]
+            )
+    if dimension == 1:
+        return edges[0, 0], abs(edges[0, 0])
+    if dimension == 2:
+        first, second = edges[0, 0] * edges[1, 1], edges[0, 1] * edges[1, 0]
+        return first - second, abs(first) + abs(second)
+    determinant = 0.0
+    permanent = 0.0
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        first, second = edges[1, b] * edges[2, c], edges[1, c] * edges[2, b]
+        determinant += edges[0, a] * (first - second)
+        permanent += abs(edges[0, a]) * (abs(first) + abs(second))
+    return determinant, permanent
+
+
+@kernel
+def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> None:
+    """Write the sign of every simplex, UNSURE where rounding errors may have turned it."""
+    for x in range(len(simplices)):
+        determinant, permanent = _determinant_and_bound(positions, simplices, x)
+        signs[x] = UNSURE
+        if abs(determinant) > 64.0 * UNIT * permanent and permanent > LEAST_PERMANENT:
+            signs[x] = 1 if determinant > 0.0 else -1
+
+
+def orientations(positions: FloatArray, simplices: IntArray) -> IntArray:
     """
-    Return the exact sign of det[p2 - p1, ..., p(q+1) - p1].
+    Return the exact signs of det[p2 - p1, ..., p(q+1) - p1] of simplices.
 
     The floating-point determinant decides where it exceeds its forward error, a few units of
     rounding times the permanent of the absolute values; exact rationals decide otherwise.
 
     Parameters
     ----------
-    points : ndarray, shape (q + 1, q)
-        The corners of the simplex in m.
+    positions : ndarray, shape (n, q)
+        Coordinates in m, taken as exact.
+    simplices : ndarray of int, shape (k, q + 1)
+        The corners of each simplex.
 
     Returns
     -------
-    int
-        -1, 0 or +1; 0 when the points lie in one hyperplane.
+    ndarray of int, shape (k,)
+        -1, 0 or +1 each; 0 when the points lie in one hyperplane.
 
     """
-    edges = points[1:] - points[0]
-    determinant = _determinant(edges.tolist())
-    if abs(determinant) > 64.0 * UNIT * _permanent(np.abs(edges).tolist()):
-        return 1 if determinant > 0.0 else -1
-    exact = [[Fraction(x) for x in point] for point in points.tolist()]
-    rows = [[x - y for x, y in zip(point, exact[0], strict=True)] for point in exact[1:]]
-    determinant = _determinant(rows)
-    return (determinant > 0) - (determinant < 0)
+    signs = np.zeros(len(simplices), dtype=np.int64)
+    _set_orientations(positions, simplices, signs)
+    for x in np.flatnonzero(signs == UNSURE):
+        corners = positions[simplices[x]].tolist()
+        exact = [[Fraction(value) for value in corner] for corner in corners]
+        edges = [[a - b for a, b in zip(point, exact[0], strict=True)] for point in exact[1:]]
+        determinant = _exact_determinant(edges)
+        signs[x] = (determinant > 0) - (determinant < 0)
+    return signs
 
 
-def _determinant(rows: list[list[Any]]) -> Any:
-    """Expand a determinant of size 1, 2 or 3 in the arithmetic of its entries."""
+def _exact_determinant(rows: list[list[Fraction]]) -> Fraction:
+    """Expand a determinant of size 1, 2 or 3."""
     if len(rows) == 1:
         return rows[0][0]
     if len(rows) == 2:
@@ -234,20 +302,10 @@ def _determinant(rows: list[list[Any]]) -> Any:
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-def _permanent(rows: list[list[float]]) -> float:
-    """Expand a permanent of size 1, 2 or 3."""
-    if len(rows) == 1:
-        return rows[0][0]
-    if len(rows) == 2:
-        return rows[0][0] * rows[1][1] + rows[0][1] * rows[1][0]
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * (e * i + f * h) + b * (d * i + f * g) + c * (d * h + e * g)
-
-
 def with_handedness(problem: Problem, positions: FloatArray) -> FloatArray:
     """Return `positions` or their mirror image, whichever has the problem's first chirality."""
     for chirality in problem.chiralities:
-        sign = sign_of_determinant(positions[list(chirality.points)])
+        sign = orientations(positions, np.array([chirality.points], dtype=np.int64))[0]
         if sign:
             if sign != chirality.sign:
                 positions = positions.copy()
@@ -270,21 +328,27 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
     Returns
     -------
     bool
-        True is a proof: distances are compared after outward rounding, orientations by exact
-        signs. False means that the placement fails or is too close to call.
+        True is a proof: distances are compared after outward rounding and orientations by their
+        signs, or both in exact rationals where that is too close to call.
 
     """
     if not np.isfinite(positions).all():
         return False
-    if not _distances_agree(positions, problem.lower, problem.upper):
+    if not _distances_agree(problem, positions):
         return False
-    for constraint in problem.sides:
-        first = sign_of_determinant(positions[[*constraint.face, constraint.first]])
-        second = sign_of_determinant(positions[[*constraint.face, constraint.second]])
+    simplices = [
+        (*side.face, apex) for side in problem.sides for apex in (side.first, side.second)
+    ]
+    simplices.extend(chirality.points for chirality in problem.chiralities)
+    if not simplices:
+        return True
+    signs = orientations(positions, np.array(simplices, dtype=np.int64)).tolist()
+    for x, side in enumerate(problem.sides):
         # Opposite orientations of the two simplices mean opposite sides.
-        if first * second * constraint.side > 0:
+        if signs[2 * x] * signs[2 * x + 1] * side.side > 0:
             return False
+    of_chiralities = signs[2 * len(problem.sides) :]
     return all(
-        sign_of_determinant(positions[list(chirality.points)]) != -chirality.sign
-        for chirality in problem.chiralities
+        sign != -chirality.sign
+        for sign, chirality in zip(of_chiralities, problem.chiralities, strict=True)
     )

@@ -31,6 +31,9 @@ from dg_localization.solver.box import (
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
+LEAST_AXIS_RATIO = 0.3
+"""A pair serves as an axis when its squared distance is known to this ratio of its bounds."""
+
 
 @kernel
 def _coordinate_up(difference: float, d: float) -> float:
@@ -213,6 +216,18 @@ def _store(shadow: FloatArray, i: int, j: int, low: float, high: float) -> None:
     shadow[UPPER, i, j] = shadow[UPPER, j, i] = high
     shadow[GAP_LOWER, i, j] = shadow[GAP_LOWER, j, i] = 0.0
     shadow[GAP_UPPER, i, j] = shadow[GAP_UPPER, j, i] = 0.0
+
+
+@kernel
+def is_axis(box: FloatArray, a: int, b: int) -> bool:
+    """
+    Tell whether a pair is known well enough to be projected along.
+
+    The ranges above widen quickly as the relative error of the axis grows; docs/projections.md
+    has the measurements behind the limit.
+    """
+    upper = box[UPPER, a, b]
+    return not math.isinf(upper) and box[LOWER, a, b] > LEAST_AXIS_RATIO * upper
 
 
 @kernel

@@ -35,6 +35,8 @@ class SolverOptions:
         Most boxes to process.
     max_seconds : float
         Most time to spend, in seconds.
+    tighten_slices : int
+        How many slices of a finished box to examine, to bring its bounds towards the exact hull.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class SolverOptions:
     resolution: float = 0.05
     max_boxes: int = 2000
     max_seconds: float = float('inf')
+    tighten_slices: int = 0
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -55,6 +58,8 @@ class SolverOptions:
             raise ValueError(f'max_boxes is {self.max_boxes}, it must be at least 1')
         if not self.max_seconds > 0.0:
             raise ValueError(f'max_seconds is {self.max_seconds} s, it must be positive')
+        if self.tighten_slices < 0:
+            raise ValueError(f'tighten_slices is {self.tighten_slices}, it must not be negative')
 
 
 @dataclass(frozen=True)

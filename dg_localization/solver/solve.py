@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
+import time
 from typing import TYPE_CHECKING
 
-from dg_localization.solver.problem import Problem
+import numpy as np
+
+from dg_localization.solver.problem import Chirality, Problem
 from dg_localization.solver.result import Result, SolverOptions, Statistics, Verdict
 
 if TYPE_CHECKING:
@@ -40,13 +44,15 @@ def solve(
 
     Notes
     -----
-    The first call in a process loads the kernels; the first on a machine compiles them.
+    The first call in a process loads the kernels; the first on a machine compiles them. Neither
+    counts as time of the search. See `load_kernels`.
 
     """
     # The kernels import numba, which takes longer than the rest of the package together.
     from dg_localization.solver.hypotheses import hypotheses_of
     from dg_localization.solver.search import search
 
+    load_kernels()
     cover = search(problem, options or SolverOptions(), cancel, progress)
     hypotheses = hypotheses_of(problem, cover.kept + cover.pending)
     if cover.pending:
@@ -56,3 +62,32 @@ def solve(
     else:
         verdict = Verdict.INFEASIBLE
     return Result(verdict, hypotheses, cover.statistics)
+
+
+@cache
+def load_kernels() -> float:
+    """
+    Load the compiled kernels, or compile them the first time on a machine (most of a minute).
+
+    `solve` does so when it has to; a program that must answer in time calls this first.
+
+    Returns
+    -------
+    float
+        How long it took, in seconds.
+
+    """
+    from dg_localization.solver.hypotheses import hypotheses_of
+    from dg_localization.solver.search import search
+
+    start = time.perf_counter()
+    # A flexible chain with a handedness, two of them to compare, and a point that nobody knows.
+    upper = np.full((4, 4), np.inf)
+    upper[[0, 1, 0, 2, 1, 2], [1, 0, 2, 0, 2, 1]] = 1.0
+    np.fill_diagonal(upper, 0.0)
+    lower = np.where(np.isfinite(upper), 0.9 * upper, 0.0)
+    chiralities = (Chirality((0, 1, 2), 1), Chirality((0, 1, 3), 1))
+    problem = Problem(lower, upper, 2, chiralities=chiralities)
+    cover = search(problem, SolverOptions(max_boxes=4))
+    hypotheses_of(problem, cover.kept + cover.pending)
+    return time.perf_counter() - start
