@@ -1,8 +1,10 @@
 """
 Interval distance geometry without ROS and without I/O, from the kernels up.
 
-``rounding``, ``box``: numbers and boxes. ``smoothing``, ``projection``, ``line``,
-``back_projection``: the steps of the paper. ``contraction``: their fixed point. ``search``:
-branch and prune. ``placements``, ``hypotheses``, ``coordinates``: what the cover means.
-``problem``, ``result``, ``solve``: what a user sees.
+``jit``, ``rounding``, ``box``: how kernels, numbers and boxes are made. ``smoothing``,
+``projection``, ``line``, ``back_projection``: the steps of the paper. ``linearization``: all
+measured distances at once. ``contraction``: their fixed point. ``search``, ``tightening``: branch
+and prune, and what is shaved off in the end. ``rigidity``, ``placements``, ``hypotheses``,
+``coordinates``: what the cover means. ``problem``, ``sides``, ``result``, ``solve``: what a user
+says and sees.
 """
