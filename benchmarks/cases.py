@@ -51,8 +51,8 @@ class Case:
         The placements an answer has to contain, in m; mirror images are left out.
     resolution : float
         In m, for the solver and its peers.
-    tightened : bool
-        Whether the solver tightens its hypotheses.
+    tighten_slices : int
+        How many slices of each finished box the solver examines to tighten it.
     hull : {'exact', 'linearised', None}
         What the widths are compared with.
     peers : tuple of str
@@ -74,13 +74,15 @@ class Case:
     placements: tuple[FloatArray, ...]
     target: Target
     resolution: float = 0.05
-    tightened: bool = False
+    tighten_slices: int = 0
     hull: str | None = None
     peers: tuple[str, ...] = ()
     max_seconds: float = 30.0
     max_boxes: int = 20000
     quick: bool = True
 
+
+TIGHTEN_SLICES = 500
 
 RANDOM_TARGETS = {
     (2, 10): Target(seconds=2e-3, width=1.1),
@@ -105,7 +107,6 @@ def _random_case(n_points: int, dimension: int, relative_error: float, seed: int
         problem=problem,
         placements=(positions,),
         target=target,
-        tightened=target.width is not None,
         hull='linearised',
         peers=('codac', 'multistart') if n_points <= 50 else (),
         quick=n_points <= 10,
@@ -139,7 +140,7 @@ def _fleet_cases() -> Iterator[Case]:
         problem=fleet(sides=True),
         placements=placements[:1],
         target=Target(seconds=5e-3, hypotheses=1, width=1.02),
-        tightened=True,
+        tighten_slices=TIGHTEN_SLICES,
         hull='exact',
     )
     for percent in (1, 3, 5):
@@ -149,7 +150,7 @@ def _fleet_cases() -> Iterator[Case]:
             problem=fleet(percent / 100.0),
             placements=placements,
             target=Target(boxes=31, hypotheses=8, width=1.05 if percent == 3 else None),
-            tightened=True,
+            tighten_slices=TIGHTEN_SLICES,
             hull='exact',
             peers=('codac',) if percent == 3 else (),
             quick=percent == 3,
@@ -160,7 +161,7 @@ def _fleet_cases() -> Iterator[Case]:
             problem=fleet(percent / 100.0, sides=True),
             placements=placements[:1],
             target=Target(boxes=31, hypotheses=1, width=1.05 if percent == 3 else None),
-            tightened=True,
+            tighten_slices=TIGHTEN_SLICES,
             hull='exact',
             peers=('codac', 'scip') if percent == 3 else (),
             quick=percent == 3,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 import multiprocessing
 from statistics import median
 import time
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,8 +20,6 @@ from dg_localization import SolverOptions, Verdict, solve
 Answer = TypeVar('Answer')
 
 SOLVER = 'dg_localization'
-TIGHTENING = next((f.name for f in fields(SolverOptions) if f.name.startswith('tighten')), None)
-
 RUNS = 7
 
 MAX_PAIRS = 40
@@ -209,10 +207,9 @@ def score(case: Case, hulls: Sequence[Hull]) -> Score:
 
 def solver_options(case: Case) -> SolverOptions:
     """Return how the solver is asked to treat a case."""
-    options: dict[str, Any] = {}
-    if TIGHTENING is not None:
-        options[TIGHTENING] = case.tightened
-    return SolverOptions(case.resolution, case.max_boxes, case.max_seconds, **options)
+    return SolverOptions(
+        case.resolution, case.max_boxes, case.max_seconds, case.tighten_slices
+    )
 
 
 def rows(case: Case, effort: Effort) -> list[Row]:
