@@ -75,7 +75,7 @@ class OdometryTrack:
     max_speed_m_s, max_turn_rate_rad_s : float
         Limits of the robot.
     relative_error : float
-        By how much odometry may exceed them.
+        Greatest error of odometry as a fraction of the way and the turn at full speed.
     keep_s : float
         For how long samples are kept.
 

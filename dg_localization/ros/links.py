@@ -72,7 +72,7 @@ def parse_link(text: str) -> Link:
     Read a link from its string: ``TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]``.
 
     Odometry has no target. For example
-    ``/uwb/3_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``.
+    ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``.
 
     Parameters
     ----------

@@ -237,7 +237,7 @@ TABLE = (
         'odometry.relative_error',
         DOUBLE,
         0.05,
-        'greatest error of an odometry displacement as a fraction of the path',
+        'greatest error of odometry as a fraction of the way and the turn at full speed',
         at_least=0.0,
     ),
     Spec(

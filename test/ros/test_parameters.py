@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+import re
 
 import pytest
 
@@ -55,6 +56,13 @@ def test_commented_file_holds_every_parameter_with_its_default():
     assert {name: value or [] if value is None else value for name, value in given.items()} == (
         defaults
     )
+
+
+def test_links_in_the_comments_of_the_file_are_allowed():
+    text = (CONFIG / 'localizer.yaml').read_text()
+    examples = re.findall(r"#   - '(.*)'", text)
+    assert len(examples) == 3
+    assert [parse_link(example).topic for example in examples]
 
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.name)
