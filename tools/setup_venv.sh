@@ -18,7 +18,7 @@ fail() {
 
 command -v "$python" >/dev/null 2>&1 || fail "PYTHON=$python: not found; install python3 and python3-venv."
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
-    fail "PYTHON=$python is $("$python" -V); this package needs Python 3.11 or 3.12."
+    fail "PYTHON=$python is $("$python" -V); this package needs Python 3.11 or newer."
 
 # Where Jazzy is sourced its own packages are used; elsewhere they come as wheels.
 extras='bags plots progress speed test lint bench'

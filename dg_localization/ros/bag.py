@@ -186,9 +186,7 @@ class Bag:
 def _open(path: Path) -> Any:
     """Return an open reader."""
     if find_spec('rosbags') is None:
-        raise BagError(
-            "bags are read with the package rosbags: pip install 'dg_localization[bags]'"
-        )
+        raise BagError('bags are read with the package rosbags: pip install rosbags')
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 

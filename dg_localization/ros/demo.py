@@ -381,7 +381,7 @@ def demonstrate(seconds: float, picture: Path) -> int:
         run(scenario, seconds)
         print(summary(scenario), flush=True)
     if find_spec('matplotlib') is None:
-        print("No picture without matplotlib: pip install 'dg_localization[plots]'")
+        print('No picture without matplotlib: pip install matplotlib')
     else:
         draw(scenarios, picture)
         print(f'All feasible placements next to the truth: {picture}')

@@ -67,7 +67,7 @@ def make_progress(total_s: float) -> Progress:
 
     """
     if find_spec('tqdm') is None:
-        tell("no progress bar without tqdm: pip install 'dg_localization[progress]'")
+        tell('no progress bar without tqdm: pip install tqdm')
         return NoProgress()
     from tqdm import tqdm
 
