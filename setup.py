@@ -52,9 +52,9 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            'localizer = dg_localization.ros.localizer:main',
-            'simulate_fleet = dg_localization.ros.simulate_fleet:main',
-            'replay = dg_localization.ros.replay:main',
+            'localizer = dg_localization.ros.executables:localizer',
+            'simulate_fleet = dg_localization.ros.executables:simulate_fleet',
+            'replay = dg_localization.ros.executables:replay',
         ],
     },
 )

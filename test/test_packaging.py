@@ -89,7 +89,7 @@ def test_ros2_run_finds_the_executables(setup_arguments):
     assert {'localizer', 'simulate_fleet', 'replay'} <= names
 
 
-def test_every_executable_has_a_main(setup_arguments):
+def test_every_executable_has_a_function(setup_arguments):
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
     for script in setup_arguments.entry_points['console_scripts']:
         module, _, function = script.partition(' = ')[2].partition(':')

@@ -26,6 +26,7 @@ from dg_localization.fleet.estimate import (
 )
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.warm_up import warm_up
 
 __all__ = [
     'Anchor',
@@ -45,4 +46,5 @@ __all__ = [
     'Rejection',
     'RejectionReason',
     'Snapshot',
+    'warm_up',
 ]

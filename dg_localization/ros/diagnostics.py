@@ -91,7 +91,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
     if report.failure:
         return Level.ERROR, report.failure
     if estimate is None:
-        return Level.WARN, 'no estimate yet: the very first compiles the kernels for a minute'
+        return Level.WARN, 'no estimate yet'
     if estimate.verdict is Verdict.INFEASIBLE:
         return Level.ERROR, f'contradiction: {estimate.reason}'
     if not estimate.placements:

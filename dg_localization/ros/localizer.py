@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial, wraps
 import sys
+import time
 import traceback
 from typing import Any
 
@@ -17,7 +18,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from dg_localization.fleet import Estimate, LinkKey, Localizer
+from dg_localization.fleet import Estimate, LinkKey, Localizer, warm_up
 from dg_localization.ros.diagnostics import NONE_MALFORMED, Malformed, Report, statuses
 from dg_localization.ros.discovery import TopicFinder
 from dg_localization.ros.intake import add_reading
@@ -31,6 +32,10 @@ from msg_adapters import Adapter, Diagnostics, adapter_for
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
+COMPILING = (
+    'compiling the solver: the first start on this machine takes about a minute, later ones a '
+    'second'
+)
 
 Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
 
@@ -70,6 +75,7 @@ class LocalizerNode(LifecycleNode):
 
     _outputs: EstimatePublishers
     _worker: EstimateWorker
+    _warm_up_began_s: float
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('localizer', **kwargs)
@@ -97,10 +103,16 @@ class LocalizerNode(LifecycleNode):
         made, fleet = self._made_to_configure, self.settings.fleet
         self._outputs = EstimatePublishers(self, fleet.robots, self.settings.fixed_frame)
         made.callback(self._outputs.destroy)
-        answer_ready = self.create_guard_condition(self._on_answer)
-        made.callback(self.destroy_guard_condition, answer_ready)
-        self._worker = EstimateWorker(self._localizer.estimate, answer_ready.trigger)
+        answer_ready = self._make_wake_up(self._on_answer)
+        self._warm_up_began_s = time.monotonic()
+        self._worker = EstimateWorker(
+            self._localizer.estimate,
+            answer_ready,
+            partial(warm_up, fleet.dimension),
+            self._make_wake_up(self._on_warm),
+        )
         made.callback(self._worker.close)
+        self.get_logger().info(COMPILING)
         service = self.create_service(Trigger, '~/reset', self._on_reset)
         made.callback(self.destroy_service, service)
         self._state = 'inactive'
@@ -155,6 +167,13 @@ class LocalizerNode(LifecycleNode):
         self._made_to_activate.close()
         self._made_to_configure.close()
 
+    def _make_wake_up(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Return a function that has the executor's thread call `callback`."""
+        guard = self.create_guard_condition(callback)
+        self._made_to_configure.callback(self.destroy_guard_condition, guard)
+        wake_up: Callable[[], None] = guard.trigger
+        return wake_up
+
     def _subscribe(self, link: Link) -> None:
         adapter = adapter_for(link.type_name)
         callback = partial(self._on_message, link, adapter)
@@ -196,8 +215,18 @@ class LocalizerNode(LifecycleNode):
     def _on_tick(self) -> None:
         """Have the newest measurements answered, unless the worker is still at older ones."""
         now_s = self._now_s()
-        if now_s is not None and not self._worker.busy:
+        if now_s is not None and self._worker.warm_up.done() and not self._worker.busy:
             self._worker.submit(self._localizer.snapshot(now_s))
+
+    def _on_warm(self) -> None:
+        """Tell how long the solver took to be ready."""
+        took_s = time.monotonic() - self._warm_up_began_s
+        error = self._worker.warm_up.exception()
+        if error is None:
+            self.get_logger().info(f'the solver is ready after {took_s:.1f} s')
+        else:
+            # The estimates will fail too, and say so in the diagnostics.
+            self.get_logger().error(f'the warm-up of the solver failed: {error!r}')
 
     def _on_answer(self) -> None:
         """Publish what the worker found."""
@@ -238,6 +267,8 @@ class LocalizerNode(LifecycleNode):
     def _trouble(self, now_s: float) -> str:
         if self._state != 'active':
             return f'the node is {self._state}'
+        if not self._worker.warm_up.done():
+            return COMPILING
         return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -5,11 +5,16 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 import os
 import sys
 from threading import Event, Lock, enumerate as running_threads
+from typing import Any
 
 from dg_localization.fleet import Estimate, Snapshot
 
 THREAD_NAME = 'estimate'
 CLOSE_S = 2.0
+
+
+def _nothing() -> None:
+    """Do nothing."""
 
 
 class EstimateWorker:
@@ -23,19 +28,35 @@ class EstimateWorker:
     wake : callable
         Called without arguments from the worker's thread when an answer can be taken; never
         after `cancel` or `close`.
+    warm_up : callable, optional
+        Called without arguments before the first estimate; `cancel` does not stop it.
+    warm : callable, optional
+        Called without arguments from the worker's thread when that is over; never after `close`.
+
+    Attributes
+    ----------
+    warm_up : Future
+        Whether it is over, and what it raised.
 
     """
 
     def __init__(
-        self, estimate: Callable[[Snapshot, Event], Estimate], wake: Callable[[], None]
+        self,
+        estimate: Callable[[Snapshot, Event], Estimate],
+        wake: Callable[[], None],
+        warm_up: Callable[[], None] = _nothing,
+        warm: Callable[[], None] = _nothing,
     ) -> None:
         self._estimate = estimate
         self._wake = wake
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
         self._wanted: Future[Estimate] | None = None
-        self._newest: Future[Estimate] | None = None
         self._cancel = Event()
-        self._cancel_lock = Lock()
+        self._closed = Event()
+        self._lock = Lock()
+        self.warm_up = self._pool.submit(warm_up)
+        self.warm_up.add_done_callback(lambda _: self._call_unless(self._closed, warm))
+        self._newest: Future[Any] = self.warm_up
 
     @property
     def busy(self) -> bool:
@@ -46,12 +67,12 @@ class EstimateWorker:
         """Start on a snapshot; only while not `busy`."""
         cancel = self._cancel = Event()
         self._newest = self._wanted = self._pool.submit(self._estimate, snapshot, cancel)
-        self._wanted.add_done_callback(lambda _: self._wake_unless(cancel))
+        self._wanted.add_done_callback(lambda _: self._call_unless(cancel, self._wake))
 
-    def _wake_unless(self, cancel: Event) -> None:
-        with self._cancel_lock:
-            if not cancel.is_set():
-                self._wake()
+    def _call_unless(self, stopped: Event, function: Callable[[], None]) -> None:
+        with self._lock:
+            if not stopped.is_set():
+                function()
 
     def take(self) -> Estimate | None:
         """
@@ -71,15 +92,16 @@ class EstimateWorker:
 
     def cancel(self) -> None:
         """Tell the running estimate to stop, and drop its answer."""
-        with self._cancel_lock:
+        with self._lock:
             self._cancel.set()
         self._wanted = None
 
     def close(self) -> None:
         """Cancel, and give the thread a moment to end; it may be compiling, which cannot stop."""
         self.cancel()
-        newest = [self._newest] if self._newest is not None else []
-        late = wait(newest, timeout=CLOSE_S).not_done
+        with self._lock:
+            self._closed.set()
+        late = wait([self._newest], timeout=CLOSE_S).not_done
         self._pool.shutdown(wait=not late)
 
 
@@ -87,7 +109,7 @@ def exit_code_despite_worker(code: int) -> int:
     """
     Return `code`, or end the process with it when a worker's thread is still running.
 
-    The interpreter waits for all threads at its end. The first estimate of an installation
+    The interpreter waits for all threads at its end. The first warm-up of an installation
     compiles the kernels for up to a minute, longer than anybody waits after a signal.
     """
     if any(thread.name.startswith(THREAD_NAME) for thread in running_threads()):

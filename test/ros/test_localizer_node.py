@@ -2,6 +2,7 @@
 
 from functools import partial
 import signal
+from threading import Event
 import time
 
 from lifecycle_msgs.srv import ChangeState
@@ -9,10 +10,12 @@ import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from dg_localization.ros import localizer
 from dg_localization.ros.localizer import LocalizerNode
 from dg_localization.ros.process import WrongParameterError
 from msg_adapters import Adapter, Level, RangeReading, register
 
+DEADLINE_S = 20.0
 ROBOTS = ['robot_1', 'robot_2', 'robot_3']
 TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
 
@@ -184,6 +187,33 @@ def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
     bench.until_status('fleet', Level.WARN, 'ambiguous')
 
 
+def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, monkeypatch):
+    release, logged = Event(), []
+    monkeypatch.setattr(localizer, 'warm_up', lambda dimension: release.wait(DEADLINE_S))
+    node = make_node()
+    monkeypatch.setattr(node.get_logger(), 'info', logged.append)
+    play_triangle(bench)
+    bench.until_status('fleet', Level.WARN, 'compiling the solver')
+    bench.until_status('robot robot_1', Level.WARN, 'compiling the solver')
+    bench.until_status('input range robot_1->robot_2', Level.OK)
+    assert bench.call('/localizer/reset', Trigger).success
+    bench.until_status('input range robot_1->robot_2', Level.OK)
+    release.set()
+    wait_for_placements(bench, 2)
+    bench.until_status('fleet', Level.WARN, 'ambiguous')
+    assert any('the solver is ready after' in text for text in logged)
+
+
+def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypatch):
+    def fail(dimension):
+        raise ArithmeticError('no idea')
+
+    monkeypatch.setattr(localizer, 'warm_up', fail)
+    make_node()
+    play_triangle(bench)
+    wait_for_placements(bench, 2)
+
+
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
     node = make_node()
     cancels = []
@@ -267,9 +297,25 @@ def test_broken_file_ends_the_executable_with_a_message(start_localizer, tmp_pat
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
-    # The first topic of the node appears while the others are still being made.
-    bench.until(lambda: bench.node.count_publishers('/diagnostics'), 'the first topic')
+    # The line is written while the topics are still being made.
+    bench.until(lambda: 'compiling the solver' in process.output(), 'the first line of the log')
     started_s = time.monotonic()
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
+    assert time.monotonic() - started_s < 10.0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_compiling_ends_cleanly(
+    bench, start_localizer, tmp_path, monkeypatch, number
+):
+    pytest.importorskip('numba', reason='numba is not installed')
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
+    bench.clear()
+    process = start_localizer('-p', "robots:=['a', 'b', 'c']")
+    bench.until_status('fleet', Level.WARN, 'compiling the solver')
+    started_s = time.monotonic()
+    code, output = process.stop(number)
+    assert (code, 'Traceback' in output) == (0, False), output
+    assert 'the solver is ready' not in output
     assert time.monotonic() - started_s < 10.0

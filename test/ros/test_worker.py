@@ -17,8 +17,8 @@ DEADLINE_S = 10.0
 def make_worker():
     made = []
 
-    def make(estimate, wake=lambda: None):
-        made.append(EstimateWorker(estimate, wake))
+    def make(estimate, wake=lambda: None, **warm_up):
+        made.append(EstimateWorker(estimate, wake, **warm_up))
         return made[-1]
 
     yield make
@@ -69,6 +69,38 @@ def test_cancelled_answer_is_never_seen_and_the_next_one_is(make_worker):
     assert woken.wait(DEADLINE_S)
     assert worker.take() == 'fast'
     assert len(wakes) == 1
+
+
+def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
+    release, warm, done = Event(), Event(), []
+
+    def warm_up():
+        assert release.wait(DEADLINE_S)
+        done.append('warm-up')
+
+    worker = make_worker(
+        lambda snapshot, cancel: done.append(snapshot), warm_up=warm_up, warm=warm.set
+    )
+    worker.submit('dropped')
+    worker.cancel()
+    worker.submit('estimate')
+    assert not worker.warm_up.done()
+    release.set()
+    assert warm.wait(DEADLINE_S)
+    worker._newest.result(DEADLINE_S)
+    assert done == ['warm-up', 'dropped', 'estimate']
+
+
+def test_nobody_is_told_of_a_warm_up_after_the_end(make_worker, monkeypatch):
+    monkeypatch.setattr('dg_localization.ros.worker.CLOSE_S', 0.05)
+    release, told = Event(), []
+    worker = make_worker(
+        print, warm_up=lambda: release.wait(DEADLINE_S), warm=lambda: told.append(1)
+    )
+    worker.close()
+    release.set()
+    worker.warm_up.result(DEADLINE_S)
+    assert not told
 
 
 def test_close_does_not_wait_for_ever(make_worker, monkeypatch):

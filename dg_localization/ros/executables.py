@@ -1,0 +1,36 @@
+"""
+The executables, which end with exit code 0 on SIGINT and SIGTERM from their first moment on.
+
+Importing rclpy and the messages is most of a start: it happens here, when the signals are taken
+care of.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+import signal
+
+
+def localizer() -> int:
+    """Run `localizer`; return the exit code."""
+    return _run('localizer')
+
+
+def simulate_fleet() -> int:
+    """Run `simulate_fleet`; return the exit code."""
+    return _run('simulate_fleet')
+
+
+def replay() -> int:
+    """Run `replay`; return the exit code."""
+    return _run('replay')
+
+
+def _run(name: str) -> int:
+    """Import a module of this room and run its `main`."""
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
+        main: Callable[[], int] = import_module(f'dg_localization.ros.{name}').main
+        return main()
+    except KeyboardInterrupt:
+        return 0

@@ -1,0 +1,33 @@
+"""The executables before they have imported what they run."""
+
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+# Sends the signal to itself when rclpy is asked for, in the middle of the imports.
+CODE = """
+import os, sys
+from dg_localization.ros import executables
+class Interrupter:
+    def find_spec(self, name, path, target=None):
+        if name == 'rclpy':
+            print('importing')
+            os.kill(os.getpid(), int(sys.argv[2]))
+sys.meta_path.insert(0, Interrupter())
+sys.exit(getattr(executables, sys.argv[1])())
+"""
+
+
+@pytest.mark.parametrize('number', [2, 15], ids=['SIGINT', 'SIGTERM'])
+@pytest.mark.parametrize('name', ['localizer', 'simulate_fleet', 'replay'])
+def test_signal_during_the_imports_ends_the_process_cleanly(name, number):
+    done = subprocess.run(
+        [sys.executable, '-c', CODE, name, str(number)],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'importing\n', '')
