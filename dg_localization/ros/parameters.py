@@ -183,6 +183,7 @@ TABLE = (
     ),
     Spec('max_speed', DOUBLE, 1.0, 'no robot moves faster', 'm/s', 0.0),
     Spec('max_turn_rate', DOUBLE, 1.0, 'no robot turns faster', 'rad/s', 0.0),
+    Spec('min_separation', DOUBLE, 0.0, 'no two robots come nearer than this', 'm', 0.0),
     Spec(
         'range.topic',
         STRING,
@@ -284,6 +285,17 @@ def anchor_table(name: str) -> tuple[Spec, Spec]:
     )
 
 
+def robot_spec(name: str) -> Spec:
+    """Return the parameter of one robot; a negative speed stands for `max_speed`."""
+    return Spec(
+        f'robot_max_speed.{name}',
+        DOUBLE,
+        -1.0,
+        'this robot moves no faster; negative for max_speed',
+        'm/s',
+    )
+
+
 @dataclass(frozen=True)
 class Settings:
     """
@@ -332,11 +344,12 @@ def declare_settings(node: Node) -> Settings:
     # declares no parameter that was given with a type other than its own.
     given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
     values = check_values(given, ignored=[name for name in given if node.has_parameter(name)])
-    for spec in _table_for(values):
+    settings = settings_from(values)
+    for spec in (*TABLE, *_tables_of_names(values)):
         node.declare_parameter(
             spec.name, values[spec.name], spec.descriptor(), ignore_override=True
         )
-    return settings_from(values)
+    return settings
 
 
 def check_values(given: Mapping[str, Any], ignored: Iterable[str] = ()) -> dict[str, Any]:
@@ -357,9 +370,8 @@ def check_values(given: Mapping[str, Any], ignored: Iterable[str] = ()) -> dict[
 
     """
     values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in TABLE}
-    for name in values['anchors.names']:
-        for spec in anchor_table(name):
-            values[spec.name] = spec.check(given.get(spec.name, spec.default))
+    for spec in _tables_of_names(values):
+        values[spec.name] = spec.check(given.get(spec.name, spec.default))
     known = {*values, *ignored}
     for name in given:
         if name not in known and not name.startswith('qos_overrides.'):
@@ -371,13 +383,17 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
     if name.startswith('anchors.'):
         wanted = 'anchors.NAME.position or anchors.NAME.bound'
         return f"; name the anchor in 'anchors.names' and set {wanted}"
+    if name.startswith('robot_max_speed.'):
+        return "; name the robot in 'robots'"
     close = get_close_matches(name, list(known), n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
-def _table_for(values: Mapping[str, Any]) -> list[Spec]:
+def _tables_of_names(values: Mapping[str, Any]) -> list[Spec]:
+    """Return the parameters of each robot and of each anchor."""
+    robots = (robot_spec(name) for name in values['robots'])
     anchors = (spec for name in values['anchors.names'] for spec in anchor_table(name))
-    return [*TABLE, *anchors]
+    return [*robots, *anchors]
 
 
 def settings_from(values: Mapping[str, Any]) -> Settings:
@@ -470,7 +486,9 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         links=_overrides((link for link in explicit if _ends(link) <= points), values),
         anchors=anchors,
         max_speed_m_s=values['max_speed'],
+        robot_max_speed_m_s=_robot_speeds_m_s(values),
         max_turn_rate_rad_s=values['max_turn_rate'],
+        min_separation_m=values['min_separation'],
         odometry_relative_error=values['odometry.relative_error'],
         max_hypotheses=values['max_hypotheses'],
         max_outliers=values['max_outliers'],
@@ -482,6 +500,11 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
             max_seconds=values['solver.max_seconds'],
         ),
     )
+
+
+def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
+    speeds = {name: values[f'robot_max_speed.{name}'] for name in values['robots']}
+    return {name: speed for name, speed in speeds.items() if speed >= 0.0}
 
 
 def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorModel:

@@ -255,6 +255,15 @@ def test_parameters_are_read_only(make_node):
     assert not result.successful
 
 
+def test_robots_have_parameters_of_their_own(make_node):
+    node = make_node(robot_max_speed__robot_2=0.3)
+    speeds = [node.get_parameter(f'robot_max_speed.{robot}').value for robot in ROBOTS]
+    assert speeds == [-1.0, 0.3, -1.0]
+    assert (
+        'negative for max_speed' in node.describe_parameter('robot_max_speed.robot_1').description
+    )
+
+
 def test_misspelt_parameter_is_refused(make_node):
     with pytest.raises(WrongParameterError, match="did you mean 'max_speed'"):
         make_node(max_sped=1.0)

@@ -121,6 +121,9 @@ def test_recording_has_six_links_and_no_templates():
         ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
         ('solver.resolutoin', 0.1, "'solver.resolutoin' is unknown; did you mean 'solver.resol"),
         ('anchors.names', ['x.y'], "'anchors.names': 'x.y' is not allowed"),
+        ('min_separation', -0.1, "'min_separation': -0.1 is not allowed, it must be .* >= 0"),
+        ('robot_max_speed.a', 'fast', "'robot_max_speed.a': 'fast' is not allowed"),
+        ('robot_max_speed.z', 1.0, "'robot_max_speed.z' is unknown; name the robot in 'robots'"),
         ('anchors.beacon.position', [0.0, 0.0], "name the anchor in 'anchors.names'"),
     ],
 )
@@ -133,6 +136,15 @@ def test_integers_are_taken_for_numbers_as_people_write_them():
     assert settings(rate=5).rate_hz == 5.0
     found = settings(**{'anchors.names': ['p'], 'anchors.p.position': [1, 2]})
     assert found.fleet.anchors['p'].coordinates_m == (1.0, 2.0)
+
+
+def test_robot_has_its_own_speed_or_the_common_one():
+    found = settings(max_speed=0.5, **{'robot_max_speed.b': 2, 'robot_max_speed.c': 0.0})
+    assert [found.fleet.speed_m_s(robot) for robot in 'abc'] == [0.5, 2.0, 0.0]
+
+
+def test_separation_is_the_fleets():
+    assert settings(min_separation=0.4).fleet.min_separation_m == 0.4
 
 
 def test_anchors_have_their_own_bound_or_the_common_one():
