@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from importlib import import_module
 import math
 import re
 from typing import Any
@@ -248,6 +249,12 @@ TABLE = (
         "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
         'each replaces what the templates give for the same measurement',
     ),
+    Spec(
+        'adapter_modules',
+        STRINGS,
+        [],
+        'Python modules to import at start, which register adapters of message types',
+    ),
     Spec('anchors.names', STRINGS, [], 'points whose coordinates are known'),
     Spec('anchors.bound', DOUBLE, 0.0, 'how far an anchor may be from its coordinates', 'm', 0.0),
     Spec('max_outliers', INTEGER, 0, 'how many contradicting inputs may be dropped', at_least=0),
@@ -398,7 +405,7 @@ def _tables_of_names(values: Mapping[str, Any]) -> list[Spec]:
 
 def settings_from(values: Mapping[str, Any]) -> Settings:
     """
-    Return the settings that checked `values` stand for.
+    Return the settings that checked `values` stand for, with all adapters at hand.
 
     Raises
     ------
@@ -408,6 +415,7 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     """
     for name in ('robots', 'anchors.names'):
         _check_names(name, values[name])
+    _import_adapters(values['adapter_modules'])
     explicit = _parse_links(values['links'])
     try:
         fleet = _fleet_config(values, explicit)
@@ -422,6 +430,18 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
         use_header_stamp=values['stamp_source'] == 'header',
         autostart=values['autostart'],
     )
+
+
+def _import_adapters(modules: Iterable[str]) -> None:
+    for name in filter(None, modules):
+        try:
+            import_module(name)
+        except Exception as error:  # a module of somebody else may raise anything
+            raise WrongParameterError(
+                f"parameter 'adapter_modules': '{name}' cannot be imported "
+                f'({type(error).__name__}: {error}); it must be a Python module that is installed '
+                'or in a folder of PYTHONPATH'
+            ) from error
 
 
 def _parse_links(texts: Iterable[str]) -> tuple[Link, ...]:

@@ -1,0 +1,66 @@
+"""Message types of other people, by a module that the parameters name."""
+
+import os
+from pathlib import Path
+import re
+
+import pytest
+from std_msgs.msg import Float32
+
+from dg_localization.ros.parameters import check_values, settings_from
+from dg_localization.ros.process import WrongParameterError
+
+README = Path(__file__).parents[2] / 'README.md'
+CENTIMETRES = {'/tag_a/to_b': 300.0, '/tag_a/to_c': 400.0, '/tag_b/to_c': 500.0}
+
+
+def example(language, word):
+    """Return the block of code of the README that holds a word."""
+    blocks = re.findall(rf'```{language}\n(.*?)```', README.read_text(encoding='utf-8'), re.DOTALL)
+    (block,) = [block for block in blocks if word in block]
+    return block
+
+
+def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monkeypatch):
+    (tmp_path / 'tag_adapter.py').write_text(example('python', 'register('))
+    parameters = tmp_path / 'my_fleet.yaml'
+    parameters.write_text(example('yaml', 'adapter_modules'))
+    path = os.environ.get('PYTHONPATH', '')
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join(filter(None, [str(tmp_path), path])))
+    bench.clear()
+    start_localizer('--params-file', str(parameters))
+
+    def send():
+        for topic, centimetres in CENTIMETRES.items():
+            bench.publisher(Float32, topic).publish(Float32(data=centimetres))
+
+    bench.repeat(send)
+    bench.until(
+        lambda: bench.heard.fleet and len(bench.heard.fleet[-1].poses) == 2 * 3,
+        'the triangle and its mirror image',
+    )
+    # Sides 3, 4 and 5 m long, b on the x axis of a, c on either side.
+    positions_m = bench.last_poses().positions_m.reshape(2, 3, 3)
+    assert sorted(positions_m[:, 2, 1]) == pytest.approx([-4.0, 4.0], abs=0.6)
+
+
+@pytest.mark.parametrize(
+    'text, wanted',
+    [
+        (None, "'no_such_adapter' cannot be imported .ModuleNotFoundError: .* PYTHONPATH"),
+        ('1 / 0', 'ZeroDivisionError: division by zero'),
+        ('import no_such_driver', "No module named 'no_such_driver'"),
+    ],
+)
+def test_module_that_cannot_be_imported_is_refused(tmp_path, monkeypatch, text, wanted):
+    monkeypatch.syspath_prepend(tmp_path)
+    name = 'no_such_adapter'
+    if text is not None:
+        name = f'adapter_{len(text)}'
+        (tmp_path / f'{name}.py').write_text(text)
+    with pytest.raises(WrongParameterError, match=f"'adapter_modules': .*{wanted}"):
+        settings_from(check_values({'robots': ['a'], 'adapter_modules': [name]}))
+
+
+def test_empty_names_are_passed_over():
+    assert settings_from(check_values({'robots': ['a'], 'adapter_modules': ['']})).links == ()
