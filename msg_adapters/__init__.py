@@ -10,6 +10,7 @@ from msg_adapters.bearings import BearingReading
 from msg_adapters.diagnostics import Diagnostics, Level, Status
 from msg_adapters.markers import Marker, MarkerScene, Shape
 from msg_adapters.odometry import OdometryReading
+from msg_adapters.peers import PeersReading
 from msg_adapters.poses import PoseList, UncertainPose
 from msg_adapters.ranges import RangeReading
 from msg_adapters.registry import Adapter, UnknownTypeError, adapter_for, known_types, register
@@ -22,6 +23,7 @@ __all__ = [
     'Marker',
     'MarkerScene',
     'OdometryReading',
+    'PeersReading',
     'PoseList',
     'RangeReading',
     'Shape',

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from msg_adapters import bearings, diagnostics, markers, odometry, poses, ranges
+from msg_adapters import bearings, diagnostics, markers, odometry, peers, poses, ranges
 
 
 class UnknownTypeError(KeyError):
@@ -119,6 +119,12 @@ for _adapter in (
         odometry.OdometryReading,
         odometry.odometry_from_message,
         odometry.odometry_to_message,
+    ),
+    Adapter(
+        peers.TYPE_NAME,
+        peers.PeersReading,
+        peers.peers_from_message,
+        peers.peers_to_message,
     ),
     Adapter(
         poses.POSE_ARRAY,

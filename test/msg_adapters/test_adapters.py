@@ -17,6 +17,7 @@ from msg_adapters import (
     Marker,
     MarkerScene,
     OdometryReading,
+    PeersReading,
     PoseList,
     RangeReading,
     Shape,
@@ -34,6 +35,7 @@ pytest.importorskip('sensor_msgs', reason='the ROS messages are not installed')
 RANGE = 'sensor_msgs/msg/Range'
 BEARING = 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+PEERS = 'sensor_msgs/msg/PointCloud2'
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -43,6 +45,13 @@ QUATERNION = np.array([0.0, 0.0, 0.6, 0.8])
 BEARING_READING = BearingReading(12.25, np.array([0.5, -0.25, 0.125]), 'robot_1/base_link')
 ODOMETRY_READING = OdometryReading(
     3.5, np.array([1.0, -2.0, 0.5]), QUATERNION, 'robot_1/odom', 'robot_1/base_link'
+)
+PEERS_READING = PeersReading(
+    4.5,
+    np.array([0, 3, 2**32 - 1]),
+    np.array([1.1, np.nan, np.inf]),
+    np.array([[0.1, 0.2, 0.3], [1.0, 0.0, 0.0], [np.nan, np.nan, np.nan]]),
+    'robot_2/base_link',
 )
 POSE_LIST = PoseList(
     9.0, 'map', np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.array([QUATERNION, QUATERNION])
@@ -72,6 +81,7 @@ VALUES = [
     (RANGE, RangeReading(1.5, 2.25, 0.125, 8.0, 0.0625, 'uwb')),
     (BEARING, BEARING_READING),
     (ODOMETRY, ODOMETRY_READING),
+    (PEERS, PEERS_READING),
     (POSE_ARRAY, POSE_LIST),
     (POSE, UNCERTAIN_POSE),
     (DIAGNOSTICS, DIAGNOSTICS_VALUE),

@@ -1,0 +1,144 @@
+"""The cloud of peers: layouts that are understood, and those that are refused by name."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from msg_adapters.peers import peers_from_message
+
+DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+ROWS = {'peer': [2, 0, 5], 'range': [1.5, np.nan, 2.5], 'x': [np.nan, 1.0, 0.0]}
+ROWS.update(y=ROWS['x'], z=ROWS['x'])
+
+
+def cloud(formats, order='<', height=1, row_padding=0):
+    """Return a message with {column: numpy type} as a dictionary gives them, or a dtype."""
+    dtype = formats
+    if isinstance(formats, dict):
+        dtype = np.dtype([(name, order + kind) for name, kind in formats.items()])
+    table = np.zeros(3, dtype)
+    for name in dtype.names:
+        is_real = dtype[name].kind == 'f'
+        table[name] = ROWS.get(name, 0) if is_real else np.nan_to_num(ROWS.get(name, 0))
+    width = len(table) // height
+    rows = [table[row * width : (row + 1) * width].tobytes() for row in range(height)]
+    fields = [
+        SimpleNamespace(
+            name=name,
+            offset=offset,
+            datatype=DATATYPES.get(kind.str[1:], 0),
+            count=1,
+        )
+        for name, (kind, offset, *_) in dtype.fields.items()
+    ]
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=7, nanosec=0), frame_id='r'),
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=order == '>',
+        point_step=dtype.itemsize,
+        row_step=len(rows[0]) + row_padding,
+        data=b''.join(row + bytes(row_padding) for row in rows),
+    )
+
+
+def assert_rows(reading, ranges=True, rays=True):
+    unknown = np.full(3, np.nan)
+    assert reading.stamp_s == 7.0 and reading.frame_id == 'r'
+    assert reading.peers.tolist() == ROWS['peer'] and reading.peers.dtype == np.int64
+    np.testing.assert_array_equal(reading.ranges_m, ROWS['range'] if ranges else unknown)
+    expected = np.column_stack([ROWS['x'] if rays else unknown] * 3)
+    np.testing.assert_array_equal(reading.rays_xyz, expected)
+
+
+@pytest.mark.parametrize('order', ['<', '>'], ids=['little', 'big'])
+@pytest.mark.parametrize('real', ['f4', 'f8'])
+@pytest.mark.parametrize('whole', ['i1', 'u1', 'i2', 'u2', 'i4', 'u4'])
+def test_every_type_and_byte_order_is_understood(whole, real, order):
+    formats = {'peer': whole, 'range': real, 'x': real, 'y': real, 'z': real}
+    assert_rows(peers_from_message(cloud(formats, order)))
+
+
+def test_fields_may_be_in_any_order_with_gaps_and_others_between():
+    dtype = np.dtype(
+        {
+            'names': ['z', 'intensity', 'range', 'y', 'peer', 'x'],
+            'formats': ['<f4', '<f4', '<f8', '<f4', '<u2', '<f8'],
+            'offsets': [2, 6, 12, 20, 30, 33],
+            'itemsize': 48,
+        }
+    )
+    assert_rows(peers_from_message(cloud(dtype)))
+
+
+def test_ranges_alone_and_rays_alone_are_enough():
+    assert_rows(peers_from_message(cloud({'peer': 'u4', 'range': 'f4'})), rays=False)
+    rays = {'peer': 'u4', 'x': 'f4', 'y': 'f4', 'z': 'f4'}
+    assert_rows(peers_from_message(cloud(rays)), ranges=False)
+
+
+def test_organized_cloud_with_padded_rows_is_read_row_by_row():
+    message = cloud({'peer': 'u4', 'range': 'f4'}, height=3, row_padding=5)
+    assert_rows(peers_from_message(message), rays=False)
+
+
+def test_nobody_in_sight_is_no_fault():
+    message = cloud({'peer': 'u4', 'range': 'f4'})
+    message.width, message.row_step, message.data = 0, 0, b''
+    reading = peers_from_message(message)
+    assert reading.peers.shape == (0,) and reading.ranges_m.shape == (0,)
+    assert reading.rays_xyz.shape == (0, 3)
+
+
+def test_data_may_be_longer_than_needed():
+    message = cloud({'peer': 'u4', 'range': 'f4'})
+    message.data += bytes(3)
+    assert_rows(peers_from_message(message), rays=False)
+
+
+@pytest.mark.parametrize(
+    'formats, wanted',
+    [
+        ({'range': 'f4'}, r"fields \['range'\] are not enough, there must be 'peer'"),
+        ({'peer': 'u4'}, r"fields \['peer'\] are not enough"),
+        ({'peer': 'u4', 'x': 'f4', 'y': 'f4'}, 'not enough'),
+        ({'peer': 'u4', 'range': 'f4', 'z': 'f4'}, 'not enough'),
+        ({'peer': 'f4', 'range': 'f4'}, "field 'peer' has datatype 7, it must be an integer"),
+        ({'peer': 'u4', 'range': 'i4'}, "field 'range' has datatype 5, it must be a float"),
+        ({'peer': 'u8', 'range': 'f4'}, "field 'peer' has datatype 0"),
+    ],
+)
+def test_wrong_fields_are_named(formats, wanted):
+    with pytest.raises(ValueError, match=wanted):
+        peers_from_message(cloud(formats))
+
+
+@pytest.mark.parametrize(
+    'changes, wanted',
+    [
+        ({'data': b'123'}, 'data is 3 bytes long, it must hold height 1 times row_step 24'),
+        ({'width': 4}, 'row_step is 24 bytes, it must hold width 4 times point_step 8'),
+        ({'height': 2}, 'data is 24 bytes long'),
+        ({'point_step': 0}, "field 'peer' ends at byte 4, it must lie within point_step 0"),
+        ({'point_step': 7}, "field 'range' ends at byte 8, it must lie within point_step 7"),
+    ],
+)
+def test_cloud_that_does_not_hold_what_it_says_is_refused(changes, wanted):
+    message = cloud({'peer': 'u4', 'range': 'f4'})
+    vars(message).update(changes)
+    with pytest.raises(ValueError, match=wanted):
+        peers_from_message(message)
+
+
+def test_field_of_several_numbers_or_named_twice_is_refused():
+    message = cloud({'peer': 'u4', 'range': 'f4'})
+    message.fields[1].count = 2
+    with pytest.raises(ValueError, match="field 'range' has count 2, it must be 1"):
+        peers_from_message(message)
+    message.fields[1].count = 0
+    assert_rows(peers_from_message(message), rays=False)
+    message.fields.append(message.fields[1])
+    with pytest.raises(ValueError, match='each must be there once'):
+        peers_from_message(message)
