@@ -12,11 +12,17 @@ from dg_localization.solver.result import Statistics, Verdict
 
 
 class LinkKind(StrEnum):
-    """What a link measures."""
+    """
+    What a link measures.
+
+    Peers are ranges and bearings of one robot that come together. Each is also counted, and used,
+    as the range or bearing that it is.
+    """
 
     RANGE = 'range'
     BEARING = 'bearing'
     ODOMETRY = 'odometry'
+    PEERS = 'peers'
 
 
 @dataclass(frozen=True, order=True)
@@ -24,7 +30,7 @@ class LinkKey:
     """
     One source of measurements: who measures what of whom.
 
-    `target` is empty for odometry, which a robot measures of itself.
+    `target` is empty for odometry, which a robot measures of itself, and for peers.
     """
 
     kind: LinkKind

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
@@ -27,7 +28,7 @@ from dg_localization.fleet.estimate import (
     Rejection,
 )
 from dg_localization.fleet.frames import FramePlan, plan_frames
-from dg_localization.fleet.measurements import MeasurementStore
+from dg_localization.fleet.measurements import MeasurementStore, PeerReading
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.solver.result import Statistics, Verdict
 
@@ -154,6 +155,30 @@ class Localizer:
         """
         key = LinkKey(LinkKind.ODOMETRY, robot, '')
         return self._store.add_odometry(key, position_xyz, orientation_xyzw, stamp_s, now_s)
+
+    def add_peers(
+        self, observer: str, readings: Iterable[PeerReading], stamp_s: float, now_s: float
+    ) -> list[Rejection]:
+        """
+        Take what one robot measured of others at one time.
+
+        Parameters
+        ----------
+        observer : str
+            Who measured.
+        readings : iterable of (str, float or ndarray of shape (3,))
+            The target, and either its distance in m or the ray to it, as for `add_range` and
+            `add_bearing`. A target may come twice, with a distance and with a ray.
+        stamp_s, now_s : float
+            When it was measured, and the time now, on the same clock.
+
+        Returns
+        -------
+        list of Rejection
+            Why some of it, or all, was not taken.
+
+        """
+        return self._store.add_peers(observer, readings, stamp_s, now_s)
 
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered since the start or the last reset."""

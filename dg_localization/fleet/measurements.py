@@ -8,8 +8,10 @@ on the input it came in by.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +26,9 @@ from dg_localization.fleet.estimate import (
     RejectionReason,
 )
 from dg_localization.fleet.motion import OdometrySample, OdometryTrack, rotation_of_quaternion
+
+PeerReading: TypeAlias = tuple[str, float | np.ndarray]
+"""The target, and its distance in m or the ray to it."""
 
 
 @dataclass(frozen=True)
@@ -139,12 +144,37 @@ class MeasurementStore:
         self._input(key).count_accepted(stamp_s)
         return None
 
+    def add_peers(
+        self, observer: str, readings: Iterable[PeerReading], stamp_s: float, now_s: float
+    ) -> list[Rejection]:
+        """Take ranges and rays of one robot, all of one time, or return why not."""
+        together = LinkKey(LinkKind.PEERS, observer, '')
+        rejection = self._check_names(observer) or self._check_stamp(stamp_s, now_s)
+        if rejection:
+            return [self._reject(together, rejection)]
+        source = self._input(together)
+        # Whoever sees nobody delivers all the same.
+        source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
+        rejections = []
+        for target, reading in readings:
+            if isinstance(reading, (int, float)):
+                key = LinkKey(LinkKind.RANGE, observer, target)
+                rejection = self.add_range(key, reading, stamp_s, now_s, None, None, None)
+            else:
+                key = LinkKey(LinkKind.BEARING, observer, target)
+                rejection = self.add_bearing(key, reading, stamp_s, now_s)
+            if rejection:
+                rejections.append(self._reject(together, rejection))
+            else:
+                source.count_accepted(stamp_s)
+        return rejections
+
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
         """Return the readings of every range and bearing that count at `now_s`, in fixed order."""
         return {
             key: [r for r in self._inputs[key].readings if self._is_young(r.stamp_s, now_s)]
             for key in sorted(self._inputs)
-            if key.kind is not LinkKind.ODOMETRY and self._inputs[key].accepted
+            if key.kind in (LinkKind.RANGE, LinkKind.BEARING) and self._inputs[key].accepted
         }
 
     def newest_stamp_s(self, key: LinkKey) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey
+from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
 from dg_localization.ros.links import Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
@@ -77,8 +77,11 @@ def statuses(report: Report) -> tuple[Status, ...]:
 
 def _fleet_status(report: Report) -> Status:
     level, message = _fleet_state(report)
-    delivering = sum(state.in_use for state in report.inputs.values())
-    values = {'inputs': str(len(report.links)), 'inputs_in_use': str(delivering)}
+    # Peers are counted one by one.
+    inputs = {link.key for link in report.links}.union(report.inputs)
+    inputs = {key for key in inputs if key.kind is not LinkKind.PEERS}
+    delivering = sum(key in inputs and state.in_use for key, state in report.inputs.items())
+    values = {'inputs': str(len(inputs)), 'inputs_in_use': str(delivering)}
     if report.estimate is not None:
         values.update(_estimate_values(report.estimate))
     return Status(level, f'{report.node}: fleet', message, 'fleet', values)
@@ -181,21 +184,44 @@ def _input_statuses(report: Report) -> Iterator[Status]:
     """
     Yield a status for each input that was named one by one or has ever delivered.
 
-    Others come by the templates, and a topic may exist that nobody uses.
+    Others come by the templates, and a topic may exist that nobody uses. Peers have a status
+    together, and each of them one of its own.
     """
     contradicting = _contradicting(report.estimate)
     topics_of = Counter(link.key for link in report.links)
+    peers_of = _peers_of_observers(report)
     for link in report.links:
+        peers = peers_of.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
         state = report.inputs.get(link.key)
         malformed = report.malformed.get(link.topic, NONE_MALFORMED)
         if not (link.explicit or state or malformed.count):
             continue
-        level, message = _input_state(state, malformed, link.key in contradicting)
-        values = {'topic': link.topic, 'type': link.type_name, **_input_values(state, malformed)}
+        contradicts = link.key in contradicting or not contradicting.isdisjoint(peers)
         name = f'{report.node}: input {link.key}'
         if topics_of[link.key] > 1:
             name += f' by {link.topic}'
-        yield Status(level, name, message, link.key.observer, values)
+        yield _input_status(name, link, state, malformed, contradicts)
+        for key, peer in peers.items():
+            name = f'{report.node}: input {key}'
+            yield _input_status(name, link, peer, NONE_MALFORMED, key in contradicting)
+
+
+def _peers_of_observers(report: Report) -> dict[str, dict[LinkKey, InputState]]:
+    """Return for each observer what it measured, of that what has no topic of its own."""
+    with_topic = {link.key for link in report.links}
+    peers: dict[str, dict[LinkKey, InputState]] = {}
+    for key, state in report.inputs.items():
+        if key not in with_topic and key.kind is not LinkKind.PEERS:
+            peers.setdefault(key.observer, {})[key] = state
+    return peers
+
+
+def _input_status(
+    name: str, link: Link, state: InputState | None, malformed: Malformed, contradicts: bool
+) -> Status:
+    level, message = _input_state(state, malformed, contradicts)
+    values = {'topic': link.topic, 'type': link.type_name, **_input_values(state, malformed)}
+    return Status(level, name, message, link.key.observer, values)
 
 
 def _contradicting(estimate: Estimate | None) -> set[LinkKey]:

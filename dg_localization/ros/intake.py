@@ -1,9 +1,14 @@
 """From what an adapter read to what the ROS-free `Localizer` takes."""
 
-from dg_localization.fleet import LinkKey, Localizer, Rejection
-from msg_adapters import BearingReading, OdometryReading, RangeReading
+from collections.abc import Iterator, Sequence
 
-Reading = RangeReading | BearingReading | OdometryReading
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet import LinkKey, Localizer, Rejection
+from msg_adapters import BearingReading, OdometryReading, PeersReading, RangeReading
+
+Reading = RangeReading | BearingReading | OdometryReading | PeersReading
 
 
 def add_reading(
@@ -17,7 +22,7 @@ def add_reading(
     localizer : Localizer
     key : LinkKey
         Who measured whom; nothing in the reading itself says so.
-    reading : RangeReading, BearingReading or OdometryReading
+    reading : RangeReading, BearingReading, OdometryReading or PeersReading
     stamp_s : float
         When it was measured; the reading's own stamp may be useless.
     now_s : float
@@ -26,7 +31,7 @@ def add_reading(
     Returns
     -------
     Rejection or None
-        Why it was not taken.
+        Why it was not taken; of peers, why the first was not that was not.
 
     """
     match reading:
@@ -47,3 +52,22 @@ def add_reading(
             return localizer.add_odometry(
                 key.observer, reading.position_xyz, reading.orientation_xyzw, stamp_s, now_s
             )
+        case PeersReading():
+            readings = _peer_readings(reading, localizer.config.points)
+            return next(iter(localizer.add_peers(key.observer, readings, stamp_s, now_s)), None)
+
+
+def _peer_readings(
+    peers: PeersReading, points: Sequence[str]
+) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
+    """Yield the name of each peer with its range, and with its ray, where there is one."""
+    rows = zip(peers.peers.tolist(), peers.ranges_m.tolist(), peers.rays_xyz, strict=True)
+    for peer, range_m, ray_xyz in rows:
+        # One name for all strangers: a message may hold any number, and every name is kept.
+        target = points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
+        has_ray = not np.isnan(ray_xyz).all()
+        # A row without any reading counts as a range that is none.
+        if not (np.isnan(range_m) and has_ray):
+            yield target, range_m
+        if has_ray:
+            yield target, ray_xyz

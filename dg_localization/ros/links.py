@@ -12,6 +12,7 @@ from dg_localization.fleet import LinkKey, LinkKind
 from msg_adapters import (
     BearingReading,
     OdometryReading,
+    PeersReading,
     RangeReading,
     UnknownTypeError,
     adapter_for,
@@ -22,6 +23,7 @@ KIND_OF_VALUE = {
     RangeReading: LinkKind.RANGE,
     BearingReading: LinkKind.BEARING,
     OdometryReading: LinkKind.ODOMETRY,
+    PeersReading: LinkKind.PEERS,
 }
 
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
@@ -37,6 +39,15 @@ OVERRIDES = {
     ),
     LinkKind.BEARING: ('half_width',),
     LinkKind.ODOMETRY: (),
+    LinkKind.PEERS: (),
+}
+
+# Who stands in braces in a template, by what its topics measure.
+FIELDS = {
+    LinkKind.RANGE: ('observer', 'target'),
+    LinkKind.BEARING: ('observer', 'target'),
+    LinkKind.ODOMETRY: ('robot',),
+    LinkKind.PEERS: ('observer',),
 }
 
 
@@ -71,7 +82,7 @@ def parse_link(text: str) -> Link:
     """
     Read a link from its string: ``TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]``.
 
-    Odometry has no target. For example
+    Odometry and peers have no target. For example
     ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``.
 
     Parameters
@@ -95,7 +106,7 @@ def parse_link(text: str) -> Link:
         raise ValueError("it must read 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'")
     topic, type_name, observer, target = [*names, ''][:4]
     kind = _kind_of(type_name)
-    if bool(target) == (kind is LinkKind.ODOMETRY):
+    if bool(target) != ('target' in FIELDS[kind]):
         wanted = 'takes no target' if target else 'needs an observer and a target'
         raise ValueError(f'a link of type {type_name} {wanted}')
     if observer == target:
@@ -136,8 +147,7 @@ class Template:
     Attributes
     ----------
     text : str
-        The topic with {observer} and {target}, or {robot}, in the place of names; empty for no
-        topics.
+        The topic with the names of `fields` in braces; empty for no topics.
     type_name : str
         Message type of these topics.
 
@@ -154,7 +164,7 @@ class Template:
     @property
     def fields(self) -> tuple[str, ...]:
         """What must stand in braces."""
-        return ('robot',) if self.kind is LinkKind.ODOMETRY else ('observer', 'target')
+        return FIELDS[self.kind]
 
     def check(self) -> None:
         """
@@ -194,7 +204,8 @@ class Template:
 
         """
         known = '|'.join(re.escape(point) for point in points)
-        for observer, target in ((known, known), (known, ANY_NAME), (ANY_NAME, known)):
+        ends = [(known, known), (known, ANY_NAME), (ANY_NAME, known)]
+        for observer, target in ends if 'target' in self.fields else ends[:1]:
             names = {'observer': observer, 'target': target, 'robot': known}
             match = self._pattern(names).fullmatch(topic)
             if match:

@@ -42,6 +42,7 @@ TEMPLATE_TYPES = {
     'range.topic': 'sensor_msgs/msg/Range',
     'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
     'odometry.topic': 'nav_msgs/msg/Odometry',
+    'peers.topic': 'sensor_msgs/msg/PointCloud2',
 }
 LARGEST_INTEGER = 2**63 - 1
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
@@ -241,6 +242,13 @@ TABLE = (
         0.05,
         'greatest error of odometry as a fraction of the way and the turn at full speed',
         at_least=0.0,
+    ),
+    Spec(
+        'peers.topic',
+        STRING,
+        '/{observer}/peers',
+        'template of the topics of type sensor_msgs/PointCloud2 with all that one robot measures; '
+        'empty for none',
     ),
     Spec(
         'links',

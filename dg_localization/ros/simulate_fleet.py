@@ -5,11 +5,12 @@ It publishes, at `rate`:
 
 - `/{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs;
 - `/{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
+- when `peers` is true, in the place of all these `/{observer}/peers` (sensor_msgs/PointCloud2);
 - `/{robot}/odom` (nav_msgs/Odometry), when `odometry` is true;
 - `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,17 +26,19 @@ from dg_localization.ros.parameters import BOOL, DOUBLE, INTEGER, Spec
 from dg_localization.ros.process import run_node
 from msg_adapters.bearings import BearingReading, bearing_to_message
 from msg_adapters.odometry import OdometryReading, odometry_to_message
+from msg_adapters.peers import PeersReading, peers_to_message
 from msg_adapters.poses import PoseList, pose_array_to_message
 from msg_adapters.ranges import RangeReading, range_to_message
 
 MAP_FRAME = 'map'
 MIN_RANGE_M = 0.1
 MAX_RANGE_M = 30.0
-
+NO_RAY = (np.nan, np.nan, np.nan)
 
 PARAMETERS = (
     Spec('cameras', BOOL, True, 'whether the robots see each other'),
     Spec('odometry', BOOL, False, 'whether the robots publish odometry'),
+    Spec('peers', BOOL, False, 'whether each robot sends all ranges and bearings in one message'),
     Spec('rate', DOUBLE, 10.0, 'how often every sensor measures', 'Hz', 0.1, 1000.0),
     Spec('speed', DOUBLE, 0.1, 'no robot is faster', 'm/s', 0.0, 10.0),
     Spec('error', DOUBLE, 0.03, 'bound of the relative error of a range', '', 0.0, 0.5),
@@ -77,6 +80,8 @@ class SimulatedFleet:
         What they measure there.
     cameras, odometry : bool
         Whether they see each other and count their wheels.
+    peers : bool
+        Whether each robot sends all its ranges and bearings in one message.
 
     """
 
@@ -84,6 +89,7 @@ class SimulatedFleet:
     sensors: simulation.FleetSensors
     cameras: bool = True
     odometry: bool = False
+    peers: bool = False
 
     def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
         """
@@ -103,26 +109,12 @@ class SimulatedFleet:
 
         """
         state = self.motion.state(time_s)
-        for distance in self.sensors.ranges(state):
-            yield (
-                f'/{distance.observer}/range/{distance.target}',
-                range_to_message(
-                    RangeReading(
-                        stamp_s,
-                        distance.range_m,
-                        min_range_m=MIN_RANGE_M,
-                        max_range_m=MAX_RANGE_M,
-                        frame_id=distance.observer,
-                    )
-                ),
-            )
-        for bearing in self.sensors.bearings(state) if self.cameras else ():
-            yield (
-                f'/{bearing.observer}/bearing/{bearing.target}',
-                bearing_to_message(
-                    BearingReading(stamp_s, np.array(bearing.ray), bearing.observer)
-                ),
-            )
+        ranges = list(self.sensors.ranges(state))
+        bearings = list(self.sensors.bearings(state)) if self.cameras else []
+        if self.peers:
+            yield from _peers_messages(ranges, bearings, stamp_s)
+        else:
+            yield from _pair_messages(ranges, bearings, stamp_s)
         start = self.motion.state(0.0)
         for travelled in simulation.odometry(start, state) if self.odometry else ():
             yield (
@@ -154,6 +146,53 @@ class SimulatedFleet:
             PoseList(stamp_s, MAP_FRAME, positions_m, quaternions(state.yaws_rad))
         )
         return message
+
+
+def _pair_messages(
+    ranges: Iterable[simulation.RangeReading],
+    bearings: Iterable[simulation.BearingReading],
+    stamp_s: float,
+) -> Iterator[tuple[str, Any]]:
+    """Yield a topic and a message for each pair."""
+    for distance in ranges:
+        yield (
+            f'/{distance.observer}/range/{distance.target}',
+            range_to_message(
+                RangeReading(
+                    stamp_s,
+                    distance.range_m,
+                    min_range_m=MIN_RANGE_M,
+                    max_range_m=MAX_RANGE_M,
+                    frame_id=distance.observer,
+                )
+            ),
+        )
+    for bearing in bearings:
+        yield (
+            f'/{bearing.observer}/bearing/{bearing.target}',
+            bearing_to_message(BearingReading(stamp_s, np.array(bearing.ray), bearing.observer)),
+        )
+
+
+def _peers_messages(
+    ranges: Iterable[simulation.RangeReading],
+    bearings: Iterable[simulation.BearingReading],
+    stamp_s: float,
+) -> Iterator[tuple[str, Any]]:
+    """Yield a topic and a message for each robot, even for one that measured nobody."""
+    ranges_m = {(r.observer, r.target): r.range_m for r in ranges}
+    rays = {(b.observer, b.target): b.ray for b in bearings}
+    for observer in simulation.ROBOTS:
+        pairs = [(observer, target) for target in simulation.ROBOTS]
+        measured = [pair for pair in pairs if pair in ranges_m or pair in rays]
+        reading = PeersReading(
+            stamp_s,
+            peers=np.array([simulation.ROBOTS.index(target) for _, target in measured]),
+            ranges_m=np.array([ranges_m.get(pair, np.nan) for pair in measured]),
+            rays_xyz=np.array([rays.get(pair, NO_RAY) for pair in measured]).reshape(-1, 3),
+            frame_id=observer,
+        )
+        yield f'/{observer}/peers', peers_to_message(reading)
 
 
 def quaternions(yaws_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -200,6 +239,7 @@ class FleetSimulator(Node):
             simulation.FleetSensors(values['error'], values['bearing_error'], values['seed']),
             cameras=values['cameras'],
             odometry=values['odometry'],
+            peers=values['peers'],
         )
         self._start_s = self._now_s()
         self._measurement_publishers = {

@@ -24,13 +24,14 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import Range  # noqa: E402
+from sensor_msgs.msg import PointCloud2, Range  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from msg_adapters import (  # noqa: E402
     BearingReading,
     Level,
+    PeersReading,
     RangeReading,
     adapter_for,
 )
@@ -42,6 +43,7 @@ SEND_PERIOD_S = 0.1
 
 range_to_message = adapter_for('sensor_msgs/msg/Range').to_message
 bearing_to_message = adapter_for('geometry_msgs/msg/Vector3Stamped').to_message
+peers_to_message = adapter_for('sensor_msgs/msg/PointCloud2').to_message
 diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
@@ -183,6 +185,14 @@ class Bench:
         message = bearing_to_message(BearingReading(stamp_s, ray))
         self.publisher(Vector3Stamped, f'/{observer}/bearing/{target}').publish(message)
 
+    def send_peers(self, observer, peers, stamp_s=None):
+        """Send {index of the peer: (range in m, ray)}."""
+        stamp_s = self.now_s() if stamp_s is None else stamp_s
+        ranges_m = np.array([range_m for range_m, _ in peers.values()])
+        rays = np.array([ray for _, ray in peers.values()]).reshape(-1, 3)
+        message = peers_to_message(PeersReading(stamp_s, np.array(list(peers)), ranges_m, rays))
+        self.publisher(PointCloud2, f'/{observer}/peers').publish(message)
+
     def send_clock(self, time_s):
         clock = Clock()
         clock.clock.sec, clock.clock.nanosec = divmod(round(time_s * 1e9), 1_000_000_000)
@@ -198,6 +208,26 @@ class Bench:
                 for observer, target in ((a, b), (b, a)) if cameras else ():
                     ray = fleet.ray(observer, target)
                     self.send_bearing(fleet.robots[observer], fleet.robots[target], ray)
+
+        self.sending = [send]
+
+    def play_peers(self, fleet, cameras):
+        """Keep sending the same as `play`, in one message of each robot."""
+
+        def send():
+            for observer in range(len(fleet.robots)):
+                ranged = {b for a, b in fleet.edges if a == observer}
+                seen = {a + b - observer for a, b in fleet.edges if observer in (a, b) and cameras}
+                self.send_peers(
+                    fleet.robots[observer],
+                    {
+                        peer: (
+                            fleet.range_m(observer, peer) if peer in ranged else math.nan,
+                            fleet.ray(observer, peer) if peer in seen else np.full(3, math.nan),
+                        )
+                        for peer in sorted(ranged | seen)
+                    },
+                )
 
         self.sending = [send]
 

@@ -10,10 +10,12 @@ from dg_localization.ros.links import Template, parse_link  # noqa: E402
 
 RANGE, RAY = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+PEERS = 'sensor_msgs/msg/PointCloud2'
 TEMPLATES = (
     Template('/{observer}/range/{target}', RANGE),
     Template('/{observer}/bearing/{target}', RAY),
     Template('/{robot}/odom', ODOMETRY),
+    Template('/{observer}/peers', PEERS),
 )
 POINTS = ('a', 'b', 'a_b')
 
@@ -29,6 +31,7 @@ def found(*topics, templates=TEMPLATES, explicit=()):
         ('/a/range/b', RANGE, LinkKey(LinkKind.RANGE, 'a', 'b')),
         ('/b/bearing/a', RAY, LinkKey(LinkKind.BEARING, 'b', 'a')),
         ('/a/odom', ODOMETRY, LinkKey(LinkKind.ODOMETRY, 'a', '')),
+        ('/a_b/peers', PEERS, LinkKey(LinkKind.PEERS, 'a_b', '')),
         ('/a/range/z', RANGE, LinkKey(LinkKind.RANGE, 'a', 'z')),
         ('/z/range/a', RANGE, LinkKey(LinkKind.RANGE, 'z', 'a')),
     ],
@@ -44,11 +47,21 @@ def test_topic_is_understood(topic, type_name, key):
         ('/a/range/a', RANGE),
         ('/y/range/z', RANGE),
         ('/z/odom', ODOMETRY),
+        ('/z/peers', PEERS),
         ('/a/range/b/c', RANGE),
         ('/ns/a/range/b', RANGE),
         ('/rosout', 'rcl_interfaces/msg/Log'),
     ],
-    ids=['type', 'itself', 'another fleet', 'another odometry', 'deeper', 'prefix', 'any'],
+    ids=[
+        'type',
+        'itself',
+        'another fleet',
+        'another odometry',
+        'other peers',
+        'deeper',
+        'prefix',
+        'any',
+    ],
 )
 def test_topic_is_none_of_ours(topic, type_name):
     assert found((topic, type_name)) == {}

@@ -32,6 +32,7 @@ from msg_adapters import Level, Shape  # noqa: E402
 ROBOTS = ('a', 'b')
 UNBOUNDED = np.array([[[-np.inf] * 2, [np.inf] * 2]] * 2)
 AB = LinkKey(LinkKind.RANGE, 'a', 'b')
+PEERS = LinkKey(LinkKind.PEERS, 'a', '')
 BA = LinkKey(LinkKind.RANGE, 'b', 'a')
 
 
@@ -289,6 +290,43 @@ def test_silent_input_of_a_template_needs_no_status_an_explicit_one_does():
     explicit = Link('/uwb', 'sensor_msgs/msg/Range', AB, explicit=True)
     found = status('input range a->b', estimate(), inputs={}, links=(explicit,))
     assert (found.level, found.message) == (Level.WARN, 'nothing received')
+
+
+def test_peers_have_a_status_together_and_one_each():
+    state = input_state(accepted=3, rejected={RejectionReason.NAN: 1}, age_s=0.4, in_use=False)
+    together = input_state(kind=LinkKind.PEERS, target='', accepted=8)
+    changes = {
+        'links': (Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),),
+        'inputs': {AB: state, replace(AB, kind=LinkKind.BEARING): input_state(), PEERS: together},
+    }
+    found = status('input peers a', estimate(), **changes)
+    assert (found.level, found.message, found.values['accepted']) == (Level.OK, 'in use', '8')
+    one = status('input range a->b', estimate(), **changes)
+    assert (one.level, one.values['topic']) == (Level.WARN, '/a/peers')
+    conflict = estimate(verdict=Verdict.INFEASIBLE, conflicts=((AB, BA),))
+    assert status('input peers a', conflict, **changes).level is Level.ERROR
+    assert status('input bearing a->b', conflict, **changes).level is Level.OK
+    values = status('fleet', estimate(), **changes).values
+    assert (values['inputs'], values['inputs_in_use']) == ('2', '1')
+
+
+def test_pair_with_a_topic_of_its_own_is_none_of_the_peers():
+    links = (
+        Link('/a/range/b', 'sensor_msgs/msg/Range', AB),
+        Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),
+    )
+    assert status('input peers a', estimate(), links=links) is None
+    assert status('input range a->b', estimate(), links=links).values['topic'] == '/a/range/b'
+
+
+def test_malformed_peers_are_counted_once():
+    changes = {
+        'links': (Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),),
+        'malformed': {'/a/peers': Malformed(2, 'no peer')},
+    }
+    assert status('input peers a', None, **changes).message == 'malformed: no peer'
+    assert status('input peers a', None, **changes).values['malformed'] == '2'
+    assert 'malformed' not in status('input range a->b', None, **changes).values
 
 
 def test_malformed_messages_are_counted_and_named():

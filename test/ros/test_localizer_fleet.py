@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from msg_adapters import Level, adapter_for
@@ -113,6 +114,63 @@ def test_cameras_leave_the_true_placement_only(fresh, paper_fleet):
         turn = (2.0 * math.atan2(z, w) - yaws[row] + math.pi) % (2.0 * math.pi) - math.pi
         assert abs(turn) <= half_widths[5] < 0.5
     assert fresh.until_status('robot robot_4', Level.OK, 'localized')
+
+
+@pytest.mark.parametrize('cameras, count', [(False, 16), (True, 1)], ids=['ranges', 'cameras'])
+def test_peers_in_one_message_give_the_same_answers_as_a_topic_each(
+    fresh, paper_fleet, cameras, count
+):
+    answers_m = []
+    for play in (fresh.play, fresh.play_peers):
+        fresh.forget()
+        play(paper_fleet, cameras=cameras)
+        wanted = f'{count} hypotheses' if count > 1 else 'one hypothesis'
+        in_use = str(len(paper_fleet.edges) * (3 if cameras else 1))
+        fresh.until(
+            lambda in_use=in_use: fresh.status('fleet').values['inputs_in_use'] == in_use,
+            f'{in_use} inputs in use',
+        )
+        fresh.until_status('fleet', Level.WARN if count > 1 else Level.OK, wanted)
+        fresh.clear()
+        fresh.until(
+            lambda: fresh.heard.fleet and len(fresh.heard.fleet[-1].poses) == count * 6,
+            'all placements',
+        )
+        answers_m.append(hypotheses(fresh))
+    # The readings are the same, their ages are not.
+    differences_m = np.abs(answers_m[0][:, None] - answers_m[1][None, :]).max(axis=(2, 3))
+    assert (differences_m.min(axis=0) < 0.1).all() and (differences_m.min(axis=1) < 0.1).all()
+    fresh.until_status('input range robot_2->robot_3', Level.OK, 'in use')
+    assert fresh.until_status('input peers robot_2', Level.OK, 'in use')
+
+
+def test_peers_that_cannot_be_read_are_counted_and_named(fresh):
+    def send():
+        fresh.publisher(PointCloud2, '/robot_1/peers').publish(PointCloud2(height=1, width=1))
+
+    fresh.repeat(send)
+    fresh.until_status('input peers robot_1', Level.WARN, "there must be 'peer'")
+    values = fresh.until_count('input peers robot_1', 'malformed')
+    assert (values['topic'], values['accepted']) == ('/robot_1/peers', '0')
+    fresh.until_status('fleet', Level.WARN, 'no usable measurement')
+
+
+def test_wrong_rows_of_peers_are_counted_and_the_others_used(fresh):
+    no_ray, ahead = np.full(3, math.nan), np.array([1.0, 0.0, 0.0])
+    rows = {
+        0: (1.0, no_ray),
+        1: (math.nan, no_ray),
+        2: (5.0, np.zeros(3)),
+        3: (math.nan, ahead),
+        6: (5.0, no_ray),
+    }
+    fresh.repeat(partial(fresh.send_peers, 'robot_1', rows))
+    values = fresh.until_count('input peers robot_1', 'accepted')
+    for reason in ('same_robot', 'nan', 'zero_ray', 'unknown_robot'):
+        assert 2 * int(values[f'rejected_{reason}']) == int(values['accepted'])
+    fresh.until_status('input range robot_1->robot_3', Level.OK)
+    fresh.until_status('input bearing robot_1->robot_4', Level.OK)
+    fresh.until_status('input range robot_1->peer beyond 5', Level.WARN, 'is not one of')
 
 
 def test_markers_clear_what_was_there_and_color_links(fresh, paper_fleet):

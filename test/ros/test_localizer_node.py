@@ -165,6 +165,7 @@ def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monke
         range__topic='',
         bearing__topic='',
         odometry__topic='',
+        peers__topic='',
     )
     bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/uwb/a'))
     bench.until_status('input range robot_1->robot_2', Level.WARN, 'malformed: ValueError')

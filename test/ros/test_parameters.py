@@ -11,7 +11,7 @@ import yaml  # noqa: E402
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
 from dg_localization.ros.links import parse_link  # noqa: E402
-from dg_localization.ros.parameters import TABLE, check_values, settings_from  # noqa: E402
+from dg_localization.ros.parameters import TABLE, TEMPLATE_TYPES, check_values, settings_from  # noqa: E402
 from dg_localization.ros.process import WrongParameterError  # noqa: E402
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -61,7 +61,7 @@ def test_commented_file_holds_every_parameter_with_its_default():
 def test_links_in_the_comments_of_the_file_are_allowed():
     text = (CONFIG / 'localizer.yaml').read_text()
     examples = re.findall(r"#   - '(.*)'", text)
-    assert len(examples) == 3
+    assert len(examples) == 4
     assert [parse_link(example).topic for example in examples]
 
 
@@ -111,6 +111,9 @@ def test_recording_has_six_links_and_no_templates():
         ('links', ['/t sensor_msgs/msg/Range a b', '/t sensor_msgs/msg/Range b a'], 'twice'),
         ('links', ['/t sensor_msgs/msg/Range a'], 'needs an observer and a target'),
         ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
+        ('peers.topic', '/{observer}/{target}', 'it must hold {observer} once'),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 a b'], 'takes no target'),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 a max_error=1'], 'a peers link allows nothing'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
         ('links', ['/t gps_msgs/msg/Fix a b'], "type 'gps_msgs/msg/Fix' is no input; .*Range"),
         ('links', ['/t sensor_msgs/msg/Range a b max_eror=1'], "'max_eror' cannot"),
@@ -174,6 +177,7 @@ def test_templates_are_known_by_the_type_of_their_topics():
         ('/{observer}/range/{target}', LinkKind.RANGE),
         ('/cam/{observer}/{target}', LinkKind.BEARING),
         ('/{robot}/odom', LinkKind.ODOMETRY),
+        ('/{observer}/peers', LinkKind.PEERS),
     ]
 
 
@@ -197,7 +201,7 @@ def test_bounds_of_range_and_bearing_of_one_pair_are_gathered():
 
 
 def test_empty_template_means_no_topics():
-    found = settings(**{'range.topic': '', 'bearing.topic': '', 'odometry.topic': ''})
+    found = settings(**dict.fromkeys(TEMPLATE_TYPES, ''))
     assert found.links == () and found.templates == ()
 
 

@@ -23,7 +23,12 @@ from sensor_msgs.msg import Range  # noqa: E402
 
 from dg_localization.fleet import simulation  # noqa: E402
 from dg_localization.ros.process import WrongParameterError  # noqa: E402
-from dg_localization.ros.simulate_fleet import FleetSimulator, quaternions  # noqa: E402
+from dg_localization.ros.simulate_fleet import (  # noqa: E402
+    FleetSimulator,
+    SimulatedFleet,
+    quaternions,
+)
+from msg_adapters.peers import peers_from_message  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 EDGES = [(simulation.ROBOTS[a], simulation.ROBOTS[b]) for a, b in simulation.EDGES]
@@ -99,6 +104,45 @@ def test_every_sensor_measures_the_truth_of_its_stamp(context):
         for message in received[topic]:
             ray = message.vector
             assert np.linalg.norm([ray.x, ray.y, ray.z]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize('cameras', [True, False])
+def test_peers_hold_what_the_single_topics_would(context, cameras):
+    node = FleetSimulator(
+        context=context,
+        parameter_overrides=[Parameter('peers', value=True), Parameter('cameras', value=cameras)],
+    )
+    names = {name for name, _ in node.get_topic_names_and_types()}
+    assert not [name for name in names if 'range' in name or 'bearing' in name]
+    assert {f'/{robot}/peers' for robot in simulation.ROBOTS} <= names
+    node.destroy_node()
+    motion = simulation.FleetMotion()
+    single, together = (
+        dict(
+            SimulatedFleet(motion, simulation.FleetSensors(), cameras, peers=peers).measurements(
+                1.0, 2.0
+            )
+        )
+        for peers in (False, True)
+    )
+    found = {}
+    for topic, message in together.items():
+        observer = topic.split('/')[1]
+        reading = peers_from_message(message)
+        assert reading.stamp_s == 2.0
+        for peer, range_m, ray in zip(
+            reading.peers, reading.ranges_m, reading.rays_xyz, strict=True
+        ):
+            target = simulation.ROBOTS[peer]
+            if not np.isnan(range_m):
+                found[f'/{observer}/range/{target}'] = [range_m]
+            if not np.isnan(ray).any():
+                found[f'/{observer}/bearing/{target}'] = ray
+    assert found.keys() == single.keys()
+    for topic, message in single.items():
+        vector = getattr(message, 'vector', None)
+        expected = [vector.x, vector.y, vector.z] if vector else [message.range]
+        np.testing.assert_allclose(found[topic], expected, rtol=1e-6)
 
 
 def test_without_cameras_there_is_no_bearing_topic(context):

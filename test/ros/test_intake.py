@@ -1,0 +1,123 @@
+"""What is given to a localizer of one message with all peers of a robot."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.fleet import (  # noqa: E402
+    Anchor,
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    RejectionReason,
+)
+from dg_localization.ros.intake import add_reading  # noqa: E402
+from msg_adapters import PeersReading  # noqa: E402
+
+KEY = LinkKey(LinkKind.PEERS, 'a', '')
+NOW_S = 10.0
+NO_RAY = [math.nan] * 3
+AHEAD = [1.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def localizer():
+    anchors = {'a': Anchor((0.0, 0.0)), 'beacon': Anchor((5.0, 0.0))}
+    return Localizer(FleetConfig(robots=('a', 'b'), anchors=anchors))
+
+
+def add(localizer, *rows, stamp_s=NOW_S):
+    """Add rows of (peer, range, ray); return the first rejection."""
+    peers, ranges, rays = zip(*rows, strict=True) if rows else ((), (), ())
+    reading = PeersReading(
+        stamp_s, np.array(peers, int), np.array(ranges), np.array(rays).reshape(-1, 3)
+    )
+    return add_reading(localizer, KEY, reading, stamp_s, NOW_S)
+
+
+def taken(localizer):
+    """Return the kind and target of every range and bearing, and how many were accepted."""
+    states = [s for s in localizer.input_states(NOW_S) if s.kind is not LinkKind.PEERS]
+    return {(s.kind.value, s.target): s.accepted for s in states}
+
+
+def together(localizer):
+    """Return what is counted of the messages."""
+    (state,) = [s for s in localizer.input_states(NOW_S) if s.kind is LinkKind.PEERS]
+    return state
+
+
+@pytest.mark.parametrize(
+    'row, expected',
+    [
+        ((1, 3.0, NO_RAY), {('range', 'b'): 1}),
+        ((1, math.nan, AHEAD), {('bearing', 'b'): 1}),
+        ((1, 3.0, AHEAD), {('range', 'b'): 1, ('bearing', 'b'): 1}),
+        # Points that are no robots come after the robots.
+        ((2, 5.0, NO_RAY), {('range', 'beacon'): 1}),
+    ],
+)
+def test_row_is_a_range_or_a_bearing_or_both(localizer, row, expected):
+    assert add(localizer, row) is None
+    assert taken(localizer) == expected
+
+
+@pytest.mark.parametrize(
+    'row, reason, target',
+    [
+        ((0, 3.0, NO_RAY), RejectionReason.SAME_ROBOT, 'a'),
+        ((3, 3.0, NO_RAY), RejectionReason.UNKNOWN_ROBOT, 'peer beyond 2'),
+        ((-1, 3.0, NO_RAY), RejectionReason.UNKNOWN_ROBOT, 'peer beyond 2'),
+        ((2**32 - 1, math.nan, AHEAD), RejectionReason.UNKNOWN_ROBOT, 'peer beyond 2'),
+        ((1, math.nan, NO_RAY), RejectionReason.NAN, 'b'),
+        ((1, -3.0, NO_RAY), RejectionReason.NEGATIVE, 'b'),
+        ((1, math.nan, [0.0, 0.0, 0.0]), RejectionReason.ZERO_RAY, 'b'),
+        ((1, math.nan, [math.nan, 1.0, 0.0]), RejectionReason.INVALID_RAY, 'b'),
+    ],
+)
+def test_wrong_row_is_rejected_and_the_next_one_is_not(localizer, row, reason, target):
+    rejection = add(localizer, row, (2, 5.0, NO_RAY))
+    assert rejection.reason is reason
+    (wrong,) = [s for s in localizer.input_states(NOW_S) if s.rejected and s.target]
+    assert (wrong.target, wrong.rejected) == (target, {reason: 1})
+    assert taken(localizer)['range', 'beacon'] == 1
+    found = together(localizer)
+    assert (found.accepted, found.rejected, found.in_use) == (1, {reason: 1}, True)
+    assert found.last_reason_text == rejection.text
+
+
+def test_wrong_stamp_is_counted_once(localizer):
+    rejection = add(localizer, (1, 3.0, AHEAD), stamp_s=NOW_S - 60.0)
+    assert rejection.reason is RejectionReason.TOO_OLD
+    assert taken(localizer) == {}
+    assert together(localizer).rejected == {RejectionReason.TOO_OLD: 1}
+
+
+def test_observer_outside_the_fleet_is_counted_once(localizer):
+    reading = PeersReading(NOW_S, np.array([0, 1]), np.array([3.0, 4.0]), np.full((2, 3), np.nan))
+    key = LinkKey(LinkKind.PEERS, 'z', '')
+    assert (
+        add_reading(localizer, key, reading, NOW_S, NOW_S).reason is RejectionReason.UNKNOWN_ROBOT
+    )
+    assert taken(localizer) == {}
+
+
+def test_nobody_in_sight_is_no_rejection(localizer):
+    assert add(localizer) is None
+    assert taken(localizer) == {}
+    assert together(localizer).in_use
+
+
+def test_estimate_uses_each_reading_once(localizer):
+    add(localizer, (1, 3.0, AHEAD), (2, 5.0, AHEAD))
+    keys = localizer.snapshot(NOW_S).keys
+    assert sorted((key.kind.value, key.target) for key in keys) == [
+        ('bearing', 'b'),
+        ('bearing', 'beacon'),
+        ('range', 'b'),
+        ('range', 'beacon'),
+    ]
