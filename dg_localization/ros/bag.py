@@ -1,13 +1,16 @@
 """
-Recorded messages, ready to be published: rosbag2 in .db3 and .mcap, by the package rosbags.
+Recorded messages, by the package rosbags: rosbag2 in .db3 and .mcap.
 
 Bytes of a type that has got other fields since the recording are brought up to date:
 sensor_msgs/Range has a variance since Iron, and no subscriber of today reads the bytes of before.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, redirect_stdout
 from importlib import import_module
 from importlib.util import find_spec
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +20,7 @@ DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DAS
 
 
 class BagError(Exception):
-    """The bag cannot be replayed; the text says why and what to do."""
+    """The bag cannot be used; the text says why and what to do."""
 
 
 class BagMessage(NamedTuple):
@@ -40,12 +43,18 @@ class Topic(NamedTuple):
         The installed class of its messages.
     latched : bool
         Whether late subscribers get the last messages.
+    type_name : str
+        Such as 'sensor_msgs/msg/Range'.
+    offered_qos : tuple of rosbags.interfaces.Qos
+        What the recorded publishers offered.
 
     """
 
     name: str
     message_class: type
     latched: bool
+    type_name: str
+    offered_qos: tuple[Any, ...]
 
 
 class Bag:
@@ -62,31 +71,36 @@ class Bag:
     Attributes
     ----------
     topics : list of Topic
-        The topics that can be replayed.
+        The topics that can be read.
     notices : list of str
         One sentence for each topic that is passed over.
+    unreadable : Counter of str
+        By topic, the damaged messages that were passed over so far.
 
     Raises
     ------
     BagError
-        If the path is no bag, a wanted topic is not in it, or nothing in it can be replayed.
+        If the path is no bag, a wanted topic is not in it, or nothing in it can be read.
 
     """
 
     def __init__(self, path: Path, topics: Sequence[str] | None = None) -> None:
         self.topics: list[Topic] = []
         self.notices: list[str] = []
+        self.unreadable: Counter[str] = Counter()
         self._connections: list[Any] = []
         self._converters: dict[str, Callable[[bytes], bytes]] = {}
+        self._path = path
         self._reader = _open(path)
         try:
-            self._choose(topics)
+            with _damage_told(path):
+                self._choose(topics)
         except BagError:
             self.close()
             raise
 
     def _choose(self, wanted: Sequence[str] | None) -> None:
-        """Sort the topics of the bag into those to replay and those to pass over."""
+        """Sort the topics of the bag into those to read and those to pass over."""
         recorded = self._reader.topics
         missing = sorted(set(wanted or ()) - set(recorded))
         if missing:
@@ -98,10 +112,10 @@ class Bag:
             if reason:
                 self.notices.append(f'{name} is passed over: {reason}')
         if not self.topics:
-            raise BagError('nothing in the bag can be replayed: ' + '; '.join(self.notices))
+            raise BagError('nothing in the bag can be read: ' + '; '.join(self.notices))
 
     def _take(self, name: str, info: Any) -> str:
-        """Take a topic among those to replay, or return why not."""
+        """Take a topic among those to read, or return why not."""
         if not info.msgcount:
             return 'it holds no message'
         if info.msgtype is None:
@@ -114,7 +128,9 @@ class Bag:
             return f'its messages do not fit any definition of {info.msgtype}'
         self._converters[name] = converter
         self._connections += info.connections
-        self.topics.append(Topic(name, message_class, _is_latched(info.connections)))
+        offered = tuple(qos for c in info.connections for qos in c.ext.offered_qos_profiles)
+        latched = any(qos.durability.name == 'TRANSIENT_LOCAL' for qos in offered)
+        self.topics.append(Topic(name, message_class, latched, info.msgtype, offered))
         return ''
 
     def _converter(self, info: Any) -> Callable[[bytes], bytes] | None:
@@ -137,9 +153,10 @@ class Bag:
                 recorded.deserialize_cdr(sample, info.msgtype)
             except (SerdeError, KeyError):
                 continue
-            convert = generate_message_converter(
-                recorded, installed, info.msgtype, info.msgtype, {}, src_is2=True, dst_is2=True
-            )
+            with redirect_stdout(StringIO()):  # it prints the name of every type it converts
+                convert = generate_message_converter(
+                    recorded, installed, info.msgtype, info.msgtype, {}, src_is2=True, dst_is2=True
+                )
             return lambda data: bytes(convert(data))
         return None
 
@@ -147,6 +164,11 @@ class Bag:
     def start_ns(self) -> int:
         """Receive time of the first message of the bag."""
         return int(self._reader.start_time)
+
+    @property
+    def end_ns(self) -> int:
+        """Receive time of the last message of the bag."""
+        return int(self._reader.end_time) - 1
 
     @property
     def duration_s(self) -> float:
@@ -169,25 +191,75 @@ class Bag:
         Yields
         ------
         BagMessage
-            One message after the other.
+            One message after the other; those that are damaged are passed over and counted.
+
+        Raises
+        ------
+        BagError
+            Where the file itself is damaged.
 
         """
         start_ns = self.start_ns + round(start_s * NS_PER_S)
         stop_ns = None if duration_s is None else start_ns + round(duration_s * NS_PER_S)
         recorded = self._reader.messages(self._connections, start=start_ns, stop=stop_ns)
-        for connection, time_ns, data in recorded:
-            yield BagMessage(connection.topic, time_ns, self._converters[connection.topic](data))
+        with _damage_told(self._path):
+            for connection, time_ns, data in recorded:
+                message = self._converted(connection.topic, time_ns, data)
+                if message is not None:
+                    yield message
+
+    def _converted(self, topic: str, time_ns: int, data: bytes) -> BagMessage | None:
+        """Return a message for the installed type, or None, counted, for a damaged one."""
+        try:
+            return BagMessage(topic, time_ns, self._converters[topic](data))
+        except Exception:  # whatever the generated code of rosbags stumbles over
+            self.unreadable[topic] += 1
+            return None
 
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
 
 
+def recorded_types(path: Path) -> dict[str, str]:
+    """
+    Return the topics of a bag with their types, without those that hold several types.
+
+    Parameters
+    ----------
+    path : Path
+        A bag folder, or a .db3 or .mcap file.
+
+    Raises
+    ------
+    BagError
+        If the path is no bag.
+
+    """
+    with closing(_open(path)) as reader:
+        return {name: info.msgtype for name, info in reader.topics.items() if info.msgtype}
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    """Make a BagError of whatever rosbags stumbles over in damaged bytes."""
+    try:
+        yield
+    except BagError:
+        raise
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise BagError(
+            f'{path} is damaged: {reason}; '
+            "'ros2 bag reindex' or 'mcap recover' may save what is left"
+        ) from error
+
+
 def _open(path: Path) -> Any:
     """Return an open reader."""
     if find_spec('rosbags') is None:
         raise BagError('bags are read with the package rosbags: pip install rosbags')
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     if not path.exists():
@@ -197,7 +269,7 @@ def _open(path: Path) -> Any:
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
-    except (AnyReaderError, OSError) as error:
+    except Exception as error:  # on damaged files whatever its parsers raise
         raise BagError(f'{path} cannot be read as a rosbag2: {error}') from error
     return reader
 
@@ -224,12 +296,3 @@ def find_message_class(type_name: str) -> type | None:
         return None
     message_class: type | None = getattr(module, rest.rpartition('/')[2], None)
     return message_class
-
-
-def _is_latched(connections: Sequence[Any]) -> bool:
-    """Tell whether a recorded publisher kept its last messages for late subscribers."""
-    return any(
-        profile.durability.name == 'TRANSIENT_LOCAL'
-        for connection in connections
-        for profile in connection.ext.offered_qos_profiles
-    )

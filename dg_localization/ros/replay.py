@@ -9,13 +9,11 @@ Nodes that are to live in the time of the bag set the parameter `use_sim_time`.
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 import signal
 import sys
 import time
 from types import FrameType
-from typing import Any, Protocol
 
 import rclpy
 from rclpy.duration import Duration
@@ -27,6 +25,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from dg_localization.ros.bag import NS_PER_S, Bag, BagError, BagMessage, Topic
+from dg_localization.ros.terminal import Progress, make_progress, number, tell
 
 QUEUE_DEPTH = 100
 # Between messages the clock goes on, so that timers in bag time run through a gap.
@@ -34,54 +33,6 @@ CLOCK_PERIOD_S = 0.05
 # Subscribers come one by one; after this long without a new one all are taken to be there.
 SETTLED_S = 0.5
 ACKNOWLEDGE_S = 2.0
-
-
-class Progress(Protocol):
-    """What is told about the way through the bag."""
-
-    def update(self, seconds: float) -> object:
-        """Go on by some seconds of bag time."""
-
-    def close(self) -> None:
-        """Leave the line."""
-
-
-class NoProgress:
-    """Stands in for the bar where tqdm is not installed."""
-
-    def update(self, seconds: float) -> None:
-        """Tell nothing."""
-
-    def close(self) -> None:
-        """Leave nothing."""
-
-
-def make_progress(total_s: float) -> Progress:
-    """
-    Make a progress bar over seconds of bag time.
-
-    Parameters
-    ----------
-    total_s : float
-        Length of the bar.
-
-    """
-    if find_spec('tqdm') is None:
-        tell('no progress bar without tqdm: pip install tqdm')
-        return NoProgress()
-    from tqdm import tqdm
-
-    bar: Progress = tqdm(
-        total=round(total_s, 3),
-        unit='s',
-        bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s of the bag [{elapsed}<{remaining}]',
-    )
-    return bar
-
-
-def tell(text: str) -> None:
-    """Write a line for the person at the terminal."""
-    print(text, file=sys.stderr, flush=True)
 
 
 class Replayer:
@@ -197,32 +148,16 @@ def _qos(latched: bool) -> QoSProfile:
     )
 
 
-def _number(low: float, unit: str, strict: bool) -> Any:
-    """Return an argument type: a finite number above, or not below, `low`."""
-    wanted = f'a number {"above" if strict else "of at least"} {low:g}{unit}'
-
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float('nan')
-        if not low <= value < float('inf') or (strict and value == low):
-            raise argparse.ArgumentTypeError(f"'{text}' is not {wanted}")
-        return value
-
-    return parse
-
-
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog='replay', description='Publish the messages of a rosbag2 on their topics.'
     )
-    seconds = _number(0.0, ' s', strict=False)
+    seconds = number(0.0, ' s')
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
     parser.add_argument(
         '--rate',
-        type=_number(0.0, '', strict=True),
+        type=number(0.0, '', strict=True),
         default=1.0,
         help='seconds of the bag per second (default %(default)s)',
     )
@@ -283,7 +218,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
                 return
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def _interrupt(signal_number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 

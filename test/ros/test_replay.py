@@ -32,7 +32,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from dg_localization.ros import bag as bag_module, replay  # noqa: E402
+from dg_localization.ros import bag as bag_module, replay, terminal  # noqa: E402
 from dg_localization.ros.bag import Bag  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
@@ -289,8 +289,8 @@ def test_without_rosbags_the_package_is_named(small_bag, capsys, monkeypatch):
 
 
 def test_without_tqdm_the_package_is_named(capsys, monkeypatch):
-    monkeypatch.setattr(replay, 'find_spec', lambda name: None)
-    replay.make_progress(1.0).update(0.5)
+    monkeypatch.setattr(terminal, 'find_spec', lambda name: None)
+    terminal.make_progress(1.0).update(0.5)
     assert 'pip install tqdm' in capsys.readouterr().err
 
 
