@@ -1,14 +1,74 @@
-"""From what an adapter read to what the ROS-free `Localizer` takes."""
+"""From messages to the ROS-free `Localizer`: whatever is wrong with one is counted."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet import LinkKey, Localizer, Rejection
+from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
+from dg_localization.ros.diagnostics import NONE_MALFORMED, Malformed
+from dg_localization.ros.links import Link
 from msg_adapters import BearingReading, OdometryReading, PeersReading, RangeReading
 
 Reading = RangeReading | BearingReading | OdometryReading | PeersReading
+
+
+class Intake:
+    """
+    Gives what messages say to a localizer, and keeps count of those that say nothing.
+
+    Parameters
+    ----------
+    localizer : Localizer
+    use_header_stamp : bool
+        Whether a measurement's time is its header's, not that of its arrival.
+
+    Attributes
+    ----------
+    malformed : dict of str to Malformed
+        By topic, the messages that could not be read.
+
+    """
+
+    def __init__(self, localizer: Localizer, use_header_stamp: bool) -> None:
+        self._localizer = localizer
+        self._use_header_stamp = use_header_stamp
+        self.malformed: dict[str, Malformed] = {}
+
+    def take(self, link: Link, read: Callable[[], Reading], now_s: float) -> Rejection | None:
+        """
+        Take one message; it never raises.
+
+        Parameters
+        ----------
+        link : Link
+            What it came by.
+        read : callable
+            Returns what the message says; it may raise anything, the message may be damaged and
+            the adapter that of somebody else's type.
+        now_s : float
+            When it arrived.
+
+        Returns
+        -------
+        Rejection or None
+            Why a message that could be read was not taken.
+
+        """
+        try:
+            reading = read()
+        except Exception as error:
+            self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
+                f'{type(error).__name__}: {error}'
+            )
+            return None
+        stamp_s = reading.stamp_s if self._use_header_stamp else now_s
+        return add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+
+    def states(self, now_s: float) -> dict[LinkKey, InputState]:
+        """Return what has arrived, by input."""
+        states = self._localizer.input_states(now_s)
+        return {LinkKey(state.kind, state.observer, state.target): state for state in states}
 
 
 def add_reading(

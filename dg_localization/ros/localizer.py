@@ -18,10 +18,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from dg_localization.fleet import Estimate, LinkKey, Localizer, warm_up
-from dg_localization.ros.diagnostics import NONE_MALFORMED, Malformed, Report, statuses
+from dg_localization.fleet import Estimate, Localizer, warm_up
+from dg_localization.ros.diagnostics import Report, statuses
 from dg_localization.ros.discovery import TopicFinder
-from dg_localization.ros.intake import add_reading
+from dg_localization.ros.intake import Intake
 from dg_localization.ros.links import Link
 from dg_localization.ros.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.parameters import declare_settings
@@ -81,13 +81,13 @@ class LocalizerNode(LifecycleNode):
         super().__init__('localizer', **kwargs)
         self.settings = declare_settings(self)
         self._localizer = Localizer(self.settings.fleet)
+        self._intake = Intake(self._localizer, self.settings.use_header_stamp)
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
         self._estimate: Estimate | None = None
         self._failure = ''
         self._inputs: dict[str, Link] = {}
-        self._malformed: dict[str, Malformed] = {}
         self._last_now_s = 0.0
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
@@ -198,15 +198,7 @@ class LocalizerNode(LifecycleNode):
         now_s = self._now_s()
         if now_s is None:
             return
-        try:
-            reading = adapter.from_message(message)
-        except Exception as error:  # an adapter of somebody else's type may raise anything
-            self._malformed[link.topic] = self._malformed.get(link.topic, NONE_MALFORMED).and_one(
-                f'{type(error).__name__}: {error}'
-            )
-            return
-        stamp_s = reading.stamp_s if self.settings.use_header_stamp else now_s
-        rejection = add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+        rejection = self._intake.take(link, partial(adapter.from_message, message), now_s)
         if rejection is not None:
             self.get_logger().warning(
                 f'{link.topic}: {rejection}', throttle_duration_sec=REPEATED_WARNING_S
@@ -251,7 +243,6 @@ class LocalizerNode(LifecycleNode):
 
     def _diagnose(self) -> Diagnostics:
         now_s = self._clock_s()
-        states = self._localizer.input_states(now_s)
         report = Report(
             node=self.get_fully_qualified_name().lstrip('/'),
             trouble=self._trouble(now_s),
@@ -259,8 +250,8 @@ class LocalizerNode(LifecycleNode):
             estimate=self._estimate,
             robots=self.settings.fleet.robots,
             links=tuple(self._inputs.values()),
-            inputs={LinkKey(state.kind, state.observer, state.target): state for state in states},
-            malformed=self._malformed,
+            inputs=self._intake.states(now_s),
+            malformed=self._intake.malformed,
         )
         return Diagnostics(now_s, statuses(report))
 
@@ -281,7 +272,7 @@ class LocalizerNode(LifecycleNode):
         """Stop the running estimate, forget every measurement, and take back the last answer."""
         self._worker.cancel()
         self._localizer.reset()
-        self._malformed.clear()
+        self._intake.malformed.clear()
         self._failure = ''
         # On SIGINT and SIGTERM the context is gone before the node is.
         if self.context.ok():

@@ -1,7 +1,8 @@
-"""The topics of the node: every one made here, and all of them told the same thing at once."""
+"""The outputs: what an estimate is as messages, and the publishers of the node."""
 
+from collections.abc import Iterator
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
@@ -30,6 +31,62 @@ _marker_array = adapter_for('visualization_msgs/msg/MarkerArray').to_message
 _diagnostic_array = adapter_for('diagnostic_msgs/msg/DiagnosticArray').to_message
 
 
+class Output(NamedTuple):
+    """An output topic: its name as the node knows it, its type, and how it is offered."""
+
+    name: str
+    message_class: type
+    qos: QoSProfile
+
+
+DIAGNOSTICS = Output('/diagnostics', DiagnosticArray, RELIABLE)
+
+
+def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
+    """Return every topic that `estimate_messages` has messages for."""
+    return (
+        Output('~/feasible_poses', PoseArray, LATCHED),
+        Output('~/markers', MarkerArray, LATCHED),
+        *(Output(f'~/{robot}/feasible_poses', PoseArray, LATCHED) for robot in robots),
+        *(Output(f'~/{robot}/pose', PoseWithCovarianceStamped, RELIABLE) for robot in robots),
+    )
+
+
+def estimate_messages(estimate: Estimate, frame_id: str) -> Iterator[tuple[str, Any]]:
+    """
+    Yield what an estimate says on every output, each message with the name of its topic.
+
+    One without placements empties the pose arrays and the view, so that no old answer looks new.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    frame_id : str
+        Frame of everything published.
+
+    """
+    fleet = _pose_array(feasible_poses(estimate, frame_id))
+    yield '~/feasible_poses', fleet
+    n_robots = len(estimate.robots)
+    for row, robot in enumerate(estimate.robots):
+        poses = PoseArray(header=fleet.header, poses=fleet.poses[row::n_robots])
+        yield f'~/{robot}/feasible_poses', poses
+    for row, robot in enumerate(estimate.robots):
+        pose = unique_pose(estimate, row, frame_id)
+        if pose is not None:
+            yield f'~/{robot}/pose', _pose(pose)
+    yield '~/markers', _marker_array(scene(estimate, frame_id))
+
+
+def diagnostics_message(diagnostics: Diagnostics) -> Any:
+    """Return what is published on /diagnostics."""
+    return _diagnostic_array(diagnostics)
+
+
+def _publisher(node: LifecycleNode, output: Output) -> Publisher:
+    return node.create_publisher(output.message_class, output.name, output.qos)
+
+
 class EstimatePublishers:
     """
     The publishers of estimates.
@@ -48,38 +105,18 @@ class EstimatePublishers:
     def __init__(self, node: LifecycleNode, robots: tuple[str, ...], frame_id: str) -> None:
         self._node = node
         self._frame_id = frame_id
-        self._fleet = node.create_publisher(PoseArray, '~/feasible_poses', LATCHED)
-        self._markers = node.create_publisher(MarkerArray, '~/markers', LATCHED)
-        self._feasible = [
-            node.create_publisher(PoseArray, f'~/{robot}/feasible_poses', LATCHED)
-            for robot in robots
-        ]
-        self._unique = [
-            node.create_publisher(PoseWithCovarianceStamped, f'~/{robot}/pose', RELIABLE)
-            for robot in robots
-        ]
+        self._publishers = {
+            output.name: _publisher(node, output) for output in estimate_outputs(robots)
+        }
 
     def publish(self, estimate: Estimate) -> None:
-        """
-        Publish an estimate on every topic.
-
-        One without placements empties the pose arrays and the view, so that no old answer looks
-        new.
-        """
-        fleet = _pose_array(feasible_poses(estimate, self._frame_id))
-        self._fleet.publish(fleet)
-        n_robots = len(estimate.robots)
-        for robot, publisher in enumerate(self._feasible):
-            publisher.publish(PoseArray(header=fleet.header, poses=fleet.poses[robot::n_robots]))
-        for robot, publisher in enumerate(self._unique):
-            pose = unique_pose(estimate, robot, self._frame_id)
-            if pose is not None:
-                publisher.publish(_pose(pose))
-        self._markers.publish(_marker_array(scene(estimate, self._frame_id)))
+        """Publish an estimate on every topic."""
+        for name, message in estimate_messages(estimate, self._frame_id):
+            self._publishers[name].publish(message)
 
     def destroy(self) -> None:
         """Take the topics off the graph."""
-        for publisher in (self._fleet, self._markers, *self._feasible, *self._unique):
+        for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
 
 
@@ -87,23 +124,21 @@ class DiagnosticsPublisher:
     """The publisher on /diagnostics."""
 
     def __init__(self, node: LifecycleNode) -> None:
-        self._publisher: Publisher = node.create_publisher(
-            DiagnosticArray, '/diagnostics', RELIABLE
-        )
+        self._publisher = _publisher(node, DIAGNOSTICS)
         self._last_seen: Any = None
 
     def publish(self, diagnostics: Diagnostics) -> None:
         """Publish."""
-        self._last_seen = _outline(diagnostics)
-        self._publisher.publish(_diagnostic_array(diagnostics))
+        self._last_seen = outline(diagnostics)
+        self._publisher.publish(diagnostics_message(diagnostics))
 
     def publish_change(self, diagnostics: Diagnostics) -> None:
         """Publish if a level or a message differs from what was published last."""
-        if _outline(diagnostics) != self._last_seen:
+        if outline(diagnostics) != self._last_seen:
             self.publish(diagnostics)
 
 
-def _outline(diagnostics: Diagnostics) -> tuple[tuple[str, int, str], ...]:
+def outline(diagnostics: Diagnostics) -> tuple[tuple[str, int, str], ...]:
     """Return names, levels and messages without decimals: ages change all the time."""
     return tuple(
         (status.name, status.level, DECIMAL.sub('#', status.message))
