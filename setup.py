@@ -55,6 +55,7 @@ setup(
             'localizer = dg_localization.ros.executables:localizer',
             'simulate_fleet = dg_localization.ros.executables:simulate_fleet',
             'replay = dg_localization.ros.executables:replay',
+            'localize_bag = dg_localization.ros.executables:localize_bag',
         ],
     },
 )

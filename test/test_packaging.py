@@ -86,7 +86,7 @@ def test_ros2_run_finds_the_executables(setup_arguments):
     assert layout['develop']['script_dir'] == '$base/lib/dg_localization'
     scripts = setup_arguments.entry_points['console_scripts']
     names = {script.partition(' = ')[0] for script in scripts}
-    assert {'localizer', 'simulate_fleet', 'replay'} <= names
+    assert {'localizer', 'simulate_fleet', 'replay', 'localize_bag'} <= names
 
 
 def test_every_executable_has_a_function(setup_arguments):

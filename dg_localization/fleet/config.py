@@ -220,7 +220,7 @@ class FleetConfig:
     max_conflict_solves : int
         How many problems may be solved to explain one contradiction; 0 explains none.
     max_conflict_seconds : float
-        How long that may take.
+        How long that may take; infinite for as long as it takes.
     solver : SolverOptions
         Resolution and budget of the solver.
 
@@ -308,8 +308,11 @@ class FleetConfig:
         """Raise `ConfigError` on a number out of its range."""
         if self.dimension not in (2, 3):
             raise ConfigError(f'dimension: {self.dimension!r} is not allowed, it must be 2 or 3')
-        for name in ('max_age_s', 'max_future_s', 'max_turn_rate_rad_s', 'max_conflict_seconds'):
+        for name in ('max_age_s', 'max_future_s', 'max_turn_rate_rad_s'):
             _require_number(name, getattr(self, name), at_least=0.0)
+        _require_number(
+            'max_conflict_seconds', self.max_conflict_seconds, at_least=0.0, finite=False
+        )
         _require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
         for robot, speed in self.robot_max_speed_m_s.items():
             _require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)

@@ -1,5 +1,5 @@
 """
-The executables, which end with exit code 0 on SIGINT and SIGTERM from their first moment on.
+The executables, which end without a traceback on SIGINT and SIGTERM from their first moment on.
 
 Importing rclpy and the messages is most of a start: it happens here, when the signals are taken
 care of.
@@ -8,6 +8,9 @@ care of.
 from collections.abc import Callable
 from importlib import import_module
 import signal
+
+# What a shell makes of SIGINT: half an answer must not look whole to a script.
+EXIT_INTERRUPTED = 130
 
 
 def localizer() -> int:
@@ -25,7 +28,12 @@ def replay() -> int:
     return _run('replay')
 
 
-def _run(name: str) -> int:
+def localize_bag() -> int:
+    """Run `localize_bag`; return the exit code."""
+    return _run('localize_bag', interrupted=EXIT_INTERRUPTED)
+
+
+def _run(name: str, interrupted: int = 0) -> int:
     """Import a module of this room and run its `main`."""
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -33,4 +41,4 @@ def _run(name: str) -> int:
         main: Callable[[], int] = import_module(f'dg_localization.ros.{name}').main
         return main()
     except KeyboardInterrupt:
-        return 0
+        return interrupted

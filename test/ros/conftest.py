@@ -36,6 +36,9 @@ from msg_adapters import (  # noqa: E402
     adapter_for,
 )
 
+# Makes `uwb_recording` importable: pytest's importlib mode leaves sys.path alone.
+sys.path.insert(0, str(Path(__file__).parent))
+
 REPOSITORY = Path(__file__).parents[2]
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEADLINE_S = 20.0
@@ -349,3 +352,10 @@ def bench(paper_fleet):
     bench = Bench(paper_fleet.robots)
     yield bench
     bench.close()
+
+
+@pytest.fixture(scope='session')
+def uwb_recording(shared):
+    from uwb_recording import UwbRecording
+
+    return UwbRecording(shared / 'data/tiers_uwb/rosbag2_shortbag')

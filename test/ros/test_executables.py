@@ -22,12 +22,15 @@ sys.exit(getattr(executables, sys.argv[1])())
 
 
 @pytest.mark.parametrize('number', [2, 15], ids=['SIGINT', 'SIGTERM'])
-@pytest.mark.parametrize('name', ['localizer', 'simulate_fleet', 'replay'])
-def test_signal_during_the_imports_ends_the_process_cleanly(name, number):
+@pytest.mark.parametrize(
+    ('name', 'code'),
+    [('localizer', 0), ('simulate_fleet', 0), ('replay', 0), ('localize_bag', 130)],
+)
+def test_signal_during_the_imports_ends_the_process_cleanly(name, code, number):
     done = subprocess.run(
         [sys.executable, '-c', CODE, name, str(number)],
         capture_output=True,
         text=True,
         timeout=60.0,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, 'importing\n', '')
+    assert (done.returncode, done.stdout, done.stderr) == (code, 'importing\n', '')

@@ -1,0 +1,517 @@
+"""The executable `localize_bag`: small bags written here, and the real UWB recording."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+
+from rclpy.serialization import serialize_message  # noqa: E402
+from rosbags.highlevel import AnyReader  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
+from uwb_recording import CONFIG  # noqa: E402
+
+from dg_localization.ros import bag as bag_module  # noqa: E402
+from dg_localization.ros.localize_bag import main  # noqa: E402
+from dg_localization.ros.offline import Event, read_task, timeline  # noqa: E402
+from msg_adapters import Level, PeersReading, adapter_for  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[2]
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE.register(get_types_from_msg('float64 x', 'strange_msgs/msg/Odd'))
+TYPES = STORE.types
+RANGE = 'sensor_msgs/msg/Range'
+POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
+START_NS = 1_700_000_000_000_000_000
+PERIOD_NS = 100_000_000
+# Two sides and the hypotenuse of a right triangle.
+TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
+PARAMETERS = {'robots': ['a', 'b', 'c'], 'max_speed': 0.1}
+
+
+def range_message(time_ns, range_m, frame_id=''):
+    stamp = TYPES['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
+    header = TYPES['std_msgs/msg/Header'](stamp, frame_id)
+    return STORE.serialize_cdr(TYPES[RANGE](header, 0, 0.0, 0.0, 0.0, range_m, 0.0), RANGE)
+
+
+class Recorder:
+    """Writes a bag; messages on a topic of their own are 0.1 s apart."""
+
+    def __init__(self, path, plugin=StoragePlugin.MCAP):
+        self.path = path
+        self._writer = Writer(path, version=9, storage_plugin=plugin)
+        self._writer.open()
+        self._connections = {}
+
+    def write(self, topic, step, data, type_name=RANGE):
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic, type_name, typestore=STORE
+            )
+        self._writer.write(self._connections[topic], START_NS + step * PERIOD_NS, data)
+
+    def write_triangle(self, steps, ranges_m=TRIANGLE):
+        for step in steps:
+            for (observer, target), range_m in ranges_m.items():
+                data = range_message(START_NS + step * PERIOD_NS, range_m)
+                self.write(f'/{observer}/range/{target}', step, data)
+
+    def close(self):
+        self._writer.close()
+        return self.path
+
+
+@pytest.fixture
+def recorder(tmp_path):
+    return Recorder(tmp_path / 'bag')
+
+
+@pytest.fixture
+def triangle_bag(recorder):
+    recorder.write_triangle(range(21))
+    return recorder.close()
+
+
+@pytest.fixture
+def localize(tmp_path):
+    """Localize a bag with parameters; return the exit code, and the report if there is one."""
+    number = iter(range(99))
+
+    def run(bag, *arguments, **parameters):
+        folder = tmp_path / f'run_{next(number)}'
+        folder.mkdir()
+        given = {**PARAMETERS, **{name.replace('__', '.'): v for name, v in parameters.items()}}
+        params = folder / 'params.yaml'
+        # JSON is YAML.
+        params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+        report, run.output = folder / 'report.json', folder / 'out'
+        paths = ('-o', run.output, '--params', params, '--report', report)
+        code = main([str(text) for text in (bag, *paths, *arguments)])
+        return code, json.loads(report.read_text()) if report.exists() else None
+
+    return run
+
+
+def read(path, topic):
+    """Return the log times in ns and the values of the messages on a topic."""
+    with AnyReader([path], default_typestore=STORE) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        assert connections, topic
+        type_name = connections[0].msgtype
+        value_of = adapter_for(type_name).from_message
+        messages = [
+            (time_ns, value_of(reader.deserialize(data, type_name)))
+            for _, time_ns, data in reader.messages(connections)
+        ]
+    return [time_ns for time_ns, _ in messages], [value for _, value in messages]
+
+
+def counts(path):
+    with AnyReader([path], default_typestore=STORE) as reader:
+        return {name: info.msgcount for name, info in reader.topics.items()}
+
+
+def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
+    code, report = localize(triangle_bag)
+    assert code == 0
+    assert counts(localize.output) == {
+        '/localizer/feasible_poses': 10,
+        '/localizer/markers': 10,
+        **{f'/localizer/{robot}/feasible_poses': 10 for robot in 'abc'},
+        **{f'/localizer/{robot}/pose': 0 for robot in 'abc'},
+        # On the first answer, and every second.
+        '/diagnostics': 3,
+    }
+    times_ns, values = read(localize.output, '/localizer/feasible_poses')
+    assert times_ns == [START_NS + 2 * k * PERIOD_NS for k in range(1, 11)]
+    assert [v.stamp_s for v in values] == pytest.approx([t * 1e-9 for t in times_ns], abs=1e-6)
+    assert {value.frame_id for value in values} == {'map'}
+    placed = values[-1].positions_m.reshape(2, 3, 3)
+    gaps = np.linalg.norm(placed[:, [0, 0, 1]] - placed[:, [1, 2, 2]], axis=-1)
+    assert np.allclose(gaps, list(TRIANGLE.values()), atol=0.3)
+    _, (*_, last) = read(localize.output, '/diagnostics')
+    by_name = {status.name: status for status in last.statuses}
+    assert by_name['localizer: fleet'].level is Level.WARN
+    assert by_name['localizer: input range a->b'].values['accepted'] == '21'
+    assert report['ticks'] == 10 and report['ending'] == ''
+    assert report['ticks_by_hypotheses'] == {'2': 10}
+    assert report['ticks_by_verdict'] == {'covered': 10}
+    assert report['median_enclosure_width_m']['a'] == 0.0
+    assert 0.0 < report['median_enclosure_width_m']['b'] < 0.5
+    assert (report['accepted'], report['rejected']) == (63, {})
+    assert report['contradictions'] == []
+
+
+def test_one_hypothesis_has_poses(localize, triangle_bag):
+    anchors = {'names': ['a', 'b', 'c']}
+    places = {'a': [0.0, 0.0], 'b': [3.0, 0.0], 'c': [0.0, 4.0]}
+    anchors |= {name: {'position': place} for name, place in places.items()}
+    code, report = localize(triangle_bag, anchors=anchors)
+    assert code == 0 and report['ticks_by_hypotheses'] == {'1': 10}
+    _, poses = read(localize.output, '/localizer/c/pose')
+    assert np.allclose([pose.position_xyz for pose in poses], [0.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
+    recorder.write_triangle(range(10))
+    recorder.write_triangle(range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5})
+    bag = recorder.close()
+    params = tmp_path / 'params.yaml'
+    given = {**PARAMETERS, 'max_outliers': 2}
+    params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+    contents = []
+    for seed in ('1', '2'):
+        folder = tmp_path / seed
+        folder.mkdir()
+        paths = ['-o', folder / 'out', '--params', params, '--report', folder / 'report.json']
+        subprocess.run(
+            [sys.executable, '-m', 'dg_localization.ros.localize_bag', bag, *paths]
+            + ['--storage', storage, '--inputs'],
+            cwd=REPOSITORY,
+            check=True,
+            capture_output=True,
+            # The order of sets must not show.
+            env={**os.environ, 'PYTHONHASHSEED': seed},
+            timeout=120,
+        )
+        files = sorted(path for path in folder.rglob('*') if path.is_file())
+        contents.append({path.relative_to(folder): path.read_bytes() for path in files})
+    assert len(contents[0]) == 3
+    assert contents[0] == contents[1]
+    report = json.loads(contents[0][Path('report.json')])
+    assert report['contradictions'], 'the bag is to contradict itself'
+
+
+def test_the_storage_is_chosen(localize, triangle_bag):
+    for storage, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
+        assert localize(triangle_bag, '--storage', storage)[0] == 0
+        assert {path.suffix for path in localize.output.iterdir()} == {suffix, '.yaml'}
+
+
+def test_outputs_are_offered_as_the_node_does(localize, triangle_bag):
+    localize(triangle_bag)
+    with AnyReader([localize.output]) as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+    (fleet,), (pose,) = offered['/localizer/feasible_poses'], offered['/localizer/a/pose']
+    assert (fleet.durability.name, fleet.reliability.name) == ('TRANSIENT_LOCAL', 'RELIABLE')
+    assert (pose.durability.name, pose.reliability.name) == ('VOLATILE', 'RELIABLE')
+
+
+def test_inputs_are_copied_on_request(localize, triangle_bag):
+    localize(triangle_bag, '--inputs', '--start', '0.95')
+    assert read(localize.output, '/a/range/b')[0] == [
+        START_NS + k * PERIOD_NS for k in range(10, 21)
+    ]
+
+
+def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
+    _, report = localize(triangle_bag, '--start', '0.5', '--duration', '0.7')
+    times_ns, _ = read(localize.output, '/localizer/feasible_poses')
+    assert times_ns == [START_NS + step * PERIOD_NS for step in (7, 9, 11)]
+    assert report['start_s'] == 0.5 and report['end_s'] == pytest.approx(1.2)
+    # What was measured before the start is not known.
+    assert report['accepted'] == 7 * 3
+
+
+def test_a_contradiction_is_told_with_its_time(localize, recorder, capsys):
+    recorder.write_triangle(range(10))
+    recorder.write_triangle(range(10, 20), {('a', 'b'): 3.0, ('a', 'c'): 9.0, ('b', 'c'): 5.0})
+    recorder.write_triangle(range(20, 41))
+    code, report = localize(recorder.close())
+    assert code == 0
+    found = report['contradictions']
+    # The wrong input contradicts itself while its eight newest readings are of both kinds.
+    assert [run['conflicts'] for run in found] == [
+        [['range a->c']],
+        [['range a->b', 'range a->c', 'range b->c']],
+        [['range a->c']],
+    ]
+    assert found[0]['first_s'] == pytest.approx(1.0) and found[2]['last_s'] == pytest.approx(2.6)
+    assert sum(run['ticks'] for run in found) == report['ticks_by_verdict']['infeasible'] == 9
+    assert '| 1.0 to ' in capsys.readouterr().out
+
+
+def test_rejected_measurements_are_counted_by_reason(localize, recorder):
+    recorder.write_triangle(range(11))
+    for step in range(11):
+        recorder.write('/b/range/a', step, range_message(0, 3.0))
+        now_ns = START_NS + step * PERIOD_NS
+        recorder.write('/c/range/a', step, range_message(now_ns, -1.0))
+        recorder.write('/c/range/stranger', step, range_message(now_ns, 2.0))
+    code, report = localize(recorder.close())
+    assert code == 0 and report['accepted'] == 33
+    assert report['rejected'] == {'negative': 11, 'unknown_robot': 11, 'zero_stamp': 11}
+    by_name = {one['input']: one for one in report['inputs']}
+    assert by_name['range a->b']['accepted'] == 11
+    assert by_name['range c->a']['topics'] == ['/c/range/a']
+    assert by_name['range c->a']['rejected'] == {'negative': 11}
+    assert '-1' in by_name['range c->a']['last_rejection']
+
+
+def test_all_peers_of_a_robot_in_one_message_are_counted_once(localize, recorder):
+    no_rays = np.full((2, 3), np.nan)
+    for step in range(11):
+        stamp_s = (START_NS + step * PERIOD_NS) * 1e-9
+        for observer, peers, ranges_m in (('a', [1, 2], [3.0, 4.0]), ('b', [0, 2], [3.0, 5.0])):
+            reading = PeersReading(stamp_s, np.array(peers), np.array(ranges_m), no_rays)
+            data = serialize_message(adapter_for(POINT_CLOUD).to_message(reading))
+            recorder.write(f'/{observer}/peers', step, data, POINT_CLOUD)
+    code, report = localize(recorder.close())
+    assert code == 0 and report['accepted'] == 44
+    assert report['ticks_by_hypotheses'] == {'2': 5}
+    by_name = {one['input']: one['accepted'] for one in report['inputs']}
+    assert by_name['peers a'] == 22 and by_name['range a->b'] == 11
+
+
+def test_receive_times_replace_useless_stamps(localize, recorder):
+    for step in range(11):
+        for (observer, target), range_m in TRIANGLE.items():
+            recorder.write(f'/{observer}/range/{target}', step, range_message(0, range_m))
+    code, report = localize(recorder.close(), stamp_source='receive')
+    assert code == 0 and report['accepted'] == 33 and report['rejected'] == {}
+
+
+def test_links_and_remappings_work_as_for_the_node(localize, recorder):
+    for step in range(11):
+        for (observer, target), range_m in TRIANGLE.items():
+            data = range_message(START_NS + step * PERIOD_NS, range_m)
+            recorder.write(f'/site/{observer}{target}', step, data)
+    links = [f'{a}{b} {RANGE} {a} {b}' for a, b in TRIANGLE]
+    bag = recorder.close()
+    ros_args = ('--ros-args', '-r', '__ns:=/site', '-p', 'fixed_frame:=hall')
+    code, report = localize(bag, *ros_args, links=links)
+    assert code == 0 and report['accepted'] == 33
+    _, values = read(localize.output, '/site/localizer/feasible_poses')
+    assert values[0].frame_id == 'hall'
+    _, (first, *_) = read(localize.output, '/diagnostics')
+    assert first.statuses[0].name == 'site/localizer: fleet'
+
+
+def test_what_is_missing_or_of_another_type_is_told(localize, recorder):
+    recorder.write_triangle(range(11))
+    odd = STORE.serialize_cdr(TYPES['strange_msgs/msg/Odd'](1.0), 'strange_msgs/msg/Odd')
+    recorder.write('/odd', 0, odd, 'strange_msgs/msg/Odd')
+    links = [f'/missing {RANGE} a b', f'/odd {RANGE} b a']
+    code, report = localize(recorder.close(), links=links)
+    assert code == 0 and report['accepted'] == 22
+    assert report['notices'] == [
+        '/missing of the links is not in the bag',
+        f'/odd is passed over: the link says {RANGE}, the bag strange_msgs/msg/Odd',
+    ]
+    _, (*_, last) = read(localize.output, '/diagnostics')
+    missing = next(s for s in last.statuses if s.values.get('topic') == '/missing')
+    assert missing.message == 'nothing received'
+
+
+def test_types_that_are_not_installed_are_passed_over(localize, recorder):
+    recorder.write_triangle(range(11))
+    odd = STORE.serialize_cdr(TYPES['strange_msgs/msg/Odd'](1.0), 'strange_msgs/msg/Odd')
+    recorder.write('/a/range/other', 0, odd, 'strange_msgs/msg/Odd')
+    code, report = localize(recorder.close(), '--inputs')
+    assert code == 0 and report['accepted'] == 33
+    assert '/a/range/other' not in counts(localize.output)
+
+
+def test_a_bag_without_inputs_is_refused(localize, triangle_bag, capsys):
+    code, report = localize(triangle_bag, range__topic='/uwb/{observer}/{target}')
+    assert (code, report) == (1, None)
+    told = capsys.readouterr().err
+    assert 'no topic of the bag is an input of this fleet' in told
+    assert "'/uwb/{observer}/{target}'" in told and '/a/range/b' in told
+    assert not localize.output.exists()
+
+
+def test_a_damaged_message_is_counted(localize, recorder):
+    recorder.write_triangle(range(11))
+    recorder.write('/b/range/a', 2, range_message(START_NS + 2 * PERIOD_NS, 3.0))
+    recorder.write('/b/range/a', 3, range_message(START_NS + 3 * PERIOD_NS, 3.0)[:12])
+    code, report = localize(recorder.close())
+    assert code == 0 and report['accepted'] == 34
+    assert report['rejected'] == {'malformed': 1}
+    assert report['malformed_by_topic'] == {'/b/range/a': 1}
+
+
+def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, capsys):
+    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    recorder.write_triangle(range(21))
+    # One large message, whose pages the storage chains, holds the damage.
+    recorder.write('/a/range/b', 21, range_message(START_NS, 3.0, 'x' * 40_000))
+    recorder.write_triangle(range(22, 42))
+    bag = recorder.close()
+    (storage,) = bag.glob('*.db3')
+    data = storage.read_bytes()
+    page = (data.index(b'x' * 4000) // 4096 + 1) * 4096
+    storage.write_bytes(data[:page] + bytes(8192) + data[page + 8192 :])
+    code, report = localize(bag)
+    assert code == 1
+    # The tick at 2.0 s would need to know that no other message came before it.
+    assert report['ending'].startswith('It ends at 1.8 s') and 'is damaged' in report['ending']
+    assert report['ticks'] == counts(localize.output)['/localizer/feasible_poses'] == 9
+    assert 'is damaged' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_a_truncated_bag_is_refused(localize, tmp_path, plugin, capsys):
+    recorder = Recorder(tmp_path / 'bag', plugin)
+    recorder.write_triangle(range(21))
+    (storage,) = (path for path in recorder.close().iterdir() if path.suffix != '.yaml')
+    os.truncate(storage, storage.stat().st_size // 2)
+    assert localize(recorder.path) == (1, None)
+    assert str(recorder.path) in capsys.readouterr().err
+    assert not localize.output.exists()
+
+
+def test_what_is_no_bag_is_refused(localize, tmp_path, capsys):
+    assert localize(tmp_path / 'nothing') == (1, None)
+    assert 'there is no such bag' in capsys.readouterr().err
+    assert not localize.output.exists()
+
+
+@pytest.mark.parametrize('arguments', [('--start', '2.0'), ('--duration', '0.1')])
+def test_less_than_a_tick_is_refused(localize, triangle_bag, arguments, capsys):
+    assert localize(triangle_bag, *arguments) == (1, None)
+    assert "there must be 0.2 s, one period of the parameter 'rate'" in capsys.readouterr().err
+    assert not localize.output.exists()
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'reason'),
+    [
+        ({'max_sped': 1.0}, "parameter 'max_sped' is unknown; did you mean 'max_speed'?"),
+        ({'dimension': 4}, "parameter 'dimension': 4 is not allowed, it must be an integer"),
+        ({'rate': 'fast'}, "parameter 'rate': 'fast' is not allowed, it must be a number"),
+        ({'links': ['/x']}, "parameter 'links': '/x' is not allowed"),
+        ({'reference_robot': 'z'}, "'z'"),
+    ],
+)
+def test_wrong_parameters_are_refused_as_by_the_node(
+    localize, triangle_bag, parameters, reason, capsys
+):
+    assert localize(triangle_bag, **parameters) == (2, None)
+    assert reason in capsys.readouterr().err
+    assert not localize.output.exists()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['--storage', 'zip'], "invalid choice: 'zip'"),
+        (['--start', '-1'], "'-1' is not a number of at least 0 s"),
+        (['--report', 'report.txt'], "'report.txt' must end in .json or .md"),
+        (['--report', 'no/folder/report.md'], "there is no folder 'no/folder'"),
+        (['--params', 'no.yaml'], "'no.yaml' is no file"),
+        (['-o', 'config'], "'config' exists; name a folder that does not"),
+    ],
+)
+def test_wrong_arguments_are_refused(localize, triangle_bag, arguments, reason, capsys):
+    with pytest.raises(SystemExit) as ended:
+        localize(triangle_bag, *arguments)
+    assert ended.value.code == 2
+    assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arguments', [['-p'], ['--no-such-argument']])
+def test_wrong_ros_arguments_are_refused(localize, triangle_bag, arguments, capsys):
+    assert localize(triangle_bag, '--ros-args', *arguments) == (2, None)
+    assert arguments[0] in capsys.readouterr().err
+
+
+def test_without_rosbags_the_package_is_named(localize, triangle_bag, capsys, monkeypatch):
+    monkeypatch.setattr(bag_module, 'find_spec', lambda name: None)
+    assert localize(triangle_bag) == (1, None)
+    assert 'pip install rosbags' in capsys.readouterr().err
+
+
+def test_no_clock_of_the_machine_has_a_say():
+    fleet = read_task(REPOSITORY / CONFIG, []).settings.fleet
+    assert fleet.solver.max_seconds == fleet.max_conflict_seconds == float('inf')
+    assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
+
+
+def test_messages_come_before_a_tick_at_the_same_time():
+    messages = [bag_module.BagMessage('/x', time_ns, b'') for time_ns in (0, 10**9, 2 * 10**9)]
+    events = list(timeline(messages, 0, 2 * 10**9, rate_hz=2.0))
+    times_s = [time_ns / 1e9 for time_ns, _, _ in events]
+    assert times_s == [0.0, 0.5, 1.0, 1.0, 1.0, 1.5, 2.0, 2.0, 2.0]
+    assert [event for _, event, _ in events[2:5]] == [Event.MESSAGE, Event.TICK, Event.TELL]
+
+
+def start(*arguments):
+    return subprocess.Popen(
+        [sys.executable, '-m', 'dg_localization.ros.localize_bag', *map(str, arguments)],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
+    recorder.write_triangle(range(10_000))
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    output = tmp_path / 'out'
+    process = start(recorder.close(), '-o', output, '--params', params)
+    (storage,) = wait_for(lambda: list(output.glob('*.mcap')))
+    # Messages are written a megabyte at a time.
+    wait_for(lambda: storage.stat().st_size > 100_000)
+    process.send_signal(number)
+    told, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors and 'interrupted' in told
+    times_ns, _ = read(output, '/localizer/feasible_poses')
+    assert 0 < len(times_ns) < 5_000
+    assert f'{len(times_ns)} ticks' in told
+
+
+def wait_for(condition, deadline_s=60.0):
+    give_up_s = time.monotonic() + deadline_s
+    while not (found := condition()):
+        assert time.monotonic() < give_up_s
+        time.sleep(0.02)
+    return found
+
+
+def test_a_report_for_a_person(tmp_path, triangle_bag, capsys):
+    params, report = tmp_path / 'params.yaml', tmp_path / 'report.md'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    paths = ('-o', tmp_path / 'out', '--params', params, '--report', report)
+    assert main([str(text) for text in (triangle_bag, *paths)]) == 0
+    text = report.read_text()
+    assert '10 ticks at 5 Hz, from 0.0 to 2.0 s of the bag.' in text
+    assert '| 2          | 10    |' in text
+    assert '63 measurements were taken, 0 rejected.' in text
+    told = capsys.readouterr().out
+    assert told.startswith(text) and 'times real time' in told and 'real time' not in text
+
+
+def test_unbounded_enclosures_are_told(localize, recorder, capsys):
+    recorder.write_triangle(range(11), {('a', 'b'): 3.0, ('b', 'c'): 5.0})
+    _, report = localize(recorder.close())
+    assert set(report['median_enclosure_width_m']) == set('abc')
+    code, report = localize(recorder.path, robots=['a', 'b', 'c', 'd'])
+    assert code == 0 and report['median_enclosure_width_m']['d'] is None
+    assert '| d     | not bounded' in capsys.readouterr().out
+
+
+def test_the_true_placement_is_in_every_answer(tmp_path, uwb_recording, capsys):
+    paths = ('-o', tmp_path / 'out', '--params', REPOSITORY / CONFIG)
+    began_s = time.monotonic()
+    assert main([str(text) for text in (uwb_recording.path, *paths)]) == 0
+    took_s = time.monotonic() - began_s
+    _, scenes = read(tmp_path / 'out', '/localizer/markers')
+    assert uwb_recording.check(scenes) == 75
+    assert took_s < 17.0, 'slower than real time'
+    assert '85 ticks at 5 Hz, from 0.0 to 17.2 s of the bag.' in capsys.readouterr().out
