@@ -49,7 +49,7 @@ def _shave(
         part[LOWER if end == UPPER else UPPER, [i, j], [j, i]] = cut
         part[GAP_LOWER:, [i, j], [j, i]] = 0.0
         used += 1
-        status = pruner.prune(part, stopped, 0.0, pair)
+        status = pruner.prune_slice(part, pair, stopped)
         if status == UNFINISHED:
             break
         new = cut if status == EMPTY else part[end, i, j]
