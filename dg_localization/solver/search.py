@@ -249,7 +249,8 @@ class Pruner:
 
     def prune(self, box: FloatArray, stopped: Callable[[], bool] = lambda: False) -> int:
         """Contract a box in place: `EMPTY`, `CONTRACTED`, or `UNFINISHED` when stopped."""
-        return self._contract(box, stopped, self._groups, EXPLAINED_FACTOR, MAX_SWEEPS, self._batch)
+        groups, batch = self._groups, self._batch
+        return self._contract(box, stopped, groups, EXPLAINED_FACTOR, MAX_SWEEPS, batch)
 
     def prune_slice(self, box: FloatArray, pair: Pair, stopped: Callable[[], bool]) -> int:
         """
@@ -317,9 +318,7 @@ class Pruner:
         return _cut(box, i, j, low_end, high_start) if i >= 0 else []
 
 
-def _cut(
-    box: FloatArray, i: int, j: int, low_end: float, high_start: float
-) -> list[FloatArray]:
+def _cut(box: FloatArray, i: int, j: int, low_end: float, high_start: float) -> list[FloatArray]:
     """Return the parts of a box below `low_end` and above `high_start` of one pair."""
     below, above = box.copy(), box.copy()
     below[UPPER, i, j] = below[UPPER, j, i] = low_end

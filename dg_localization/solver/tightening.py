@@ -62,9 +62,7 @@ def _shave(
     return True, used
 
 
-def tighten(
-    pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
-) -> bool:
+def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]) -> bool:
     """
     Narrow the ranges of a finished box, in place.
 
