@@ -347,7 +347,8 @@ def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
     """Return which links of a snapshot contradict each other."""
     config = snapshot.config
     everything = frozenset(snapshot.keys)
-    brief = replace(config.solver, max_boxes=min(EXPLANATION_BOXES, config.solver.max_boxes))
+    boxes = min(EXPLANATION_BOXES, config.solver.max_boxes)
+    brief = replace(config.solver, max_boxes=boxes, tighten_slices=0)
 
     def is_contradiction(links: Links, thorough: bool) -> bool:
         dropped = everything - links

@@ -282,6 +282,13 @@ TABLE = (
     ),
     Spec('solver.max_boxes', INTEGER, 2000, 'boxes processed at most', at_least=1),
     Spec('solver.max_seconds', DOUBLE, 1.0, 'longest time of one solve', 's', 0.001),
+    Spec(
+        'solver.tighten_slices',
+        INTEGER,
+        20,
+        'slices examined of each finished box, to tighten it',
+        at_least=0,
+    ),
     Spec('autostart', BOOL, True, 'configure and activate without being told to'),
 )
 
@@ -526,6 +533,7 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
             resolution=values['solver.resolution'],
             max_boxes=values['solver.max_boxes'],
             max_seconds=values['solver.max_seconds'],
+            tighten_slices=values['solver.tighten_slices'],
         ),
     )
 

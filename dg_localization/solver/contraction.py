@@ -440,6 +440,7 @@ def contract(
     groups: Groups,
     factor: float,
     resolution_m: float,
+    max_sweeps: int,
     batch: int,
     most_axes: int,
 ) -> int:
@@ -462,6 +463,8 @@ def contract(
         Stop when no range is more than so many times wider than the measurement errors explain.
     resolution_m : float
         Stop when every distance is known to this many metres.
+    max_sweeps : int
+        Most sweeps over all axes.
     batch : int
         After how many axes linear combinations are tried.
     most_axes : int
@@ -528,7 +531,8 @@ def contract(
         elif last == end:
             progress[NEXT_AXIS] = 0
             progress[SWEEP] += 1
-            if _largest_gain(inner, work.widths, n_points) < LEAST_GAIN:
+            slow = _largest_gain(inner, work.widths, n_points) < LEAST_GAIN
+            if slow or progress[SWEEP] >= max_sweeps:
                 status = CONTRACTED
     box[:] = inner
     return status

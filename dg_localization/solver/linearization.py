@@ -197,9 +197,7 @@ def _invert(matrix: FloatArray) -> bool:
 
 
 @kernel
-def _square_of_difference(
-    first: FloatArray, second: FloatArray
-) -> tuple[float, float]:
+def _square_of_difference(first: FloatArray, second: FloatArray) -> tuple[float, float]:
     """Bound |e_i - e_j|^2 from the bounds of both displacements, shape (2, q) each."""
     low = 0.0
     high = 0.0
@@ -436,9 +434,7 @@ def _narrow_moves(
                 _difference(inverse, index[i, axis], index[j, axis], weights)
                 target[i, axis] = 1.0
                 target[j, axis] = -1.0
-                low, high = _combine(
-                    weights, surplus, target, reference, moves, edges, residual
-                )
+                low, high = _combine(weights, surplus, target, reference, moves, edges, residual)
                 target[i, axis] = 0.0
                 target[j, axis] = 0.0
                 low = max(low, bends[m, LOWER, axis])

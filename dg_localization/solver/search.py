@@ -30,6 +30,7 @@ from dg_localization.solver.contraction import (
     MOST_THROUGH,
     UNFINISHED,
     Groups,
+    combine,
     contract,
     excess,
     make_workspace,
@@ -40,6 +41,9 @@ from dg_localization.solver.result import SolverOptions, Statistics
 from dg_localization.solver.sides import handedness_is_possible, sides_of
 from dg_localization.solver.smoothing import smooth_triangles
 from dg_localization.solver.tightening import tighten
+
+MAX_SWEEPS = 50
+SLICE_SWEEPS = 3
 
 WELL_EXPLAINED = 0.01
 """A range this close to the first-order effect of the errors, relatively, is not tightened."""
@@ -243,21 +247,33 @@ class Pruner:
         points, distance = self._work.points[0], self._work.distance
         return box if smooth_triangles(box, distance, points, n_points) else None
 
-    def prune(
+    def prune(self, box: FloatArray, stopped: Callable[[], bool] = lambda: False) -> int:
+        """Contract a box in place: `EMPTY`, `CONTRACTED`, or `UNFINISHED` when stopped."""
+        groups, batch = self._groups, self._batch
+        return self._contract(box, stopped, groups, EXPLAINED_FACTOR, MAX_SWEEPS, batch)
+
+    def prune_slice(self, box: FloatArray, pair: Pair, stopped: Callable[[], bool]) -> int:
+        """
+        Contract a slice of a finished box, in place.
+
+        The pair that it was cut along is bounded by the slice alone, and counts as measured.
+        """
+        groups = _with_edge(self._groups, pair)
+        if not combine(box, self._problem.dimension, groups, self._work.explained):
+            return EMPTY
+        return self._contract(box, stopped, groups, 0.0, SLICE_SWEEPS, len(self._axes))
+
+    def _contract(
         self,
         box: FloatArray,
-        stopped: Callable[[], bool] = lambda: False,
-        factor: float = EXPLAINED_FACTOR,
-        also_known: Pair | None = None,
+        stopped: Callable[[], bool],
+        groups: Groups,
+        factor: float,
+        max_sweeps: int,
+        batch: int,
     ) -> int:
-        """
-        Contract a box in place: `EMPTY`, `CONTRACTED`, or `UNFINISHED` when stopped.
-
-        See `contract` for `factor`. The linear combinations use the pair `also_known`, which is
-        bounded by the box alone, as they use the measured ones.
-        """
+        """Contract a box as `contract` does, and look at the clock now and then."""
         self._work.progress[:] = 0
-        groups = self._groups if also_known is None else _with_edge(self._groups, also_known)
         status = UNFINISHED
         while True:
             status = contract(
@@ -268,7 +284,8 @@ class Pruner:
                 groups,
                 factor,
                 self._resolution,
-                self._batch,
+                max_sweeps,
+                batch,
                 self._most_axes,
             )
             if status != UNFINISHED or stopped():
@@ -301,9 +318,7 @@ class Pruner:
         return _cut(box, i, j, low_end, high_start) if i >= 0 else []
 
 
-def _cut(
-    box: FloatArray, i: int, j: int, low_end: float, high_start: float
-) -> list[FloatArray]:
+def _cut(box: FloatArray, i: int, j: int, low_end: float, high_start: float) -> list[FloatArray]:
     """Return the parts of a box below `low_end` and above `high_start` of one pair."""
     below, above = box.copy(), box.copy()
     below[UPPER, i, j] = below[UPPER, j, i] = low_end

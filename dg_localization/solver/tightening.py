@@ -49,7 +49,7 @@ def _shave(
         part[LOWER if end == UPPER else UPPER, [i, j], [j, i]] = cut
         part[GAP_LOWER:, [i, j], [j, i]] = 0.0
         used += 1
-        status = pruner.prune(part, stopped, 0.0, pair)
+        status = pruner.prune_slice(part, pair, stopped)
         if status == UNFINISHED:
             break
         new = cut if status == EMPTY else part[end, i, j]
@@ -62,9 +62,7 @@ def _shave(
     return True, used
 
 
-def tighten(
-    pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
-) -> bool:
+def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]) -> bool:
     """
     Narrow the ranges of a finished box, in place.
 
