@@ -12,8 +12,6 @@ branches of a root are intersected apart and joined last (Eq. 20).
 
 from __future__ import annotations
 
-import math
-
 from dg_localization.solver.box import (
     GAP_LOWER,
     GAP_UPPER,
@@ -24,37 +22,10 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
+from dg_localization.solver.interval import reverse_square, square
 from dg_localization.solver.jit import kernel
-from dg_localization.solver.projection import coordinate_difference, squared_range
+from dg_localization.solver.projection import coordinate_difference
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
-
-
-@kernel
-def reverse_square(
-    low: float, high: float, square_low: float, square_high: float
-) -> tuple[float, float]:
-    """
-    Bound the x of [low, high] whose square lies in [square_low, square_high].
-
-    Returns
-    -------
-    tuple of float
-        The hull of what is left of both signs; (inf, -inf) when nothing is.
-
-    """
-    if square_high < 0.0:
-        return math.inf, -math.inf
-    near = sqrt_down(square_low)
-    far = sqrt_up(square_high)
-    minus_low, minus_high = max(low, -far), min(high, -near)
-    plus_low, plus_high = max(low, near), min(high, far)
-    new_low, new_high = math.inf, -math.inf
-    if minus_low <= minus_high:
-        new_low, new_high = minus_low, minus_high
-    if plus_low <= plus_high:
-        new_low = min(new_low, plus_low)
-        new_high = plus_high
-    return new_low, new_high
 
 
 @kernel
@@ -170,8 +141,8 @@ def _narrow_point(
 
     gap_low = shadow[GAP_LOWER, a, i]
     gap_high = shadow[GAP_UPPER, a, i]
-    t_square_low, t_square_high = squared_range(t_lower, t_upper)
-    u_square_low, u_square_high = squared_range(u_lower, u_upper)
+    t_square_low, t_square_high = square(t_lower, t_upper)
+    u_square_low, u_square_high = square(u_lower, u_upper)
     low, high = _far_side_range(
         box[LOWER, b, i], box[UPPER, b, i], u_lower, u_upper, d_lower, d_upper
     )
@@ -229,7 +200,7 @@ def _narrow_pair(
     if coordinates[LOWER, j] > coordinates[UPPER, j]:
         return False
 
-    square_low, square_high = squared_range(low, high)
+    square_low, square_high = square(low, high)
     low = down(square_low + shadow[LOWER, i, j])
     high = up(square_high + shadow[UPPER, i, j])
     if not narrow(box, i, j, low, high):

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dg_localization.solver.back_projection import reverse_square
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.interval import reverse_square
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.projection import axis_coordinate, project
 from dg_localization.solver.rounding import sqrt_down, sqrt_up

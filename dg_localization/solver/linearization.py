@@ -26,8 +26,8 @@ import numpy as np
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
 from dg_localization.solver.coordinates import enclose_in_frame
+from dg_localization.solver.interval import add, square, sub
 from dg_localization.solver.jit import kernel
-from dg_localization.solver.projection import squared_range
 from dg_localization.solver.rounding import down, up
 
 GRID_BITS = 24
@@ -146,9 +146,11 @@ def _set_reference(
             along = 0.0
             for axis in range(dimension):
                 along += (positions[i, axis] - positions[frame[0], axis]) * basis[row, axis]
+            if not abs(along) < LARGEST_EXTENT_M:  # NaN as well
+                return False
             reference[i, row] = along
             largest = max(largest, abs(along))
-    if not SMALLEST_EXTENT_M < largest < LARGEST_EXTENT_M:
+    if largest <= SMALLEST_EXTENT_M:
         return False
     step = 2.0 ** (math.ceil(math.log2(largest)) - GRID_BITS)
     for i in range(n_points):
@@ -202,12 +204,10 @@ def _square_of_difference(first: FloatArray, second: FloatArray) -> tuple[float,
     low = 0.0
     high = 0.0
     for axis in range(first.shape[1]):
-        square_low, square_high = squared_range(
-            down(first[LOWER, axis] - second[UPPER, axis]),
-            up(first[UPPER, axis] - second[LOWER, axis]),
+        bend = sub(
+            first[LOWER, axis], first[UPPER, axis], second[LOWER, axis], second[UPPER, axis]
         )
-        low = down(low + square_low)
-        high = up(high + square_high)
+        low, high = add(low, high, *square(*bend))
     return max(low, 0.0), high
 
 
@@ -228,15 +228,13 @@ def _set_surplus(
     """Write the bounds of s_m - s_m(x*) - |e_m|^2, which is linear in the displacements."""
     for m in range(len(edges)):
         i, j = edges[m, 0], edges[m, 1]
-        square_low = 0.0
-        square_high = 0.0
+        low = 0.0
+        high = 0.0
         for axis in range(reference.shape[1]):
-            low, high = squared_range(bends[m, LOWER, axis], bends[m, UPPER, axis])
-            square_low = down(square_low + low)
-            square_high = up(square_high + high)
+            low, high = add(low, high, *square(bends[m, LOWER, axis], bends[m, UPPER, axis]))
         length = _squared_length(reference, i, j)
-        surplus[m, LOWER] = down(down(box[LOWER, i, j] - length) - square_high)
-        surplus[m, UPPER] = up(up(box[UPPER, i, j] - length) - max(square_low, 0.0))
+        surplus[m, LOWER] = down(down(box[LOWER, i, j] - length) - high)
+        surplus[m, UPPER] = up(up(box[UPPER, i, j] - length) - max(low, 0.0))
 
 
 @kernel
@@ -255,7 +253,7 @@ def _combine(
     Parameters
     ----------
     weights : ndarray, shape (m,)
-        The multipliers y; any numbers.
+        The multipliers y; any numbers, though infinite ones and NaN bound nothing.
     surplus : ndarray, shape (m, 2)
         Bounds of what each measured gradient gives for the displacements.
     target : ndarray, shape (n, q)
@@ -282,6 +280,8 @@ def _combine(
         weight = weights[m]
         if weight == 0.0:
             continue
+        if not math.isfinite(weight):
+            return -math.inf, math.inf
         i, j = edges[m, 0], edges[m, 1]
         for axis in range(dimension):
             term = weight * (2.0 * (reference[i, axis] - reference[j, axis]))
@@ -423,8 +423,12 @@ def _narrow_moves(
     for m in range(n_edges):
         i, j = edges[m, 0], edges[m, 1]
         for axis in range(dimension):
-            bends[m, LOWER, axis] = down(moves[i, LOWER, axis] - moves[j, UPPER, axis])
-            bends[m, UPPER, axis] = up(moves[i, UPPER, axis] - moves[j, LOWER, axis])
+            bends[m, LOWER, axis], bends[m, UPPER, axis] = sub(
+                moves[i, LOWER, axis],
+                moves[i, UPPER, axis],
+                moves[j, LOWER, axis],
+                moves[j, UPPER, axis],
+            )
     for _ in range(NEWTON_STEPS):
         _set_surplus(box, reference, bends, edges, surplus)
         gain = 0.0

@@ -28,6 +28,7 @@ from dg_localization.solver.box import (
     IntArray,
     exclude,
 )
+from dg_localization.solver.interval import square
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
@@ -147,10 +148,11 @@ def _height_corner(a: float, b: float, c: float) -> tuple[float, float]:
     """Bound A - (A - B + C)^2 / (4 C) at one corner of the box, for C > 0."""
     low = down(down(a - b) + c)
     high = up(up(a - b) + c)
-    largest = max(-low, high)
-    smallest = max(0.0, low, -high)
-    height_low = down(a - up(square_up(largest) / (4.0 * c)))
-    height_high = up(a - down(square_down(smallest) / (4.0 * c)))
+    # Halved before they are squared: 4 C may overflow.
+    largest = 0.5 * max(-low, high)
+    smallest = 0.5 * max(0.0, low, -high)
+    height_low = down(a - up(square_up(largest) / c))
+    height_high = up(a - down(square_down(smallest) / c))
     return height_low, height_high
 
 
@@ -199,14 +201,6 @@ def squared_height(
     if right_at_a or right_at_b:
         high = ceiling
     return max(low, 0.0), min(high, ceiling)
-
-
-@kernel
-def squared_range(low: float, high: float) -> tuple[float, float]:
-    """Bound x^2 for x in [low, high]; both may be infinite."""
-    smallest = max(0.0, low, -high)
-    largest = max(-low, high)
-    return square_down(smallest), square_up(largest)
 
 
 @kernel
@@ -320,7 +314,9 @@ def project(
             )
             low = max(low, down(coordinates[LOWER, i] - coordinates[UPPER, j]))
             high = min(high, up(coordinates[UPPER, i] - coordinates[LOWER, j]))
-            square_low, square_high = squared_range(low, high)
+            if low > high:
+                return -1
+            square_low, square_high = square(low, high)
             low = max(0.0, down(box[LOWER, i, j] - square_high))
             high = up(box[UPPER, i, j] - square_low)
             if low > high:

@@ -10,7 +10,9 @@ and where that product underflows the second term is the unit itself. Adding a m
 unit and rounding to nearest cannot fall short of the next number, because rounding is monotone.
 The step is branch-free and scales exactly with powers of two.
 
-`up` takes anything but -inf, `down` anything but +inf: the opposite infinities are no bounds.
+An operation that overflows says only that its exact result is beyond the largest double, which is
+then the bound on the near side. So `down` never returns +inf nor `up` -inf, and sums of bounds are
+never inf - inf (docs/rigour.md).
 """
 
 from __future__ import annotations
@@ -21,17 +23,20 @@ from dg_localization.solver.jit import kernel
 
 UNIT = 2.0**-52
 TINIEST = 2.0**-1074
+LARGEST = (2.0 - UNIT) * 2.0**1023
 
 
 @kernel
 def up(x: float) -> float:
     """Return a number above the exact value whose nearest double is `x`."""
+    x = max(x, -LARGEST)
     return x + (abs(x) * UNIT + TINIEST)
 
 
 @kernel
 def down(x: float) -> float:
     """Return a number below the exact value whose nearest double is `x`."""
+    x = min(x, LARGEST)
     return x - (abs(x) * UNIT + TINIEST)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contraction import Sides
+from dg_localization.solver.interval import add, mul, sub
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.rounding import down, up
 
 _CHIRALITY_GROUP = 0
 
@@ -80,30 +80,30 @@ def _inner_product(
     box: FloatArray, p_base: int, p: int, q_base: int, q: int
 ) -> tuple[float, float]:
     """Bound (x_p - x_pbase) . (x_q - x_qbase) from four squared distances (Eq. 3)."""
-    low = down(
-        down(box[LOWER, p, q_base] + box[LOWER, p_base, q])
-        - up(box[UPPER, p, q] + box[UPPER, p_base, q_base])
-    )
-    high = up(
-        up(box[UPPER, p, q_base] + box[UPPER, p_base, q])
-        - down(box[LOWER, p, q] + box[LOWER, p_base, q_base])
+    low, high = sub(
+        *add(
+            box[LOWER, p, q_base],
+            box[UPPER, p, q_base],
+            box[LOWER, p_base, q],
+            box[UPPER, p_base, q],
+        ),
+        *add(
+            box[LOWER, p, q],
+            box[UPPER, p, q],
+            box[LOWER, p_base, q_base],
+            box[UPPER, p_base, q_base],
+        ),
     )
     return 0.5 * low, 0.5 * high
 
 
 @kernel
-def _product(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
-    """Bound the product of two finite intervals."""
-    corners = (a_low * b_low, a_low * b_high, a_high * b_low, a_high * b_high)
-    return down(min(corners)), up(max(corners))
-
-
-@kernel
 def _minor(gram: FloatArray, r: int, s: int, c: int, e: int) -> tuple[float, float]:
     """Bound the 2 x 2 minor of rows r, s and columns c, e."""
-    a_low, a_high = _product(gram[0, r, c], gram[1, r, c], gram[0, s, e], gram[1, s, e])
-    b_low, b_high = _product(gram[0, r, e], gram[1, r, e], gram[0, s, c], gram[1, s, c])
-    return down(a_low - b_high), up(a_high - b_low)
+    return sub(
+        *mul(gram[0, r, c], gram[1, r, c], gram[0, s, e], gram[1, s, e]),
+        *mul(gram[0, r, e], gram[1, r, e], gram[0, s, c], gram[1, s, c]),
+    )
 
 
 @kernel
@@ -144,9 +144,8 @@ def volume_product(box: FloatArray, p: IntArray, q: IntArray) -> tuple[float, fl
     high = 0.0
     for c in range(3):
         minor_low, minor_high = _minor(gram, 1, 2, (c + 1) % 3, (c + 2) % 3)
-        term_low, term_high = _product(gram[0, 0, c], gram[1, 0, c], minor_low, minor_high)
-        low = down(low + term_low)
-        high = up(high + term_high)
+        term = mul(gram[0, 0, c], gram[1, 0, c], minor_low, minor_high)
+        low, high = add(low, high, *term)
     return low, high
 
 

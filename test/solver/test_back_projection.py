@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.back_projection import back_project, reverse_square
+from dg_localization.solver.back_projection import _far_side_range, back_project
 from dg_localization.solver.projection import project
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
@@ -52,44 +52,27 @@ def outward(x, relative_width=0.0):
 
 
 @LAWS
-@given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-100, 10000), st.floats(-100, 10000))
-def test_reverse_square_is_the_exact_hull(x, y, s, r):
-    low, high = sorted((x, y))
-    square_low, square_high = sorted((s, r))
-    new_low, new_high = reverse_square(low, high, square_low, square_high)
-    far = math.sqrt(max(square_high, 0.0))
-    near = math.sqrt(max(square_low, 0.0))
-    parts = [(max(low, start), min(high, end)) for start, end in ((-far, -near), (near, far))]
-    parts = [part for part in parts if part[0] <= part[1]] if square_high >= 0.0 else []
-    slack = 1e-14 * 100.0
-    if parts:
-        assert new_low <= parts[0][0] and parts[-1][1] <= new_high
-        if new_low < parts[0][0] - slack or new_high > parts[-1][1] + slack:
-            # Only a branch that touches the range by rounding may come in addition.
-            assert min(abs(low + near), abs(high - near), abs(low - far), abs(high + far)) < slack
-    else:
-        assert new_low > new_high or new_high - new_low <= slack
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'expected'),
-    [
-        ((-5.0, 5.0, 4.0, 9.0), (-3.0, 3.0)),
-        ((-1.0, 5.0, 4.0, 9.0), (2.0, 3.0)),
-        ((-5.0, 1.0, 4.0, 9.0), (-3.0, -2.0)),
-        ((-1.0, 1.0, -9.0, 100.0), (-1.0, 1.0)),
-        ((-math.inf, math.inf, 0.0, 4.0), (-2.0, 2.0)),
-        ((-math.inf, math.inf, 4.0, math.inf), (-math.inf, math.inf)),
-        ((-1.0, 3.0, 4.0, math.inf), (2.0, 3.0)),
-    ],
-)
-def test_reverse_square_by_hand(arguments, expected):
-    assert reverse_square(*arguments) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize('square', [(-2.0, -1.0), (4.0, 9.0)])
-def test_reverse_square_of_the_impossible_is_empty(square):
-    assert reverse_square(-1.0, 1.0, *square) == (math.inf, -math.inf)
+@given(st.integers(0, 2**32))
+def test_the_far_side_is_bounded_by_its_exact_range(seed):
+    """B = A + d^2 - 2 d t (Eq. 22) is linear in A and t; in d its minimum is at d = t."""
+    rng = np.random.default_rng(seed)
+    scale = float(rng.choice([1.0, 1e-12, 1e12]))
+    widths = rng.choice([0.0, 1e-9, 1.0], 3)
+    starts = rng.random(3) * [100.0, 20.0, 10.0] - [0.0, 10.0, 0.0]
+    starts *= [scale**2, scale, scale]
+    widths *= rng.random(3) * [10.0 * scale**2, 5.0 * scale, 5.0 * scale]
+    (a_ends, t_ends, d_ends) = np.column_stack([starts, starts + widths]).tolist()
+    lengths = [*d_ends, min(max(t_ends[1], d_ends[0]), d_ends[1])]
+    exact = [
+        a + d * d - 2 * d * t
+        for a in map(Fraction, a_ends)
+        for t in map(Fraction, t_ends)
+        for d in map(Fraction, lengths)
+    ]
+    low, high = _far_side_range(*a_ends, *t_ends, *d_ends)
+    slack = Fraction(1e-14 * 1000.0 * scale**2)
+    assert low <= min(exact) <= low + slack
+    assert high - slack <= max(exact) <= high
 
 
 @pytest.mark.parametrize('seed', range(200))

@@ -59,6 +59,28 @@ def test_every_point_is_enclosed(seed):
                 assert low <= exact + slack and exact - slack <= high, (point, axis)
 
 
+@pytest.mark.parametrize('width', [0.0, 1e-9, 0.3])
+@pytest.mark.parametrize('size', [1.0, 1e-12, 1e12])
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_frame_without_extent_may_have_any_direction(dimension, size, width):
+    """Of coincident frame points any axis will do, and the bounds hold along each of them."""
+    rng = np.random.default_rng(dimension)
+    positions = rng.integers(-9, 10, size=(6, dimension)) * size
+    positions[1] = positions[0]
+    if dimension == 3:
+        positions[2] = positions[0]
+    squared = squared_distances(positions)
+    frame = tuple(range(dimension + 1))
+    enclosure = enclose_coordinates(squared * (1.0 - width), squared * (1.0 + width), frame)
+    for _ in range(50):
+        axes, _ = np.linalg.qr(rng.normal(size=(dimension, dimension)))
+        # The last of the frame points fixes the last axes, up to their signs.
+        along = (positions - positions[0]) @ axes
+        reach = 1e-14 * size * 30.0
+        assert (enclosure[:, 0, 0] <= along[:, 0] + reach).all()
+        assert (along[:, 0] - reach <= enclosure[:, 1, 0]).all()
+
+
 @pytest.mark.parametrize('size', [1.0, 1e-12, 1e12])
 def test_exact_distances_give_exact_coordinates(size):
     positions = np.array([[0, 0, 0], [3, 0, 0], [1, 2, 0], [2, -1, 2], [-1, -2, -3]]) * size

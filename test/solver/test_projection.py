@@ -15,7 +15,6 @@ from dg_localization.solver.projection import (
     coordinate_difference,
     project,
     squared_height,
-    squared_range,
 )
 from dg_localization.solver.rounding import sqrt_down, sqrt_up
 
@@ -179,23 +178,6 @@ def test_coordinate_difference_on_an_axis_that_may_vanish():
     assert 0.0 <= low <= 0.5 and high == math.inf
 
 
-@LAWS
-@given(st.floats(-1e100, 1e100), st.floats(-1e100, 1e100))
-def test_squared_range(x, y):
-    low, high = sorted((x, y))
-    square_low, square_high = squared_range(low, high)
-    ends = [Fraction(low) ** 2, Fraction(high) ** 2]
-    smallest = Fraction(0) if low <= 0 <= high else min(ends)
-    assert 0 <= square_low <= smallest and max(ends) <= square_high
-    assert square_low >= float(smallest) * (1 - UNITS) - 1e-300
-    assert square_high <= float(max(ends)) * (1 + UNITS) + 1e-300
-
-
-def test_squared_range_of_the_unbounded():
-    assert squared_range(-math.inf, math.inf) == (0.0, math.inf)
-    assert squared_range(2.0, math.inf) == (pytest.approx(4.0), math.inf)
-
-
 def project_box(box, a, b):
     """Return (shadow, coordinates, shadow points) of a box; None when it is proved empty."""
     n_points = box.shape[1]
@@ -265,6 +247,76 @@ def test_a_smaller_box_gives_a_smaller_range(seed):
     for (low, high), (inner_low, inner_high) in zip(ranges(outer), ranges(inner), strict=True):
         if inner_low <= inner_high:
             assert low <= inner_low + slack * 100.0 and inner_high <= high + slack * 100.0
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_ranges_are_attained(seed):
+    """At ends, where the derivative vanishes, or where the cuts |t| <= sqrt(A) are met."""
+    for box, _ in random_triangles(seed, zero_length=False):
+        (a_low, a_high), (b_low, b_high), (c_low, c_high) = box
+        d_low, d_high = lengths(box[2])
+        if c_low == 0.0:
+            continue
+        with mpmath.workdps(60):
+            exact = []
+            for a, b in itertools.product(*((mpmath.mpf(x) for x in ends) for ends in box[:2])):
+                ends = [mpmath.mpf(d_low), mpmath.mpf(d_high)]
+                turn = mpmath.sqrt(a - b) if a > b else ends[0]
+                inner = [turn] if ends[0] < turn < ends[1] else []
+                exact.extend((a - b) / (2 * d) + d / 2 for d in ends + inner)
+            root_a, root_b = mpmath.sqrt(a_high), mpmath.sqrt(b_high)
+            expected = (
+                max(min(exact), -root_a, d_low - root_b),
+                min(max(exact), root_a, d_high + root_b),
+            )
+            low, high = axis_coordinate(*box[0], *box[1], d_low, d_high)
+            size = max(a_high, b_high) / d_low + d_high
+            assert 0 <= expected[0] - low <= UNITS * size, box
+            assert 0 <= high - expected[1] <= UNITS * size, box
+
+        corners = [
+            a - (a - b + c) ** 2 / (4 * c)
+            for a, b, c in itertools.product(*(map(Fraction, ends) for ends in box))
+        ]
+        (a_low, a_high), (b_low, b_high), (c_low, c_high) = (map(Fraction, x) for x in box)
+        right_at_b = a_low - c_high <= b_high <= a_high - c_low
+        right_at_a = b_low - c_high <= a_high <= b_high - c_low
+        highest = min(a_high, b_high) if right_at_a or right_at_b else max(corners)
+        low, high = squared_height(*box[0], *box[1], *box[2])
+        size = float(max(a_high, b_high, c_high)) ** 2 / float(c_low)
+        assert 0 <= max(min(corners), 0) - Fraction(low) <= UNITS * size, box
+        assert 0 <= Fraction(high) - highest <= UNITS * size, box
+
+
+HUGE = 1.7e308
+
+
+@pytest.mark.parametrize('size', [1e-320, 1e-300, 1e160, 1e300, HUGE])
+def test_an_equilateral_triangle_of_any_size_is_one(size):
+    """Where squares overflow or vanish there is little to tell, but never that nothing is left."""
+    d_low, d_high = lengths((size, size))
+    low, high = axis_coordinate(size, size, size, size, d_low, d_high)
+    assert low <= 0.5 * d_low and 0.5 * d_high <= high
+    low, high = squared_height(size, size, size, size, size, size)
+    assert low <= 0.75 * size <= high
+
+
+def test_a_quotient_that_overflows_is_a_bound():
+    """A point far beyond an end of a tiny axis; the triangle inequality is left to others."""
+    tiny_m = 1e-160
+    low, high = axis_coordinate(0.0, 0.0, HUGE, HUGE, tiny_m, tiny_m)
+    assert not math.isnan(low) and not math.isnan(high)
+    low, high = coordinate_difference(0.0, 0.0, HUGE, HUGE, 0.0, 0.0, 0.0, 0.0, tiny_m, tiny_m)
+    assert low == -math.inf and -math.inf < high < -1e308
+
+
+def test_coordinates_that_contradict_each_other_are_a_proof():
+    """The difference of two coordinates is bounded twice: from their box and from each."""
+    squared = squared_distances(np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [3.0, 1.0]]))
+    box = box_of(squared, squared)
+    assert project_box(box, 0, 1) is not None
+    box[:2, 0, 2] = box[:2, 2, 0] = 1e-3
+    assert project_box(box, 0, 1) is None
 
 
 def test_axis_coordinate_with_many_digits():

@@ -51,6 +51,13 @@ def test_the_infinities_stay_bounds():
     assert rounding.square_up(math.inf) == rounding.sqrt_up(math.inf) == math.inf
 
 
+def test_an_overflow_is_a_bound_on_the_near_side():
+    largest = math.nextafter(math.inf, 0.0)
+    assert rounding.LARGEST == largest
+    assert rounding.down(math.inf) == rounding.square_down(1e200) == rounding.down(largest)
+    assert rounding.up(-math.inf) == -rounding.down(math.inf)
+
+
 @LAWS
 @given(MODERATE, MODERATE)
 def test_one_operation_rounded_outward_holds_the_exact_result(x, y):

@@ -1,0 +1,228 @@
+"""Interval operations against the vectors of IEEE 1788 and against exact rationals."""
+
+from fractions import Fraction
+import math
+import re
+import struct
+
+from hypothesis import assume, example, given, settings, strategies as st
+import pytest
+
+from dg_localization.solver import interval
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=300)
+EMPTY = (math.inf, -math.inf)
+ENTIRE = (-math.inf, math.inf)
+LEAST_NORMAL = 2.0**-1022
+MOST_EXCESS = 2
+"""Doubles between an end and the tightest one; one more near the least normal number."""
+
+
+def reciprocal(x):
+    return interval.div(1.0, 1.0, *x)
+
+
+def reverse_square(square, x=ENTIRE):
+    return interval.reverse_square(*x, *square)
+
+
+def on_pairs(operation):
+    return lambda *operands: operation(*(end for operand in operands for end in operand))
+
+
+# Operation of the vectors: (their file, how many there are, what is tested).
+OPERATIONS = {
+    'add': ('elem', 31, on_pairs(interval.add)),
+    'sub': ('elem', 31, on_pairs(interval.sub)),
+    'mul': ('elem', 116, on_pairs(interval.mul)),
+    'div': ('elem', 341, on_pairs(interval.div)),
+    'recip': ('elem', 18, reciprocal),
+    'sqr': ('elem', 12, on_pairs(interval.square)),
+    'sqrt': ('elem', 13, on_pairs(interval.sqrt)),
+    'intersection': ('set', 5, on_pairs(interval.intersection)),
+    'convexHull': ('set', 5, on_pairs(interval.hull)),
+    'sqrRev': ('rev', 11, reverse_square),
+    'sqrRevBin': ('rev', 11, reverse_square),
+}
+
+
+def number(text):
+    text = text.strip()
+    if text.endswith('infinity'):
+        return math.inf * (-1 if text.startswith('-') else 1)
+    return float.fromhex(text) if 'x' in text.lower() else float(text)
+
+
+def ends(text):
+    """Return the ends of an interval of the vectors."""
+    named = {'empty': EMPTY, 'entire': ENTIRE}
+    return named[text] if text in named else tuple(map(number, text.split(',')))
+
+
+def vectors(path, operation):
+    """Yield (operands, tightest result) of an operation; decorated intervals are left out."""
+    for line in path.read_text().splitlines():
+        match = re.fullmatch(rf'\s*{operation} ((?:\[[^]]*\]\s*)+)= \[([^]]*)\];', line)
+        if match and 'nai' not in line:
+            operands, result = match.groups()
+            yield [ends(text) for text in re.findall(r'\[([^]]*)\]', operands)], ends(result)
+
+
+def rank(x):
+    """Return the place of a double among all doubles, from 0 at zero."""
+    (bits,) = struct.unpack('<q', struct.pack('<d', x))
+    return bits if bits >= 0 else -(bits & 0x7FFF_FFFF_FFFF_FFFF)
+
+
+def is_tight(computed, tightest):
+    """Tell whether an interval holds the tightest one and exceeds it by no more than it may."""
+    excess = rank(tightest[0]) - rank(computed[0]), rank(computed[1]) - rank(tightest[1])
+    return all(
+        0 <= e <= MOST_EXCESS + (abs(end) < LEAST_NORMAL * 4.0)
+        for e, end in zip(excess, tightest, strict=True)
+    )
+
+
+@pytest.mark.parametrize('operation', OPERATIONS)
+def test_vectors_of_the_standard(shared, operation):
+    name, count, compute = OPERATIONS[operation]
+    cases = list(vectors(shared / f'data/itf1788/libieeep1788_{name}.itl', operation))
+    assert len(cases) == count
+    for operands, tightest in cases:
+        computed = compute(*operands)
+        if tightest == EMPTY:
+            assert computed == EMPTY, operands
+        else:
+            assert is_tight(computed, tightest), operands
+
+
+ENDS = st.floats(allow_nan=False)
+
+
+def intervals():
+    """Draw intervals of any size, points, half-lines and all numbers among them."""
+    pairs = st.one_of(st.tuples(ENDS, ENDS), ENDS.map(lambda x: (x, x)))
+    return pairs.map(sorted).map(tuple).filter(lambda i: i[0] < math.inf and i[1] > -math.inf)
+
+
+def tightest(lowest, highest):
+    """Return the doubles next to an exact range on its outside."""
+
+    def nearest(x):
+        try:
+            return float(x)
+        except OverflowError:
+            return math.inf if x > 0 else -math.inf
+
+    low, high = nearest(lowest), nearest(highest)
+    if low == math.inf or (math.isfinite(low) and low > lowest):
+        low = math.nextafter(low, -math.inf)
+    if high == -math.inf or (math.isfinite(high) and high < highest):
+        high = math.nextafter(high, math.inf)
+    return low, high
+
+
+EXACT = {
+    'add': lambda x, y: x + y,
+    'sub': lambda x, y: x - y,
+    'mul': lambda x, y: x * y,
+    'div': lambda x, y: x / y,
+}
+
+
+@pytest.mark.parametrize('name', EXACT)
+@LAWS
+@given(intervals(), intervals())
+@example((1e200, 1e300), (1e200, 1e300))
+@example((-1e300, -1e200), (1e200, 1e300))
+@example((1e-300, 1e-200), (-1e-200, -1e-300))
+@example((-1.7976931348623157e308, 1.7976931348623157e308), (5e-324, 5e-324))
+def test_finite_operands_give_the_tightest_interval_but_for_two_units(name, x, y):
+    assume(all(map(math.isfinite, x + y)) and not (name == 'div' and y[0] <= 0.0 <= y[1]))
+    corners = [EXACT[name](Fraction(a), Fraction(b)) for a in x for b in y]
+    computed = getattr(interval, name)(*x, *y)
+    assert is_tight(computed, tightest(min(corners), max(corners)))
+
+
+@pytest.mark.parametrize('name', [*EXACT, 'intersection', 'hull', 'reverse_square'])
+@LAWS
+@given(intervals(), intervals())
+@example(ENTIRE, (0.0, 0.0))
+@example((0.0, math.inf), (0.0, math.inf))
+@example((1.0, math.inf), (1.0, math.inf))
+def test_every_result_is_an_interval(name, x, y):
+    low, high = getattr(interval, name)(*x, *y)
+    assert (low, high) == EMPTY or (low <= high and low < math.inf and high > -math.inf)
+
+
+@pytest.mark.parametrize('name', [*EXACT, 'intersection', 'reverse_square'])
+def test_the_empty_set_gives_the_empty_set(name):
+    operation = getattr(interval, name)
+    for other in (EMPTY, (-1.0, 2.0), ENTIRE):
+        assert operation(*EMPTY, *other) == operation(*other, *EMPTY) == EMPTY
+
+
+@LAWS
+@given(intervals())
+@example((-1e-170, 1e200))
+def test_square(x):
+    computed = interval.square(*x)
+    squares = [Fraction(end) ** 2 for end in x if math.isfinite(end)]
+    smallest = 0 if x[0] <= 0.0 <= x[1] else min(squares)
+    expected = tightest(smallest, max(squares, default=0))
+    if len(squares) < 2:
+        expected = expected[0], math.inf
+    assert computed[0] >= 0.0
+    assert is_tight(computed, expected)
+
+
+def is_root_bound(x, squared):
+    """Tell exactly whether x >= sqrt(squared)."""
+    return math.isinf(x) or (x >= 0.0 and Fraction(x) ** 2 >= squared)
+
+
+@LAWS
+@given(intervals())
+def test_sqrt(x):
+    assume(x[1] >= 0.0)
+    low, high = interval.sqrt(*x)
+    squared_low = Fraction(max(x[0], 0.0)) if math.isfinite(x[0]) else Fraction(0)
+    assert Fraction(low) ** 2 <= squared_low
+    assert low == 0.0 or rank(math.sqrt(squared_low)) - rank(low) <= MOST_EXCESS
+    if math.isfinite(x[1]):
+        assert is_root_bound(high, Fraction(x[1]))
+        assert rank(high) - rank(math.sqrt(x[1])) <= MOST_EXCESS
+
+
+@LAWS
+@given(intervals(), intervals())
+def test_reverse_square_is_the_hull_of_both_roots(x, square):
+    """Exact ends of the argument stay; roots are bounds, one or two units away."""
+    assume(square[1] >= 0.0)
+    near = interval.sqrt(max(square[0], 0.0), math.inf)[0]
+    far = interval.sqrt(0.0, square[1])[1]
+    parts = [(max(x[0], start), min(x[1], end)) for start, end in ((-far, -near), (near, far))]
+    parts = [part for part in parts if part[0] <= part[1]]
+    expected = (parts[0][0], parts[-1][1]) if parts else EMPTY
+    assert interval.reverse_square(*x, *square) == expected
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'expected'),
+    [
+        ((-5.0, 5.0, 4.0, 9.0), (-3.0, 3.0)),
+        ((-1.0, 5.0, 4.0, 9.0), (2.0, 3.0)),
+        ((-5.0, 1.0, 4.0, 9.0), (-3.0, -2.0)),
+        ((-1.0, 1.0, -9.0, 100.0), (-1.0, 1.0)),
+        ((-math.inf, math.inf, 0.0, 4.0), (-2.0, 2.0)),
+        ((-math.inf, math.inf, 4.0, math.inf), (-math.inf, math.inf)),
+        ((-1.0, 3.0, 4.0, math.inf), (2.0, 3.0)),
+    ],
+)
+def test_reverse_square_by_hand(arguments, expected):
+    assert interval.reverse_square(*arguments) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('square', [(-2.0, -1.0), (4.0, 9.0)])
+def test_reverse_square_of_the_impossible_is_empty(square):
+    assert interval.reverse_square(-1.0, 1.0, *square) == EMPTY

@@ -1,0 +1,188 @@
+"""Linear combinations against exact rationals, the truth, and the linear program they bound."""
+
+from fractions import Fraction
+from itertools import combinations
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from solver_cases import box_of, squared_distances
+
+from dg_localization.solver.linearization import (
+    CONTRACTED,
+    EMPTY,
+    LEFT_ALONE,
+    _combine,
+    contract_linear,
+)
+
+LAWS = settings(derandomize=True, deadline=None, max_examples=200)
+
+
+def outward(x):
+    """Return the doubles around a rational, its own where it is one."""
+    near = float(x)
+    if Fraction(near) == x:
+        return near, near
+    return math.nextafter(near, -math.inf), math.nextafter(near, math.inf)
+
+
+@LAWS
+@given(st.integers(0, 2**32))
+def test_any_multipliers_bound_a_linear_function(seed):
+    rng = np.random.default_rng(seed)
+    n_points, dimension = int(rng.integers(2, 6)), int(rng.integers(1, 4))
+    unit = 2.0 ** rng.choice([-400, -30, 0, 370])
+    reference = rng.integers(-(2**24), 2**24 + 1, (n_points, dimension)) * unit
+    moves = rng.integers(-(2**20), 2**20 + 1, (n_points, dimension)) * unit / 2**30
+    edges = np.array(list(combinations(range(n_points), 2)), dtype=np.int64)
+    exact_moves = [[Fraction(x) for x in row] for row in moves.tolist()]
+    surplus = []
+    for i, j in edges.tolist():
+        arms = (reference[i] - reference[j]).tolist()
+        along = [2 * Fraction(arm) for arm in arms]
+        bends = [x - y for x, y in zip(exact_moves[i], exact_moves[j], strict=True)]
+        surplus.append(outward(sum(a * b for a, b in zip(along, bends, strict=True))))
+    weights = rng.normal(size=len(edges)) * rng.choice([0.0, 1e-300, 1.0, 1e300], len(edges))
+    if rng.random() < 0.3:
+        weights[rng.integers(len(edges))] = rng.choice([math.inf, -math.inf, math.nan])
+    target = rng.normal(size=(n_points, dimension))
+    slack = np.abs(moves) * rng.choice([0.0, 1.0]) + 0.0
+    low, high = _combine(
+        weights,
+        np.array(surplus),
+        target,
+        reference,
+        np.stack([moves - slack, moves + slack], axis=1),
+        edges,
+        np.empty((2, n_points, dimension)),
+    )
+    exact = sum(
+        Fraction(t) * e
+        for row, displacements in zip(target.tolist(), exact_moves, strict=True)
+        for t, e in zip(row, displacements, strict=True)
+    )
+    assert low <= exact <= high
+
+
+@pytest.mark.parametrize('multiplier', [math.nan, math.inf, -math.inf])
+def test_multipliers_that_are_no_numbers_bound_nothing(multiplier):
+    ones = np.ones((2, 1))
+    bounds = _combine(
+        np.array([multiplier]),
+        np.array([[1.0, 2.0]]),
+        ones,
+        np.array([[0.0], [1.0]]),
+        np.array([[[-1.0], [1.0]]] * 2),
+        np.array([[0, 1]]),
+        np.empty((2, 2, 1)),
+    )
+    assert bounds == (-math.inf, math.inf)
+
+
+def references(positions, rng):
+    """Yield placements near and far from the truth, and some that are none."""
+    size = np.abs(positions).max()
+    for error in (0.0, 1e-12, 1e-3, 0.3, 10.0):
+        yield positions + rng.normal(size=positions.shape) * error * size
+    yield np.zeros_like(positions)
+    for wrong in (math.nan, math.inf, 1e300, 1e-300):
+        spoilt = positions.copy()
+        spoilt[rng.integers(len(spoilt)), rng.integers(spoilt.shape[1])] = wrong
+        yield spoilt
+        yield np.full_like(positions, wrong)
+
+
+@pytest.mark.parametrize('scale', [1.0, 1e-12, 1e12, 2.0**-380, 2.0**370])
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_the_truth_stays_whatever_the_reference(dimension, scale):
+    rng = np.random.default_rng(dimension)
+    scale = 2.0 ** round(math.log2(scale))
+    for trial in range(25):
+        n_points = int(rng.integers(dimension + 1, 8))
+        positions = rng.integers(-30, 31, size=(n_points, dimension))
+        if trial % 5 == 1:
+            positions[:, -1] = rng.integers(-1, 2, n_points)  # nearly flat
+        elif trial % 5 == 2:
+            positions = positions[rng.integers(0, n_points, n_points)]  # coincident
+        positions = positions * scale
+        squared = squared_distances(positions)
+        pairs = np.array(list(combinations(range(n_points), 2)), dtype=np.int64)
+        edges = pairs[rng.random(len(pairs)) < rng.choice([0.7, 1.0])].reshape(-1, 2)
+        width = rng.choice([0.0, 1e-12, 1e-6, 0.01, 0.5])
+        for reference in references(positions, rng):
+            lower, upper = squared * (1.0 - width), squared * (1.0 + width)
+            before = box_of(lower, upper)
+            box = before.copy()
+            errors = (upper - lower)[edges[:, 0], edges[:, 1]]
+            with np.errstate(all='ignore'):
+                status = contract_linear(
+                    box, reference, edges, errors, np.zeros((n_points, n_points))
+                )
+            assert status != EMPTY
+            assert not np.isnan(box).any()
+            assert (before[0] <= box[0]).all() and (box[1] <= before[1]).all()
+            assert (box[0] <= squared).all() and (squared <= box[1]).all()
+
+
+def linear_hull(positions, edges, errors, pair):
+    """Return the width of a squared distance to first order in the errors, by linear programs."""
+
+    def gradient(i, j):
+        row = np.zeros_like(positions)
+        row[i] = 2.0 * (positions[i] - positions[j])
+        row[j] = -row[i]
+        return row.ravel()
+
+    rows = np.array([gradient(i, j) for i, j in edges])
+    unit = errors.max()  # the tolerances of the solver are absolute
+    ends = [
+        linprog(
+            sign * gradient(*pair),
+            A_ub=np.concatenate([rows, -rows]),
+            b_ub=np.concatenate([errors, errors]) / (2.0 * unit),
+            bounds=(None, None),
+        ).fun
+        for sign in (1.0, -1.0)
+    ]
+    return -sum(ends) * unit
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+@pytest.mark.parametrize('n_missing', [1, 2, 3])
+def test_small_errors_are_bounded_as_the_linear_program_bounds_them(dimension, n_missing):
+    """With as many pairs as unknowns exactly, with more by a factor that stays small."""
+    rng = np.random.default_rng(10 * dimension + n_missing)
+    for _ in range(10):
+        n_points = dimension + 3
+        positions = rng.random((n_points, dimension))
+        squared = squared_distances(positions)
+        pairs = list(combinations(range(n_points), 2))
+        missing = pairs[-n_missing:]
+        edges = np.array(pairs[:-n_missing], dtype=np.int64)
+        box = box_of(squared * (1.0 - 1e-9), squared * (1.0 + 1e-9))
+        errors = (box[1] - box[0])[edges[:, 0], edges[:, 1]]
+        for pair in missing:
+            for i, j in (pair, pair[::-1]):
+                box[:2, i, j] = squared[pair] * np.array([1.0 - 1e-4, 1.0 + 1e-4])
+        explained = np.zeros_like(squared)
+        for _ in range(4):
+            status = contract_linear(box, positions, edges, errors, explained)
+        assert status == CONTRACTED
+        n_free = n_points * dimension - dimension * (dimension + 1) // 2
+        for pair in missing:
+            hull = linear_hull(positions, edges, errors, pair)
+            width = box[1][pair] - box[0][pair]
+            assert hull * (1.0 - 1e-6) <= width
+            assert width <= hull * (1.0 + 1e-3 if len(edges) == n_free else 3.0), pair
+
+
+def test_a_flexible_fleet_is_left_alone():
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    squared = squared_distances(square)
+    edges = np.array([(0, 1), (1, 2), (2, 3), (0, 3)])
+    box = box_of(0.9 * squared, 1.1 * squared)
+    status = contract_linear(box, square, edges, np.full(4, 0.2), np.zeros((4, 4)))
+    assert status == LEFT_ALONE
