@@ -17,7 +17,7 @@ import numpy as np
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.rounding import UNIT, down, square_down, square_up, up
+from dg_localization.solver.rounding import LARGEST, UNIT, down, square_down, square_up, up
 
 MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
@@ -27,8 +27,8 @@ MAX_STEPS = 40
 UNSURE = 2
 """The sign of a determinant that rounding errors may have turned."""
 
-LEAST_PERMANENT = 2.0**-300
-"""Below it products may have underflowed."""
+UNDERFLOW = 2.0**-1060
+"""More than the underflow of a few products of two numbers takes away."""
 
 
 @kernel
@@ -171,7 +171,7 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
     Parameters
     ----------
     box : ndarray, shape (4, n, n)
-        The box in m^2; all its upper bounds are finite.
+        The box in m^2; its upper bounds are finite, or overflowed.
     dimension : int
         The dimension q of the space.
 
@@ -181,8 +181,13 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
         Coordinates in m, of either handedness.
 
     """
-    middle = 0.5 * (box[LOWER] + box[UPPER])
-    return _refine(_factor(middle, dimension), box)
+    # The squares of squared distances must not overflow; a power of two changes no digit.
+    finite = np.minimum(box, LARGEST)
+    _, exponent = math.frexp(finite[UPPER].max())
+    half = max(0, exponent) // 2
+    scaled = finite * math.ldexp(1.0, -2 * half)
+    middle = 0.5 * (scaled[LOWER] + scaled[UPPER])
+    return _refine(_factor(middle, dimension), scaled) * math.ldexp(1.0, half)
 
 
 @kernel
@@ -225,10 +230,15 @@ def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
 
 
 @kernel
-def _determinant_and_bound(
+def _determinant_and_error(
     positions: FloatArray, simplices: IntArray, x: int
 ) -> tuple[float, float]:
-    """Return the determinant of a simplex's edges, and the permanent of their absolute values."""
+    """
+    Return the determinant of a simplex's edges and a bound of its forward error.
+
+    The error is a few units of rounding times the permanent of the absolute values, and what
+    products that underflow take away, times the edge they are multiplied with.
+    """
     dimension = positions.shape[1]
     edges = np.empty((dimension, dimension))
     for row in range(dimension):
@@ -237,27 +247,29 @@ def _determinant_and_bound(
                 positions[simplices[x, row + 1], axis] - positions[simplices[x, 0], axis]
             )
     if dimension == 1:
-        return edges[0, 0], abs(edges[0, 0])
+        return edges[0, 0], UNIT * abs(edges[0, 0])
     if dimension == 2:
         first, second = edges[0, 0] * edges[1, 1], edges[0, 1] * edges[1, 0]
-        return first - second, abs(first) + abs(second)
+        return first - second, 64.0 * UNIT * (abs(first) + abs(second)) + UNDERFLOW
     determinant = 0.0
     permanent = 0.0
+    longest = 1.0
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
         first, second = edges[1, b] * edges[2, c], edges[1, c] * edges[2, b]
         determinant += edges[0, a] * (first - second)
         permanent += abs(edges[0, a]) * (abs(first) + abs(second))
-    return determinant, permanent
+        longest = max(longest, abs(edges[0, a]))
+    return determinant, 64.0 * UNIT * permanent + UNDERFLOW * longest
 
 
 @kernel
 def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> None:
     """Write the sign of every simplex, UNSURE where rounding errors may have turned it."""
     for x in range(len(simplices)):
-        determinant, permanent = _determinant_and_bound(positions, simplices, x)
+        determinant, error = _determinant_and_error(positions, simplices, x)
         signs[x] = UNSURE
-        if abs(determinant) > 64.0 * UNIT * permanent and permanent > LEAST_PERMANENT:
+        if abs(determinant) > error:
             signs[x] = 1 if determinant > 0.0 else -1
 
 
@@ -265,8 +277,8 @@ def orientations(positions: FloatArray, simplices: IntArray) -> IntArray:
     """
     Return the exact signs of det[p2 - p1, ..., p(q+1) - p1] of simplices.
 
-    The floating-point determinant decides where it exceeds its forward error, a few units of
-    rounding times the permanent of the absolute values; exact rationals decide otherwise.
+    The floating-point determinant decides where it exceeds its forward error; exact rationals
+    decide otherwise.
 
     Parameters
     ----------

@@ -213,7 +213,7 @@ def choose_split(
     if i < 0:
         return -1, -1, 0.0, 0.0
     # Halves of the squared distance separated better than halves of the distance.
-    middle = 0.5 * (box[LOWER, i, j] + box[UPPER, i, j])
+    middle = 0.5 * box[LOWER, i, j] + 0.5 * box[UPPER, i, j]
     return i, j, middle, middle
 
 

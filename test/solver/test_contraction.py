@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from solver_cases import random_case, squared_distances
+from solver_cases import bounds, box_of, random_case, squared_distances
 
 from dg_localization import Problem
-from dg_localization.solver.search import Pruner
+from dg_localization.solver.search import Pruner, choose_split
 
 
 def contracted(case):
@@ -41,6 +41,14 @@ def test_contraction_is_deterministic_and_leaves_no_trace():
         pruner.prune(between)
         assert pruner.prune(second)
         assert np.array_equal(first, second), seed
+
+
+def test_the_largest_ranges_are_split_inside():
+    """The sum of the ends of such a range overflows; its middle does not."""
+    lower, upper = bounds(2, {(0, 1): (1e308, 1.7e308)})
+    i, j, low_end, high_start = choose_split(box_of(lower, upper), np.zeros((2, 2)), 1.0)
+    assert (i, j) == (0, 1)
+    assert low_end == high_start == pytest.approx(1.35e308)
 
 
 @pytest.mark.parametrize('dimension', [1, 2, 3])

@@ -36,6 +36,14 @@ def test_signs_of_determinants_are_exact(seed):
     assert orientations(points, np.arange(dimension + 1)[None]).tolist() == [exact]
 
 
+def test_a_product_that_underflows_is_not_taken_for_zero():
+    """The large edge brings back what the product of two small ones has lost."""
+    tiny = 2.0**-538
+    points = np.array([[0, 0, 0], [2.0**900, 1, 0], [2.0**300, tiny, 0], [0, 0, tiny]])
+    assert orientation([[Fraction(x) for x in point] for point in points.tolist()]) == 1
+    assert orientations(points, np.arange(4)[None]).tolist() == [1]
+
+
 @LAWS
 @given(st.integers(0, 2**32))
 def test_agreement_is_a_proof(seed):
@@ -75,7 +83,7 @@ def test_a_placement_well_inside_is_affirmed(size):
 
 
 @pytest.mark.parametrize('dimension', [1, 2, 3])
-@pytest.mark.parametrize('size', [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize('size', [1e-9, 1.0, 1e9, 1e150])
 def test_placing_exact_distances_restores_the_fleet(dimension, size):
     rng = np.random.default_rng(dimension)
     for n_points in (1, 2, 5, 8):
@@ -83,6 +91,13 @@ def test_placing_exact_distances_restores_the_fleet(dimension, size):
         squared = squared_distances(positions)
         placed = place(box_of(squared, squared), dimension)
         np.testing.assert_allclose(squared_distances(placed), squared, atol=1e-9 * size**2)
+
+
+def test_placing_what_is_known_to_overflow_only():
+    squared = 1e308 * (1.0 - np.eye(3))
+    box = box_of(squared, squared)
+    box[1, 0, 1] = box[1, 1, 0] = math.inf
+    assert np.isfinite(place(box, 2)).all()
 
 
 def test_placing_coincident_points():
