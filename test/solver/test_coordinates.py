@@ -74,7 +74,6 @@ def test_a_frame_without_extent_may_have_any_direction(dimension, size, width):
     enclosure = enclose_coordinates(squared * (1.0 - width), squared * (1.0 + width), frame)
     for _ in range(50):
         axes, _ = np.linalg.qr(rng.normal(size=(dimension, dimension)))
-        # The last of the frame points fixes the last axes, up to their signs.
         along = (positions - positions[0]) @ axes
         reach = 1e-14 * size * 30.0
         assert (enclosure[:, 0, 0] <= along[:, 0] + reach).all()
