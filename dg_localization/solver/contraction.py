@@ -225,7 +225,7 @@ def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> 
     if shadow_count < 0:
         return False
     # Only axes through the common image of a and b span a face, {a, b, e}; the others cost n times
-    # as much and gain nothing in the end (docs/projections.md).
+    # as much and gain little (docs/projections.md).
     for x in range(1, shadow_count):
         e = work.points[1, x]
         if is_axis(work.boxes[1], a, e):
