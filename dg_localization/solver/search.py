@@ -48,7 +48,7 @@ SLICE_SWEEPS = 3
 WELL_EXPLAINED = 0.01
 """A range this close to the first-order effect of the errors, relatively, is not tightened."""
 
-CHUNK = 1_000_000
+CHUNK = 300_000
 """About how many triples of points are reduced between two looks at the clock."""
 
 POINTS_PER_WORKER = 12
