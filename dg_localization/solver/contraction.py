@@ -502,7 +502,8 @@ def contract(
             _rank_axes(work, axes, work.order)
         # The best axes of a first, local sweep are the measured pairs and what they soon reveal.
         end = min(len(axes), len(groups.edges)) if is_local else len(axes)
-        last = min(progress[NEXT_AXIS] + batch, end)
+        full = (progress[NEXT_AXIS] // batch + 1) * batch
+        last = min(full, progress[NEXT_AXIS] + most_axes - applied, end)
         for x in range(progress[NEXT_AXIS], last):
             axis = work.order[x]
             count = LOCAL_POINTS[dimension - 1] if is_local else n_points
@@ -513,10 +514,10 @@ def contract(
         progress[NEXT_AXIS] = last
         if status == EMPTY:
             break
-        if is_local:
-            if last == end:
-                progress[NEXT_AXIS] = 0
-                progress[SWEEP] += 1
+        if is_local and last == end:
+            progress[NEXT_AXIS] = 0
+            progress[SWEEP] += 1
+        if is_local or last < min(full, end):
             continue
         if widest_gap_m(inner) > LEAST_GAP * resolution_m:
             # The two parts will be looked at one by one; until then they blur each other.
