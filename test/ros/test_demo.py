@@ -1,5 +1,7 @@
 """The demonstration: how it compares, what it prints and draws, and the whole of it once."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -119,7 +121,9 @@ def test_a_process_that_ends_early_is_told_with_what_it_wrote():
         executable.end()
 
 
-def test_the_whole_demonstration(tmp_path, capsys):
+def test_the_whole_demonstration(tmp_path, capsys, monkeypatch):
+    # The demonstration takes a domain of its own; the tests after it stay in theirs.
+    monkeypatch.setenv('ROS_DOMAIN_ID', os.environ['ROS_DOMAIN_ID'])
     pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
     picture = tmp_path / 'demo.png'
     code = demo.main(['--seconds', '3', '--picture', str(picture)])
