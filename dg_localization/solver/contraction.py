@@ -18,12 +18,7 @@ from dg_localization.solver.back_projection import back_project
 from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.line import BOTH, reduce_line
-from dg_localization.solver.linearization import (
-    CONTRACTED,
-    EMPTY,
-    LEFT_ALONE,
-    contract_linear,
-)
+from dg_localization.solver.linearization import CONTRACTED, EMPTY, LEFT_ALONE, contract_linear
 from dg_localization.solver.placements import place
 from dg_localization.solver.projection import is_axis, project
 from dg_localization.solver.smoothing import smooth_triangles
@@ -50,6 +45,7 @@ LEAST_GAP = 0.1
 
 MAX_COMBINATIONS = 4
 LEAST_COMBINATION_GAIN = 0.5
+"""Linear combinations are repeated, at most so often, while they halve some range."""
 
 EXPLAINED_FACTOR = 3.0
 """How much wider a finished box may be than the first-order effect of the measurement errors."""

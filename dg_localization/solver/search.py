@@ -44,6 +44,10 @@ from dg_localization.solver.tightening import tighten
 
 MAX_SWEEPS = 50
 SLICE_SWEEPS = 3
+"""Sweeps over all axes: of a box at most, and of a slice, which gains from the first ones most."""
+
+SMALL_FLEET = 7
+"""Up to so many points all axes are applied before linear combinations are tried."""
 
 WELL_EXPLAINED = 0.01
 """A range this close to the first-order effect of the errors, relatively, is not tightened."""
@@ -235,7 +239,8 @@ class Pruner:
         )
         triples = problem.n_points**2 * min(problem.n_points, MOST_THROUGH)
         triples *= problem.n_points if problem.dimension == 3 else 1
-        self._batch = max(4, problem.n_points // 2) if problem.n_points > 7 else len(self._axes)
+        small = problem.n_points <= SMALL_FLEET
+        self._batch = len(self._axes) if small else problem.n_points // 2
         self._most_axes = max(1, CHUNK // triples)
 
     def whole(self) -> FloatArray | None:
