@@ -37,7 +37,8 @@ format: $(ready) ## Let ruff lay out the code
 	$(run) -m ruff check --fix .
 	$(run) -m ruff format .
 
-bench: $(ready) ## Run the benchmarks
+bench: $(ready) ## Run the benchmarks against the peers
+	@$(run) -m pip install --quiet --no-build-isolation --editable '.[peers]'
 	$(run) -m benchmarks
 
 clean: ## Remove the virtual environment and what the tools left

@@ -22,8 +22,9 @@ EXTRAS = {
         'mpmath',
         'PyYAML',
     ],
-    # What the benchmarks compare with.
     'bench': ['scipy'],
+    # What the benchmarks compare with; `make bench` installs it.
+    'peers': ['codac>=2', 'pyscipopt'],
     'lint': ['ruff>=0.6', 'mypy>=1.8'],
 }
 
