@@ -82,7 +82,7 @@ class Case:
     quick: bool = True
 
 
-TIGHTEN_SLICES = 500
+TIGHTEN_SLICES = 2000
 
 RANDOM_TARGETS = {
     (2, 10): Target(seconds=2e-3, width=1.1),

@@ -35,12 +35,14 @@ from dg_localization.solver.contraction import (
     excess,
     make_workspace,
 )
+from dg_localization.solver.hypotheses import place_everywhere
 from dg_localization.solver.jit import kernel
+from dg_localization.solver.placements import agrees, with_handedness
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import SolverOptions, Statistics
 from dg_localization.solver.sides import handedness_is_possible, sides_of
 from dg_localization.solver.smoothing import smooth_triangles
-from dg_localization.solver.tightening import tighten
+from dg_localization.solver.tightening import cut_at, tighten
 
 MAX_SWEEPS = 50
 SLICE_SWEEPS = 3
@@ -303,6 +305,11 @@ class Pruner:
             return EMPTY
         return status
 
+    def holds_placement(self, box: FloatArray) -> bool:
+        """Return whether a placement near the middle of a box is proved to agree."""
+        positions = place_everywhere(box, self._problem.dimension)
+        return agrees(self._problem, with_handedness(self._problem, positions))
+
     def unexplained(self, box: FloatArray) -> list[Pair]:
         """
         Return the unknown pairs that errors do not explain in the box just contracted.
@@ -320,17 +327,7 @@ class Pruner:
     def split(self, box: FloatArray) -> list[FloatArray]:
         """Return the two parts to split the box just contracted into, none when it is finished."""
         i, j, low_end, high_start = choose_split(box, self._work.explained, self._resolution)
-        return _cut(box, i, j, low_end, high_start) if i >= 0 else []
-
-
-def _cut(box: FloatArray, i: int, j: int, low_end: float, high_start: float) -> list[FloatArray]:
-    """Return the parts of a box below `low_end` and above `high_start` of one pair."""
-    below, above = box.copy(), box.copy()
-    below[UPPER, i, j] = below[UPPER, j, i] = low_end
-    above[LOWER, i, j] = above[LOWER, j, i] = high_start
-    for part in (below, above):
-        part[GAP_LOWER:, i, j] = part[GAP_LOWER:, j, i] = 0.0
-    return [below, above]
+        return cut_at(box, (i, j), low_end, high_start) if i >= 0 else []
 
 
 def _n_workers(problem: Problem) -> int:

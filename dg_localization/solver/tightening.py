@@ -4,22 +4,27 @@ Tightening of a finished box towards the exact hull.
 A slice off one end of a range is a smaller problem: what contraction proves to be empty of it is
 cut off. A slice knows the distance it was cut from, which makes it a measurement like the others,
 and near an extreme all measurements are at their own extremes: slices contract far better than
-the box they were cut from. The last stretch is left where the slices gain nothing any more.
+the box they were cut from. Every end is shaved in slices as thick as they come off; what then is
+left of the effort goes to thin ones, which are halved across the other ranges where they resist.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import heapq
+from itertools import count, product
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray
-from dg_localization.solver.contraction import CONTRACTED, EMPTY, UNFINISHED
+from dg_localization.solver.contraction import CONTRACTED, EMPTY
 
 if TYPE_CHECKING:
     from dg_localization.solver.search import Pair, Pruner
 
 THICKEST_SLICE = 0.5
-THINNEST_SLICE = 1.0 / 128.0
+THINNEST_SLICE = 1.0 / 32.0
 """Fractions of the width of a range."""
 
 PASSES = 2
@@ -28,38 +33,121 @@ PASSES = 2
 LEAST_SHAVE = 0.3
 """A slice of which less than this fraction is cut off is followed by one half as thick."""
 
+LEAST_SLICES = 4
+"""Fewer slices than this of an end are not worth halving."""
 
-def _shave(
-    pruner: Pruner,
-    box: FloatArray,
-    pair: Pair,
-    end: int,
-    slices: int,
-    stopped: Callable[[], bool],
-) -> tuple[bool, int]:
-    """Cut off one end of a range what slices prove to be empty; (whether any is left, slices)."""
+
+def cut_at(box: FloatArray, pair: Pair, low_end: float, high_start: float) -> list[FloatArray]:
+    """Return the parts of a box below `low_end` and above `high_start` of one pair."""
     i, j = pair
-    thickness = THICKEST_SLICE
-    used = 0
-    while thickness >= THINNEST_SLICE and used < slices and not stopped():
-        low, high = box[LOWER, i, j], box[UPPER, i, j]
-        thick = thickness * (high - low)
-        cut = high - thick if end == UPPER else low + thick
-        part = box.copy()
-        part[LOWER if end == UPPER else UPPER, [i, j], [j, i]] = cut
+    below, above = box.copy(), box.copy()
+    below[UPPER, [i, j], [j, i]] = low_end
+    above[LOWER, [i, j], [j, i]] = high_start
+    for part in (below, above):
         part[GAP_LOWER:, [i, j], [j, i]] = 0.0
-        used += 1
-        status = pruner.prune_slice(part, pair, stopped)
-        if status == UNFINISHED:
-            break
-        new = cut if status == EMPTY else part[end, i, j]
-        shaved = abs(new - box[end, i, j])
-        box[end, [i, j], [j, i]] = new
-        if box[LOWER, i, j] > box[UPPER, i, j]:
-            return False, used
-        if shaved < LEAST_SHAVE * thick:
-            thickness *= 0.5
-    return True, used
+    return [below, above]
+
+
+class _Knife:
+    """Cuts slices off one box, in place, as long as there are slices to spend."""
+
+    def __init__(
+        self, pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
+    ) -> None:
+        self._pruner = pruner
+        self._box = box
+        self._stopped = stopped
+        self.slices = slices
+
+    def shave(self, pair: Pair, end: int) -> bool:
+        """Cut thinner and thinner slices off one end of a range; False when nothing is left."""
+        thickness = THICKEST_SLICE
+        while thickness >= THINNEST_SLICE and self._may_go_on():
+            thick = thickness * self._width(pair)
+            part, cut = self._slice(pair, end, thick)
+            new = cut if self._is_empty(part, pair) else float(part[end, *pair])
+            shaved = abs(self._box[end, *pair] - new)
+            if not self._set_end(pair, end, new):
+                return False
+            if shaved < LEAST_SHAVE * thick:
+                thickness *= 0.5
+        return True
+
+    def peel(self, pair: Pair, end: int, slices: int) -> bool:
+        """Cut thin slices off one end as long as they come off; False when nothing is left."""
+        reserve = self.slices - slices
+        scale = self._box[UPPER] - self._box[LOWER]
+        thick = THINNEST_SLICE * self._width(pair)
+        came_off = True
+        while came_off and self.slices > reserve and self._may_go_on():
+            part, cut = self._slice(pair, end, thick)
+            left = self._outermost(part, pair, end, scale, reserve)
+            came_off = left is None
+            if not self._set_end(pair, end, cut if left is None else float(left[end, *pair])):
+                return False
+        return True
+
+    def _outermost(
+        self, part: FloatArray, pair: Pair, end: int, scale: FloatArray, reserve: int
+    ) -> FloatArray | None:
+        """
+        Halve a slice across its other ranges; return its outermost part, None when it is empty.
+
+        The outermost part is halved first, until the slices run out or a part turns out to hold
+        a placement, so that the slice cannot come off.
+        """
+        outward = 1.0 if end == UPPER else -1.0
+        order = count()
+        parts: list[tuple[float, int, FloatArray]] = []
+        candidates = [part]
+        attained = False
+        while candidates:
+            for candidate in candidates:
+                if not self._is_empty(candidate, pair):
+                    rank = -outward * float(candidate[end, *pair])
+                    heapq.heappush(parts, (rank, next(order), candidate))
+                    attained = attained or self._pruner.holds_placement(candidate)
+            if not parts:
+                return None
+            if attained or self.slices <= reserve or not self._may_go_on():
+                break
+            candidates = _halves(heapq.heappop(parts)[2], pair, scale)
+        return parts[0][2]
+
+    def _may_go_on(self) -> bool:
+        return self.slices > 0 and not self._stopped()
+
+    def _width(self, pair: Pair) -> float:
+        return float(self._box[UPPER, *pair] - self._box[LOWER, *pair])
+
+    def _slice(self, pair: Pair, end: int, thick: float) -> tuple[FloatArray, float]:
+        """Return the outermost part of a range, and where it was cut off."""
+        cut = float(self._box[end, *pair]) + (thick if end == LOWER else -thick)
+        below, above = cut_at(self._box, pair, cut, cut)
+        return (below if end == LOWER else above), cut
+
+    def _is_empty(self, part: FloatArray, pair: Pair) -> bool:
+        """Contract a part of the box, in place, and tell whether nothing is left of it."""
+        self.slices -= 1
+        return self._pruner.prune_slice(part, pair, self._stopped) == EMPTY
+
+    def _set_end(self, pair: Pair, end: int, value: float) -> bool:
+        """Move one end of a range; False when nothing is left."""
+        i, j = pair
+        self._box[end, [i, j], [j, i]] = value
+        return bool(self._box[LOWER, i, j] <= self._box[UPPER, i, j])
+
+
+def _halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
+    """Return the halves of a slice across the range that is widest in terms of the box."""
+    width = np.triu(part[UPPER] - part[LOWER], 1)
+    relative = np.divide(
+        width, scale, out=np.zeros_like(width), where=np.isfinite(width) & (scale > 0.0)
+    )
+    relative[pair] = 0.0
+    i, j = np.unravel_index(np.argmax(relative), relative.shape)
+    middle = 0.5 * (part[LOWER, i, j] + part[UPPER, i, j])
+    return cut_at(part, (int(i), int(j)), middle, middle)
 
 
 def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]) -> bool:
@@ -87,10 +175,12 @@ def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], 
     status = pruner.prune(box, stopped)
     if status != CONTRACTED:
         return status != EMPTY
-    for pair in pruner.unexplained(box) * PASSES:
-        for end in (UPPER, LOWER):
-            left, used = _shave(pruner, box, pair, end, slices, stopped)
-            slices -= used
-            if not left:
-                return False
+    ends = list(product(pruner.unexplained(box), (UPPER, LOWER)))
+    knife = _Knife(pruner, box, slices, stopped)
+    if not all(knife.shave(pair, end) for pair, end in ends * PASSES):
+        return False
+    for done, (pair, end) in enumerate(ends):
+        share = knife.slices // (len(ends) - done)
+        if share >= LEAST_SLICES and not knife.peel(pair, end, share):
+            return False
     return True
