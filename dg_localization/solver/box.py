@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel
 
 LOWER, UPPER, GAP_LOWER, GAP_UPPER = range(4)
 
@@ -20,7 +20,17 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@kernel
+@borrowing_kernel
+def copy_box(source: FloatArray, target: FloatArray) -> None:
+    """Write one box over another: a slice would be copied twice, lest the two overlap."""
+    n_planes, n_points, _ = source.shape
+    for plane in range(n_planes):
+        for i in range(n_points):
+            for j in range(n_points):
+                target[plane, i, j] = source[plane, i, j]
+
+
+@borrowing_kernel
 def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
     """Intersect pair (i, j) with [low, high], skip past its gap, and tell whether it is left."""
     low = max(low, box[LOWER, i, j])
@@ -40,7 +50,7 @@ def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
     return low <= high
 
 
-@kernel
+@borrowing_kernel
 def exclude(box: FloatArray, i: int, j: int, gap_low: float, gap_high: float) -> bool:
     """
     Remove the open interval (gap_low, gap_high) from pair (i, j); tell whether something is left.

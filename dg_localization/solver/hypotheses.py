@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel, kernel
 from dg_localization.solver.placements import agrees, place, with_handedness
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
@@ -18,7 +18,7 @@ MAX_ATTEMPTS = 16
 """In how many boxes of a component a placement is looked for."""
 
 
-@kernel
+@borrowing_kernel
 def _touch(first: FloatArray, second: FloatArray) -> bool:
     """Tell whether two boxes have a point in common."""
     n_points = first.shape[1]

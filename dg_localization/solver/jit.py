@@ -39,9 +39,10 @@ def _cache_directory() -> Path:
     return root / 'dg_localization' / digest.hexdigest()[:16]
 
 
-def _compile(function: Function) -> Function:
+def _compile(function: Function, counts_references: bool) -> Function:
     """Return `function` as a lazily compiled numba kernel, cached on disk where possible."""
-    options = {'nogil': True, 'error_model': 'numpy'}
+    # Said of every kernel: where nothing is said, numba does as the caller does.
+    options = {'nogil': True, 'error_model': 'numpy', '_nrt': counts_references}
     previous = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _CACHE_DIRECTORY
     try:
@@ -53,12 +54,22 @@ def _compile(function: Function) -> Function:
         numba.config.CACHE_DIR = previous
 
 
-if numba is None:
+def kernel(function: Function) -> Function:
+    """Return `function` as a kernel; without numba, `function` itself."""
+    return function if numba is None else _compile(function, True)
 
-    def kernel(function: Function) -> Function:
-        """Return `function` itself: numba is not installed."""
-        return function
 
-else:
+def borrowing_kernel(function: Function) -> Function:
+    """
+    Return `function` as a kernel that only borrows arrays: it neither makes nor returns any.
+
+    Numba counts a reference to every array that a function is given, even within a tuple, by two
+    atomic operations: a third of the time of a contraction. What is only borrowed need not be
+    counted. Views are fine. A kernel that calls `np.empty` or the like does not compile; one that
+    is handed a new array by a kernel it calls would never free it.
+    """
+    return function if numba is None else _compile(function, False)
+
+
+if numba is not None:
     _CACHE_DIRECTORY = str(_cache_directory())
-    kernel = _compile

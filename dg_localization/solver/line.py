@@ -24,14 +24,14 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel, kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
 BOTH = 2
 """The side of two points that are known to lie on the same side and on opposite ones."""
 
 
-@kernel
+@borrowing_kernel
 def _restrict(
     distance: FloatArray,
     i: int,
@@ -84,7 +84,7 @@ def _restrict(
     return new_low <= new_high
 
 
-@kernel
+@borrowing_kernel
 def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
     for x in range(count):
@@ -126,7 +126,7 @@ def _from_merged(
     return max(0.0, down(jk_low - j_high)), up(jk_high - j_low)
 
 
-@kernel
+@borrowing_kernel
 def reduce_line(
     box: FloatArray,
     distance: FloatArray,

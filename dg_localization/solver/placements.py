@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel, kernel
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.rounding import LARGEST, UNIT, down, square_down, square_up, up
 
@@ -62,7 +62,7 @@ def _factor(middle: FloatArray, dimension: int) -> FloatArray:
     return positions
 
 
-@kernel
+@borrowing_kernel
 def _assemble(
     positions: FloatArray, box: FloatArray, matrix: FloatArray, vector: FloatArray
 ) -> float:
@@ -101,7 +101,7 @@ def _assemble(
     return total
 
 
-@kernel
+@borrowing_kernel
 def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
     """Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down."""
     size = len(vector)
@@ -190,7 +190,7 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
     return _refine(_factor(middle, dimension), scaled) * math.ldexp(1.0, half)
 
 
-@kernel
+@borrowing_kernel
 def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
     """
     Compare every squared distance, with all rounding, with its interval.

@@ -29,7 +29,7 @@ from dg_localization.solver.box import (
     exclude,
 )
 from dg_localization.solver.interval import square
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel, kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
 LEAST_AXIS_RATIO = 0.3
@@ -203,7 +203,7 @@ def squared_height(
     return max(low, 0.0), min(high, ceiling)
 
 
-@kernel
+@borrowing_kernel
 def _store(shadow: FloatArray, i: int, j: int, low: float, high: float) -> None:
     """Set pair (i, j) of a projected box to [low, high] without a gap."""
     shadow[LOWER, i, j] = shadow[LOWER, j, i] = low
@@ -212,7 +212,7 @@ def _store(shadow: FloatArray, i: int, j: int, low: float, high: float) -> None:
     shadow[GAP_UPPER, i, j] = shadow[GAP_UPPER, j, i] = 0.0
 
 
-@kernel
+@borrowing_kernel
 def is_axis(box: FloatArray, a: int, b: int) -> bool:
     """
     Tell whether a pair is known well enough to be projected along.
@@ -224,7 +224,7 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
     return not math.isinf(upper) and box[LOWER, a, b] > LEAST_AXIS_RATIO * upper
 
 
-@kernel
+@borrowing_kernel
 def project(
     box: FloatArray,
     shadow: FloatArray,

@@ -35,7 +35,7 @@ from dg_localization.solver.contraction import (
     excess,
     make_workspace,
 )
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel, kernel
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import SolverOptions, Statistics
 from dg_localization.solver.sides import handedness_is_possible, sides_of
@@ -173,7 +173,7 @@ def _axes_of(problem: Problem) -> IntArray:
     return np.array([(face, face) for face in sorted(faces | {0})], dtype=np.int64)
 
 
-@kernel
+@borrowing_kernel
 def choose_split(
     box: FloatArray, explained: FloatArray, resolution_m: float
 ) -> tuple[int, int, float, float]:
@@ -460,7 +460,7 @@ def search(
     return Cover(state.kept, [box for _, _, box in sorted(state.pending)], state.statistics())
 
 
-@kernel
+@borrowing_kernel
 def _size(box: FloatArray) -> float:
     """Return the sum of the finite widths of a box in m."""
     n_points = box.shape[1]

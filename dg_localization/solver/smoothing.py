@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
-from dg_localization.solver.jit import kernel
+from dg_localization.solver.jit import borrowing_kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
 
-@kernel
+@borrowing_kernel
 def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> bool:
     """
     Enforce d_ij - d_jk <= d_ik <= d_ij + d_jk over all triangles, in place.
