@@ -46,10 +46,6 @@ def _restrict(
     high = distance[UPPER, i, k]
     gap_low = distance[GAP_LOWER, i, k]
     gap_high = distance[GAP_UPPER, i, k]
-    if near_high >= far_low:
-        # The branches overlap: together they are one interval.
-        near_high = max(near_high, far_high)
-        far_low, far_high = math.inf, -math.inf
     if gap_low >= gap_high:
         gap_low, gap_high = high, math.inf
 
@@ -201,6 +197,18 @@ def reduce_line(
                     )
                     if sigma[i, j] > 0:
                         far_low, far_high = math.inf, -math.inf
+                if near_high >= far_low:
+                    # The branches overlap: together they are one interval.
+                    near_high = max(near_high, far_high)
+                    far_low, far_high = math.inf, -math.inf
+                low = distance[LOWER, i, k]
+                high = distance[UPPER, i, k]
+                # Not `and`, `or`: one jump is foretold better than four.
+                if ((near_low <= low) & (high <= near_high)) | (
+                    (far_low <= low) & (high <= far_high)
+                ):
+                    # Most often the whole range lies in one branch, and its gap stays too.
+                    continue
                 if not _restrict(distance, i, k, near_low, near_high, far_low, far_high):
                     return False
 
