@@ -195,10 +195,15 @@ def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArr
     """
     Compare every squared distance, with all rounding, with its interval.
 
-    Returns 1 when all lie inside, -1 when one lies outside, 0 when it is too close to call.
+    Returns 1 when all lie inside, -1 when one lies outside or a coordinate is not a number, 0
+    when it is too close to call.
     """
     n_points, dimension = positions.shape
     answer = 1
+    for i in range(n_points):
+        for axis in range(dimension):
+            if not math.isfinite(positions[i, axis]):
+                return -1
     for i in range(n_points):
         for j in range(i + 1, n_points):
             low = 0.0
@@ -264,13 +269,17 @@ def _determinant_and_error(
 
 
 @kernel
-def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> None:
-    """Write the sign of every simplex, UNSURE where rounding errors may have turned it."""
+def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
+    """Write the sign of every simplex, UNSURE where rounding may have turned it; True: of none."""
+    sure = True
     for x in range(len(simplices)):
         determinant, error = _determinant_and_error(positions, simplices, x)
-        signs[x] = UNSURE
         if abs(determinant) > error:
             signs[x] = 1 if determinant > 0.0 else -1
+        else:
+            signs[x] = UNSURE
+            sure = False
+    return sure
 
 
 def orientations(positions: FloatArray, simplices: IntArray) -> IntArray:
@@ -294,7 +303,8 @@ def orientations(positions: FloatArray, simplices: IntArray) -> IntArray:
 
     """
     signs = np.zeros(len(simplices), dtype=np.int64)
-    _set_orientations(positions, simplices, signs)
+    if _set_orientations(positions, simplices, signs):
+        return signs
     for x in np.flatnonzero(signs == UNSURE):
         corners = positions[simplices[x]].tolist()
         exact = [[Fraction(value) for value in corner] for corner in corners]
@@ -344,8 +354,6 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
         signs, or both in exact rationals where that is too close to call.
 
     """
-    if not np.isfinite(positions).all():
-        return False
     if not _distances_agree(problem, positions):
         return False
     simplices = [
