@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 import heapq
-from itertools import combinations, count
+from itertools import count
 import math
 import os
 import time
@@ -21,7 +21,15 @@ from typing import Protocol
 
 import numpy as np
 
-from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.box import (
+    GAP_LOWER,
+    GAP_UPPER,
+    LOWER,
+    UPPER,
+    FloatArray,
+    IntArray,
+    copy_box,
+)
 from dg_localization.solver.contraction import (
     CONTRACTED,
     EMPTY,
@@ -158,6 +166,18 @@ def _with_edge(groups: Groups, pair: Pair) -> Groups:
     )
 
 
+@kernel
+def _all_pairs(n_points: int) -> IntArray:
+    """Return all pairs of points."""
+    pairs = np.empty((n_points * (n_points - 1) // 2, 2), dtype=np.int64)
+    x = 0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            pairs[x, 0], pairs[x, 1] = i, j
+            x += 1
+    return pairs
+
+
 def _axes_of(problem: Problem) -> IntArray:
     """
     Return the axes a problem may be projected along.
@@ -166,8 +186,7 @@ def _axes_of(problem: Problem) -> IntArray:
     and one for the line itself.
     """
     if problem.dimension > 1:
-        pairs = list(combinations(range(problem.n_points), 2))
-        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        return _all_pairs(problem.n_points)
     faces = {side.face[0] for side in problem.sides}
     faces.update(point for chirality in problem.chiralities for point in chirality.points)
     return np.array([(face, face) for face in sorted(faces | {0})], dtype=np.int64)
@@ -320,17 +339,30 @@ class Pruner:
     def split(self, box: FloatArray) -> list[FloatArray]:
         """Return the two parts to split the box just contracted into, none when it is finished."""
         i, j, low_end, high_start = choose_split(box, self._work.explained, self._resolution)
-        return _cut(box, i, j, low_end, high_start) if i >= 0 else []
+        if i < 0:
+            return []
+        below, above = np.empty_like(box), np.empty_like(box)
+        _cut(box, i, j, low_end, high_start, below, above)
+        return [below, above]
 
 
-def _cut(box: FloatArray, i: int, j: int, low_end: float, high_start: float) -> list[FloatArray]:
-    """Return the parts of a box below `low_end` and above `high_start` of one pair."""
-    below, above = box.copy(), box.copy()
+@borrowing_kernel
+def _cut(
+    box: FloatArray,
+    i: int,
+    j: int,
+    low_end: float,
+    high_start: float,
+    below: FloatArray,
+    above: FloatArray,
+) -> None:
+    """Write the parts of a box below `low_end` and above `high_start` of one pair."""
+    for part in (below, above):
+        copy_box(box, part)
+        part[GAP_LOWER, i, j] = part[GAP_LOWER, j, i] = 0.0
+        part[GAP_UPPER, i, j] = part[GAP_UPPER, j, i] = 0.0
     below[UPPER, i, j] = below[UPPER, j, i] = low_end
     above[LOWER, i, j] = above[LOWER, j, i] = high_start
-    for part in (below, above):
-        part[GAP_LOWER:, i, j] = part[GAP_LOWER:, j, i] = 0.0
-    return [below, above]
 
 
 def _n_workers(problem: Problem) -> int:
