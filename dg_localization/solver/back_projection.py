@@ -23,7 +23,7 @@ from dg_localization.solver.box import (
     narrow,
 )
 from dg_localization.solver.interval import reverse_square, square
-from dg_localization.solver.jit import borrowing_kernel, kernel
+from dg_localization.solver.jit import borrowing_kernel, inlined_kernel, kernel
 from dg_localization.solver.projection import coordinate_difference
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
@@ -55,7 +55,7 @@ def _far_side_range(
     return low, high
 
 
-@borrowing_kernel
+@inlined_kernel
 def _narrow_axis(
     box: FloatArray,
     a: int,
@@ -80,7 +80,7 @@ def _narrow_axis(
     return exclude(box, a, b, square_up(minus_high), square_down(max(plus_low, 0.0)))
 
 
-@borrowing_kernel
+@inlined_kernel
 def _narrow_end(
     box: FloatArray,
     end: int,
@@ -102,7 +102,7 @@ def _narrow_end(
     return True
 
 
-@borrowing_kernel
+@inlined_kernel
 def _narrow_point(
     box: FloatArray, shadow: FloatArray, coordinates: FloatArray, a: int, b: int, i: int
 ) -> bool:
@@ -158,7 +158,7 @@ def _narrow_point(
     return _narrow_end(box, b, i, low, high, gap_low, gap_high, u_square_low, u_square_high)
 
 
-@borrowing_kernel
+@inlined_kernel
 def _narrow_pair(
     box: FloatArray,
     shadow: FloatArray,

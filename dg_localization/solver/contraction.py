@@ -24,7 +24,7 @@ from dg_localization.solver.box import (
     IntArray,
     copy_box,
 )
-from dg_localization.solver.jit import borrowing_kernel, kernel
+from dg_localization.solver.jit import borrowing_kernel, inlined_kernel, kernel
 from dg_localization.solver.line import BOTH, reduce_line
 from dg_localization.solver.linearization import CONTRACTED, EMPTY, LEFT_ALONE, contract_linear
 from dg_localization.solver.placements import place
@@ -145,7 +145,7 @@ def _set_sigma(
     return known
 
 
-@borrowing_kernel
+@inlined_kernel
 def _reduce_shadow(
     work: Workspace, sides: Sides, level: int, count: int, merged: int, f0: int, f1: int, f2: int
 ) -> bool:
@@ -175,7 +175,7 @@ def _reduce_shadow(
     return left
 
 
-@borrowing_kernel
+@inlined_kernel
 def _reduce_plane(
     work: Workspace,
     sides: Sides,
@@ -213,7 +213,7 @@ def _reduce_plane(
     )
 
 
-@borrowing_kernel
+@inlined_kernel
 def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
     """Project space along (a, b) to a plane, reduce that along the axes of faces, and return."""
     shadow_count = project(
@@ -288,7 +288,7 @@ def _rank_points(box: FloatArray, a: int, b: int, points: IntArray) -> None:
     points[:] = np.argsort(errors, kind='mergesort')
 
 
-@borrowing_kernel
+@inlined_kernel
 def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bool:
     """Project the `count` points known best along an axis, reduce, and back-project."""
     dimension, _, n_points, _ = work.boxes.shape

@@ -39,10 +39,15 @@ def _cache_directory() -> Path:
     return root / 'dg_localization' / digest.hexdigest()[:16]
 
 
-def _compile(function: Function, counts_references: bool) -> Function:
+def _compile(function: Function, counts_references: bool, inlined: bool = False) -> Function:
     """Return `function` as a lazily compiled numba kernel, cached on disk where possible."""
     # Said of every kernel: where nothing is said, numba does as the caller does.
-    options = {'nogil': True, 'error_model': 'numpy', '_nrt': counts_references}
+    options = {
+        'nogil': True,
+        'error_model': 'numpy',
+        '_nrt': counts_references,
+        'forceinline': inlined,
+    }
     previous = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _CACHE_DIRECTORY
     try:
@@ -69,6 +74,15 @@ def borrowing_kernel(function: Function) -> Function:
     is handed a new array by a kernel it calls would never free it.
     """
     return function if numba is None else _compile(function, False)
+
+
+def inlined_kernel(function: Function) -> Function:
+    """
+    Return `function` as a borrowing kernel that becomes part of the kernels that call it.
+
+    For short ones with many arguments: numba hands over an array as ten numbers, on the stack.
+    """
+    return function if numba is None else _compile(function, False, inlined=True)
 
 
 if numba is not None:

@@ -24,14 +24,14 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
-from dg_localization.solver.jit import borrowing_kernel, kernel
+from dg_localization.solver.jit import borrowing_kernel, inlined_kernel, kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
 BOTH = 2
 """The side of two points that are known to lie on the same side and on opposite ones."""
 
 
-@borrowing_kernel
+@inlined_kernel
 def _restrict(
     distance: FloatArray,
     i: int,
@@ -80,7 +80,7 @@ def _restrict(
     return new_low <= new_high
 
 
-@borrowing_kernel
+@inlined_kernel
 def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
     for x in range(count):
