@@ -428,15 +428,18 @@ def _rank_axes(work: Workspace, axes: IntArray, order: IntArray) -> None:
     """Order the axes by how well the distances to their two ends are known, best first."""
     box = work.boxes[0]
     n_points = box.shape[1]
+    errors = np.empty((n_points, n_points))
+    for i in range(n_points):
+        # In one dimension an axis has the same point at both ends.
+        for j in range(i, n_points):
+            errors[i, j] = errors[j, i] = _relative_error(box, i, j)
     badness = np.empty(len(axes))
     for x in range(len(axes)):
         a, b = axes[x, 0], axes[x, 1]
-        total = _relative_error(box, a, b)
         known = 0.0
         for i in range(n_points):
             if i != a and i != b:
-                error = _relative_error(box, a, i) + _relative_error(box, b, i)
-                known += 1.0 / (0.01 + error + total)
+                known += 1.0 / (0.01 + (errors[a, i] + errors[b, i]) + errors[a, b])
         badness[x] = -known
     # Stable, and so the same with and without numba.
     order[:] = np.argsort(badness, kind='mergesort')
