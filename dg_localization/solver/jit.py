@@ -1,10 +1,12 @@
 """
-The one decorator of the numerical kernels: compiled by numba when it is installed.
+The decorators of the numerical kernels: compiled by numba when it is installed.
 
 A kernel is a plain scalar loop over arrays. With numba it becomes machine code that releases the
 interpreter lock; without it (or with ``NUMBA_DISABLE_JIT=1``) the very same function runs in
 Python. Both give the same bounds to the last bit: numba neither reorders nor fuses operations
 unless told to, and it is not told to.
+
+Any kernel may be a `kernel`. The two others are faster for those that qualify.
 """
 
 from __future__ import annotations
