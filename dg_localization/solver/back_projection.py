@@ -55,7 +55,7 @@ def _far_side_range(
     return low, high
 
 
-@kernel
+@kernel(inlined=True)
 def _narrow_axis(
     box: FloatArray,
     a: int,
@@ -80,7 +80,7 @@ def _narrow_axis(
     return exclude(box, a, b, square_up(minus_high), square_down(max(plus_low, 0.0)))
 
 
-@kernel
+@kernel(inlined=True)
 def _narrow_end(
     box: FloatArray,
     end: int,
@@ -102,7 +102,7 @@ def _narrow_end(
     return True
 
 
-@kernel
+@kernel(inlined=True)
 def _narrow_point(
     box: FloatArray, shadow: FloatArray, coordinates: FloatArray, a: int, b: int, i: int
 ) -> bool:
@@ -158,7 +158,7 @@ def _narrow_point(
     return _narrow_end(box, b, i, low, high, gap_low, gap_high, u_square_low, u_square_high)
 
 
-@kernel
+@kernel(inlined=True)
 def _narrow_pair(
     box: FloatArray,
     shadow: FloatArray,
@@ -212,7 +212,7 @@ def _narrow_pair(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def back_project(
     box: FloatArray,
     shadow: FloatArray,

@@ -20,7 +20,17 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@kernel
+@kernel(borrows=True)
+def copy_box(source: FloatArray, target: FloatArray) -> None:
+    """Write one box over another: a slice would be copied twice, lest the two overlap."""
+    n_planes, n_points, _ = source.shape
+    for plane in range(n_planes):
+        for i in range(n_points):
+            for j in range(n_points):
+                target[plane, i, j] = source[plane, i, j]
+
+
+@kernel(borrows=True)
 def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
     """Intersect pair (i, j) with [low, high], skip past its gap, and tell whether it is left."""
     low = max(low, box[LOWER, i, j])
@@ -40,7 +50,7 @@ def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
     return low <= high
 
 
-@kernel
+@kernel(borrows=True)
 def exclude(box: FloatArray, i: int, j: int, gap_low: float, gap_high: float) -> bool:
     """
     Remove the open interval (gap_low, gap_high) from pair (i, j); tell whether something is left.
@@ -67,3 +77,31 @@ def exclude(box: FloatArray, i: int, j: int, gap_low: float, gap_high: float) ->
     box[GAP_LOWER, i, j] = box[GAP_LOWER, j, i] = gap_low
     box[GAP_UPPER, i, j] = box[GAP_UPPER, j, i] = gap_high
     return True
+
+
+def cut_at(
+    box: FloatArray, pair: tuple[int, int], low_end: float, high_start: float
+) -> list[FloatArray]:
+    """Return the parts of a box below `low_end` and above `high_start` of one pair."""
+    below, above = np.empty_like(box), np.empty_like(box)
+    _cut(box, *pair, low_end, high_start, below, above)
+    return [below, above]
+
+
+@kernel(borrows=True)
+def _cut(
+    box: FloatArray,
+    i: int,
+    j: int,
+    low_end: float,
+    high_start: float,
+    below: FloatArray,
+    above: FloatArray,
+) -> None:
+    """Write the parts of a box."""
+    for part in (below, above):
+        copy_box(box, part)
+        part[GAP_LOWER, i, j] = part[GAP_LOWER, j, i] = 0.0
+        part[GAP_UPPER, i, j] = part[GAP_UPPER, j, i] = 0.0
+    below[UPPER, i, j] = below[UPPER, j, i] = low_end
+    above[LOWER, i, j] = above[LOWER, j, i] = high_start

@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.solver.back_projection import back_project
-from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.box import (
+    GAP_LOWER,
+    GAP_UPPER,
+    LOWER,
+    UPPER,
+    FloatArray,
+    IntArray,
+    copy_box,
+)
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.line import BOTH, reduce_line
 from dg_localization.solver.linearization import CONTRACTED, EMPTY, LEFT_ALONE, contract_linear
@@ -111,7 +119,7 @@ def make_workspace(n_points: int, dimension: int, n_axes: int) -> Workspace:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def _set_sigma(
     sigma: NDArray[np.int8], sides: Sides, f0: int, f1: int, third: int, known_sides: bool
 ) -> bool:
@@ -137,7 +145,7 @@ def _set_sigma(
     return known
 
 
-@kernel
+@kernel(inlined=True)
 def _reduce_shadow(
     work: Workspace, sides: Sides, level: int, count: int, merged: int, f0: int, f1: int, f2: int
 ) -> bool:
@@ -167,7 +175,7 @@ def _reduce_shadow(
     return left
 
 
-@kernel
+@kernel(inlined=True)
 def _reduce_plane(
     work: Workspace,
     sides: Sides,
@@ -205,7 +213,7 @@ def _reduce_plane(
     )
 
 
-@kernel
+@kernel(inlined=True)
 def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
     """Project space along (a, b) to a plane, reduce that along the axes of faces, and return."""
     shadow_count = project(
@@ -238,7 +246,7 @@ def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> 
     )
 
 
-@kernel
+@kernel(borrows=True)
 def _remember_widths(box: FloatArray, widths: FloatArray, count: int) -> None:
     """Note the width of every range."""
     for i in range(count):
@@ -246,7 +254,7 @@ def _remember_widths(box: FloatArray, widths: FloatArray, count: int) -> None:
             widths[i, j] = box[UPPER, i, j] - box[LOWER, i, j]
 
 
-@kernel
+@kernel(borrows=True)
 def _largest_gain(box: FloatArray, widths: FloatArray, count: int) -> float:
     """Return the largest relative reduction of a range since its width was noted."""
     gain = 0.0
@@ -261,7 +269,7 @@ def _largest_gain(box: FloatArray, widths: FloatArray, count: int) -> float:
     return gain
 
 
-@kernel
+@kernel(borrows=True)
 def _relative_error(box: FloatArray, i: int, j: int) -> float:
     """Return how much of the squared distance of a pair is unknown, from 0 to 1."""
     if np.isinf(box[UPPER, i, j]):
@@ -270,6 +278,17 @@ def _relative_error(box: FloatArray, i: int, j: int) -> float:
 
 
 @kernel
+def _rank_points(box: FloatArray, a: int, b: int, points: IntArray) -> None:
+    """Order the points by how well their distances to the ends of an axis are known."""
+    n_points = box.shape[1]
+    errors = np.empty(n_points)
+    for i in range(n_points):
+        errors[i] = _relative_error(box, a, i) + _relative_error(box, b, i)
+    errors[a] = errors[b] = -1.0
+    points[:] = np.argsort(errors, kind='mergesort')
+
+
+@kernel(inlined=True)
 def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bool:
     """Project the `count` points known best along an axis, reduce, and back-project."""
     dimension, _, n_points, _ = work.boxes.shape
@@ -279,11 +298,7 @@ def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bo
     if not is_axis(box, a, b):
         return True
     if n_points > MOST_THROUGH:
-        errors = np.empty(n_points)
-        for i in range(n_points):
-            errors[i] = _relative_error(box, a, i) + _relative_error(box, b, i)
-        errors[a] = errors[b] = -1.0
-        work.points[0, :] = np.argsort(errors, kind='mergesort')
+        _rank_points(box, a, b, work.points[0])
     if dimension == 2:
         return _reduce_plane(work, sides, 0, count, a, b, a, b, -1)
     return _reduce_space(work, sides, count, a, b)
@@ -297,9 +312,11 @@ def _combine_group(
     n_points = box.shape[1]
     widths = np.empty((n_points, n_points))
     status = LEFT_ALONE
+    # Any placement serves as a reference, that of the box as it was as well as a new one.
+    positions = place(box, dimension)
     for _ in range(MAX_COMBINATIONS):
         _remember_widths(box, widths, n_points)
-        status = contract_linear(box, place(box, dimension), edges, errors, explained)
+        status = contract_linear(box, positions, edges, errors, explained)
         if status != CONTRACTED or _largest_gain(box, widths, n_points) < LEAST_COMBINATION_GAIN:
             break
     return status
@@ -356,7 +373,7 @@ def combine(box: FloatArray, dimension: int, groups: Groups, explained: FloatArr
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def _is_narrow(box: FloatArray, resolution_m: float) -> bool:
     """Tell whether every bounded distance is known to the resolution."""
     n_points = box.shape[1]
@@ -368,7 +385,7 @@ def _is_narrow(box: FloatArray, resolution_m: float) -> bool:
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float, i: int, j: int
 ) -> float:
@@ -382,7 +399,7 @@ def excess(
     return (math.sqrt(high) - math.sqrt(low)) / resolution_m
 
 
-@kernel
+@kernel(borrows=True)
 def _is_explained(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> bool:
@@ -395,7 +412,7 @@ def _is_explained(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def widest_gap_m(box: FloatArray) -> float:
     """Return the width of the widest known gap in m."""
     n_points = box.shape[1]
@@ -413,21 +430,24 @@ def _rank_axes(work: Workspace, axes: IntArray, order: IntArray) -> None:
     """Order the axes by how well the distances to their two ends are known, best first."""
     box = work.boxes[0]
     n_points = box.shape[1]
+    errors = np.empty((n_points, n_points))
+    for i in range(n_points):
+        # In one dimension an axis has the same point at both ends.
+        for j in range(i, n_points):
+            errors[i, j] = errors[j, i] = _relative_error(box, i, j)
     badness = np.empty(len(axes))
     for x in range(len(axes)):
         a, b = axes[x, 0], axes[x, 1]
-        total = _relative_error(box, a, b)
         known = 0.0
         for i in range(n_points):
             if i != a and i != b:
-                error = _relative_error(box, a, i) + _relative_error(box, b, i)
-                known += 1.0 / (0.01 + error + total)
+                known += 1.0 / (0.01 + (errors[a, i] + errors[b, i]) + errors[a, b])
         badness[x] = -known
     # Stable, and so the same with and without numba.
     order[:] = np.argsort(badness, kind='mergesort')
 
 
-@kernel
+@kernel(borrows=True)
 def contract(
     box: FloatArray,
     work: Workspace,
@@ -479,7 +499,7 @@ def contract(
     """
     dimension, _, n_points, _ = work.boxes.shape
     inner = work.boxes[0]
-    inner[:] = box
+    copy_box(box, inner)
     progress = work.progress
     if progress[SWEEP] == 0 and progress[NEXT_AXIS] == 0:
         for point in range(n_points):
@@ -531,5 +551,5 @@ def contract(
             slow = _largest_gain(inner, work.widths, n_points) < LEAST_GAIN
             if slow or progress[SWEEP] >= max_sweeps:
                 status = CONTRACTED
-    box[:] = inner
+    copy_box(inner, box)
     return status

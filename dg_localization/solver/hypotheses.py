@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.jit import kernel
@@ -18,7 +17,7 @@ MAX_ATTEMPTS = 16
 """In how many boxes of a component a placement is looked for."""
 
 
-@kernel
+@kernel(borrows=True)
 def _touch(first: FloatArray, second: FloatArray) -> bool:
     """Tell whether two boxes have a point in common."""
     n_points = first.shape[1]
@@ -113,30 +112,33 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
     return positions
 
 
-def _hypothesis(
-    problem: Problem, measured: NDArray[np.bool_], boxes: list[FloatArray]
-) -> Hypothesis:
-    """Describe one component of the cover."""
-    bounds = np.array([box[: UPPER + 1] for box in boxes])
-    step = max(1, len(boxes) // MAX_ATTEMPTS)
+@kernel
+def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
+    """Return the hull of every component, its lower and upper bounds."""
+    count, _, n_points, _ = bounds.shape
+    hulls = np.empty((label.max() + 1, 2, n_points, n_points))
+    hulls[:, LOWER] = np.inf
+    hulls[:, UPPER] = -np.inf
+    for x in range(count):
+        hull = hulls[label[x]]
+        for i in range(n_points):
+            for j in range(n_points):
+                hull[LOWER, i, j] = min(hull[LOWER, i, j], bounds[x, LOWER, i, j])
+                hull[UPPER, i, j] = max(hull[UPPER, i, j], bounds[x, UPPER, i, j])
+    return hulls
+
+
+def _placement(problem: Problem, boxes: list[FloatArray]) -> tuple[FloatArray, bool]:
+    """Return a placement for the boxes of a component, and whether it is proved to agree."""
     positions = None
-    proved = False
-    for box in boxes[::step]:
+    for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
         candidate = with_handedness(problem, place_everywhere(box, problem.dimension))
-        proved = agrees(problem, candidate)
-        if positions is None or proved:
+        if agrees(problem, candidate):
+            return candidate, True
+        if positions is None:
             positions = candidate
-        if proved:
-            break
     assert positions is not None
-    return Hypothesis(
-        lower=bounds[:, LOWER].min(axis=0),
-        upper=bounds[:, UPPER].max(axis=0),
-        boxes=bounds,
-        positions=positions,
-        proved=proved,
-        flexible=bool(is_flexible(positions, measured)),
-    )
+    return positions, False
 
 
 def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis, ...]:
@@ -161,7 +163,13 @@ def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis
     measured = np.isfinite(problem.upper)
     bounds = np.array([box[: UPPER + 1] for box in boxes])
     label = components(bounds)
-    return tuple(
-        _hypothesis(problem, measured, [boxes[index] for index in np.flatnonzero(label == number)])
-        for number in range(label.max() + 1)
-    )
+    hulls = _hulls(bounds, label)
+    members: list[list[int]] = [[] for _ in hulls]
+    for index, number in enumerate(label.tolist()):
+        members[number].append(index)
+    hypotheses = []
+    for (lower, upper), indices in zip(hulls, members, strict=True):
+        positions, proved = _placement(problem, [boxes[index] for index in indices])
+        flexible = is_flexible(positions, measured)
+        hypotheses.append(Hypothesis(lower, upper, bounds[indices], positions, proved, flexible))
+    return tuple(hypotheses)

@@ -31,7 +31,7 @@ BOTH = 2
 """The side of two points that are known to lie on the same side and on opposite ones."""
 
 
-@kernel
+@kernel(inlined=True)
 def _restrict(
     distance: FloatArray,
     i: int,
@@ -46,10 +46,6 @@ def _restrict(
     high = distance[UPPER, i, k]
     gap_low = distance[GAP_LOWER, i, k]
     gap_high = distance[GAP_UPPER, i, k]
-    if near_high >= far_low:
-        # The branches overlap: together they are one interval.
-        near_high = max(near_high, far_high)
-        far_low, far_high = math.inf, -math.inf
     if gap_low >= gap_high:
         gap_low, gap_high = high, math.inf
 
@@ -84,7 +80,7 @@ def _restrict(
     return new_low <= new_high
 
 
-@kernel
+@kernel(inlined=True)
 def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
     for x in range(count):
@@ -126,7 +122,7 @@ def _from_merged(
     return max(0.0, down(jk_low - j_high)), up(jk_high - j_low)
 
 
-@kernel
+@kernel(borrows=True)
 def reduce_line(
     box: FloatArray,
     distance: FloatArray,
@@ -201,6 +197,18 @@ def reduce_line(
                     )
                     if sigma[i, j] > 0:
                         far_low, far_high = math.inf, -math.inf
+                if near_high >= far_low:
+                    # The branches overlap: together they are one interval.
+                    near_high = max(near_high, far_high)
+                    far_low, far_high = math.inf, -math.inf
+                low = distance[LOWER, i, k]
+                high = distance[UPPER, i, k]
+                # Not `and`, `or`: one jump is foretold better than four.
+                if ((near_low <= low) & (high <= near_high)) | (
+                    (far_low <= low) & (high <= far_high)
+                ):
+                    # Most often the whole range lies in one branch, and its gap stays too.
+                    continue
                 if not _restrict(distance, i, k, near_low, near_high, far_low, far_high):
                     return False
 

@@ -52,13 +52,13 @@ LEAST_FREEDOM = 1e-6
 EMPTY, CONTRACTED, LEFT_ALONE = range(3)
 
 
-@kernel
+@kernel(inlined=True)
 def _width_m(box: FloatArray, i: int, j: int) -> float:
     """Return about how wide the distance of a pair is, in m."""
     return math.sqrt(box[UPPER, i, j]) - math.sqrt(box[LOWER, i, j])
 
 
-@kernel
+@kernel(inlined=True)
 def _components(
     positions: FloatArray, origin: int, point: int, basis: FloatArray, rank: int, arm: FloatArray
 ) -> float:
@@ -78,7 +78,7 @@ def _components(
     return math.sqrt(total)
 
 
-@kernel
+@kernel(inlined=True)
 def _extend_basis(positions: FloatArray, frame: IntArray, basis: FloatArray, rank: int) -> None:
     """Write row `rank` of a frame's orthonormal basis, zero where its points are degenerate."""
     length = _components(positions, frame[0], frame[rank + 1], basis, rank, basis[rank])
@@ -162,7 +162,7 @@ def _set_reference(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def _invert(matrix: FloatArray) -> bool:
     """Replace a symmetric positive definite matrix by its inverse; False when it is singular."""
     size = len(matrix)
@@ -198,7 +198,7 @@ def _invert(matrix: FloatArray) -> bool:
     return True
 
 
-@kernel
+@kernel(inlined=True)
 def _square_of_difference(first: FloatArray, second: FloatArray) -> tuple[float, float]:
     """Bound |e_i - e_j|^2 from the bounds of both displacements, shape (2, q) each."""
     low = 0.0
@@ -211,7 +211,7 @@ def _square_of_difference(first: FloatArray, second: FloatArray) -> tuple[float,
     return max(low, 0.0), high
 
 
-@kernel
+@kernel(inlined=True)
 def _squared_length(reference: FloatArray, i: int, j: int) -> float:
     """Return s_ij(x*), which the grid makes exact."""
     total = 0.0
@@ -221,7 +221,7 @@ def _squared_length(reference: FloatArray, i: int, j: int) -> float:
     return total
 
 
-@kernel
+@kernel(inlined=True)
 def _set_surplus(
     box: FloatArray, reference: FloatArray, bends: FloatArray, edges: IntArray, surplus: FloatArray
 ) -> None:
@@ -237,7 +237,7 @@ def _set_surplus(
         surplus[m, UPPER] = up(up(box[UPPER, i, j] - length) - max(low, 0.0))
 
 
-@kernel
+@kernel(borrows=True)
 def _combine(
     weights: FloatArray,
     surplus: FloatArray,
@@ -387,7 +387,7 @@ def _set_inverse(
     return True
 
 
-@kernel
+@kernel(inlined=True)
 def _difference(inverse: FloatArray, plus: int, minus: int, weights: FloatArray) -> None:
     """Write the difference of two rows, of which -1 stands for zero."""
     for m in range(len(weights)):
@@ -468,7 +468,7 @@ def _narrow_moves(
     return True
 
 
-@kernel
+@kernel(inlined=True)
 def _set_weights(
     inverse: FloatArray,
     reference: FloatArray,

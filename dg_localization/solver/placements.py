@@ -62,11 +62,15 @@ def _factor(middle: FloatArray, dimension: int) -> FloatArray:
     return positions
 
 
-@kernel
+@kernel(borrows=True)
 def _assemble(
     positions: FloatArray, box: FloatArray, matrix: FloatArray, vector: FloatArray
 ) -> float:
-    """Write the normal equations of the misfit of every distance; return its sum of squares."""
+    """
+    Write the normal equations of the misfit of every distance; return its sum of squares.
+
+    Of the symmetric matrix, only the lower triangle is written.
+    """
     n_points, dimension = positions.shape
     matrix[:] = 0.0
     vector[:] = 0.0
@@ -90,34 +94,39 @@ def _assemble(
             total += weight * misfit * misfit
             for axis in range(dimension):
                 row = 2.0 * (positions[i, axis] - positions[j, axis])
-                vector[i * dimension + axis] += weight * misfit * row
-                vector[j * dimension + axis] -= weight * misfit * row
+                row_i, row_j = i * dimension + axis, j * dimension + axis
+                vector[row_i] += weight * misfit * row
+                vector[row_j] -= weight * misfit * row
                 for other in range(dimension):
                     value = weight * row * 2.0 * (positions[i, other] - positions[j, other])
-                    matrix[i * dimension + axis, i * dimension + other] += value
-                    matrix[j * dimension + axis, j * dimension + other] += value
-                    matrix[i * dimension + axis, j * dimension + other] -= value
-                    matrix[j * dimension + axis, i * dimension + other] -= value
+                    matrix[row_j, i * dimension + other] -= value
+                    if other <= axis:
+                        matrix[row_i, i * dimension + other] += value
+                        matrix[row_j, j * dimension + other] += value
     return total
 
 
-@kernel
+@kernel(borrows=True)
 def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
-    """Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down."""
+    """
+    Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down.
+
+    Only the lower triangle of the matrix is used. It is factored column by column: the entries
+    of a column do not wait for each other.
+    """
     size = len(vector)
-    for i in range(size):
-        for j in range(i + 1):
+    for j in range(size):
+        pivot = matrix[j, j] + damping
+        for k in range(j):
+            pivot -= matrix[j, k] * matrix[j, k]
+        if pivot <= 0.0:
+            return False
+        matrix[j, j] = math.sqrt(pivot)
+        for i in range(j + 1, size):
             value = matrix[i, j]
-            if i == j:
-                value += damping
             for k in range(j):
                 value -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if value <= 0.0:
-                    return False
-                matrix[i, i] = math.sqrt(value)
-            else:
-                matrix[i, j] = value / matrix[j, j]
+            matrix[i, j] = value / matrix[j, j]
     for i in range(size):
         for k in range(i):
             vector[i] -= matrix[i, k] * vector[k]
@@ -134,8 +143,9 @@ def _refine(positions: FloatArray, box: FloatArray) -> FloatArray:
     """Pull a placement into the intervals of a box by damped least squares."""
     n_points, dimension = positions.shape
     size = n_points * dimension
-    matrix = np.empty((size, size))
-    vector = np.empty(size)
+    matrix, trial_matrix = np.empty((size, size)), np.empty((size, size))
+    vector, trial_vector = np.empty(size), np.empty(size)
+    factor = np.empty((size, size))
     best = positions.copy()
     damping = 1e-6
     misfit = _assemble(best, box, matrix, vector)
@@ -145,21 +155,24 @@ def _refine(positions: FloatArray, box: FloatArray) -> FloatArray:
         scale = 0.0
         for i in range(size):
             scale = max(scale, matrix[i, i])
-        if not _solve_damped(matrix, vector, damping * scale + 1e-300):
+        factor[:] = matrix
+        step = vector.copy()
+        if not _solve_damped(factor, step, damping * scale + 1e-300):
             break
-        trial = best - vector.reshape((n_points, dimension))
-        trial_misfit = _assemble(trial, box, matrix, vector)
+        trial = best - step.reshape((n_points, dimension))
+        trial_misfit = _assemble(trial, box, trial_matrix, trial_vector)
         if trial_misfit < misfit:
             if trial_misfit > 0.999999 * misfit:
                 break
             best = trial
             misfit = trial_misfit
+            matrix, trial_matrix = trial_matrix, matrix
+            vector, trial_vector = trial_vector, vector
             damping = max(0.1 * damping, 1e-12)
         else:
             damping *= 10.0
             if damping > 1e3:
                 break
-            misfit = _assemble(best, box, matrix, vector)
     return best
 
 
@@ -190,15 +203,20 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
     return _refine(_factor(middle, dimension), scaled) * math.ldexp(1.0, half)
 
 
-@kernel
+@kernel(borrows=True)
 def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
     """
     Compare every squared distance, with all rounding, with its interval.
 
-    Returns 1 when all lie inside, -1 when one lies outside, 0 when it is too close to call.
+    Returns 1 when all lie inside, -1 when one lies outside or a coordinate is not a number, 0
+    when it is too close to call.
     """
     n_points, dimension = positions.shape
     answer = 1
+    for i in range(n_points):
+        for axis in range(dimension):
+            if not math.isfinite(positions[i, axis]):
+                return -1
     for i in range(n_points):
         for j in range(i + 1, n_points):
             low = 0.0
@@ -264,13 +282,17 @@ def _determinant_and_error(
 
 
 @kernel
-def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> None:
-    """Write the sign of every simplex, UNSURE where rounding errors may have turned it."""
+def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
+    """Write the sign of every simplex, UNSURE where rounding may have turned it; True: of none."""
+    sure = True
     for x in range(len(simplices)):
         determinant, error = _determinant_and_error(positions, simplices, x)
-        signs[x] = UNSURE
         if abs(determinant) > error:
             signs[x] = 1 if determinant > 0.0 else -1
+        else:
+            signs[x] = UNSURE
+            sure = False
+    return sure
 
 
 def orientations(positions: FloatArray, simplices: IntArray) -> IntArray:
@@ -294,7 +316,8 @@ def orientations(positions: FloatArray, simplices: IntArray) -> IntArray:
 
     """
     signs = np.zeros(len(simplices), dtype=np.int64)
-    _set_orientations(positions, simplices, signs)
+    if _set_orientations(positions, simplices, signs):
+        return signs
     for x in np.flatnonzero(signs == UNSURE):
         corners = positions[simplices[x]].tolist()
         exact = [[Fraction(value) for value in corner] for corner in corners]
@@ -344,8 +367,6 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
         signs, or both in exact rationals where that is too close to call.
 
     """
-    if not np.isfinite(positions).all():
-        return False
     if not _distances_agree(problem, positions):
         return False
     simplices = [

@@ -144,13 +144,22 @@ def coordinate_difference(
 
 
 @kernel
-def _height_corner(a: float, b: float, c: float) -> tuple[float, float]:
-    """Bound A - (A - B + C)^2 / (4 C) at one corner of the box, for C > 0."""
-    low = down(down(a - b) + c)
-    high = up(up(a - b) + c)
+def _height_edge(a: float, b_lower: float, b_upper: float, c: float) -> tuple[float, float]:
+    """
+    Bound A - (A - B + C)^2 / (4 C) at the two corners of an edge of the box, for C > 0.
+
+    What is subtracted, rounding included, grows with |A - B + C| alone. So the larger one of the
+    two corners is enough for the lower bound, and the smaller one for the upper bound.
+    """
+    low_at_lower = down(down(a - b_lower) + c)
+    low_at_upper = down(down(a - b_upper) + c)
+    high_at_lower = up(up(a - b_lower) + c)
+    high_at_upper = up(up(a - b_upper) + c)
     # Halved before they are squared: 4 C may overflow.
-    largest = 0.5 * max(-low, high)
-    smallest = 0.5 * max(0.0, low, -high)
+    largest = 0.5 * max(-low_at_upper, high_at_lower)
+    smallest = 0.5 * max(
+        0.0, min(max(low_at_lower, -high_at_lower), max(low_at_upper, -high_at_upper))
+    )
     height_low = down(a - up(square_up(largest) / c))
     height_high = up(a - down(square_down(smallest) / c))
     return height_low, height_high
@@ -191,11 +200,10 @@ def squared_height(
     low = math.inf
     high = -math.inf
     for a in (a_lower, a_upper):
-        for b in (b_lower, b_upper):
-            for c in (c_lower, c_upper):
-                corner_low, corner_high = _height_corner(a, b, c)
-                low = min(low, corner_low)
-                high = max(high, corner_high)
+        for c in (c_lower, c_upper):
+            edge_low, edge_high = _height_edge(a, b_lower, b_upper, c)
+            low = min(low, edge_low)
+            high = max(high, edge_high)
     right_at_b = a_upper >= down(b_upper + c_lower) and a_lower <= up(b_upper + c_upper)
     right_at_a = b_upper >= down(a_upper + c_lower) and b_lower <= up(a_upper + c_upper)
     if right_at_a or right_at_b:
@@ -203,7 +211,7 @@ def squared_height(
     return max(low, 0.0), min(high, ceiling)
 
 
-@kernel
+@kernel(borrows=True)
 def _store(shadow: FloatArray, i: int, j: int, low: float, high: float) -> None:
     """Set pair (i, j) of a projected box to [low, high] without a gap."""
     shadow[LOWER, i, j] = shadow[LOWER, j, i] = low
@@ -212,7 +220,7 @@ def _store(shadow: FloatArray, i: int, j: int, low: float, high: float) -> None:
     shadow[GAP_UPPER, i, j] = shadow[GAP_UPPER, j, i] = 0.0
 
 
-@kernel
+@kernel(borrows=True)
 def is_axis(box: FloatArray, a: int, b: int) -> bool:
     """
     Tell whether a pair is known well enough to be projected along.
@@ -224,7 +232,7 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
     return not math.isinf(upper) and box[LOWER, a, b] > LEAST_AXIS_RATIO * upper
 
 
-@kernel
+@kernel(borrows=True)
 def project(
     box: FloatArray,
     shadow: FloatArray,

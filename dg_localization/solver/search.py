@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 import heapq
-from itertools import combinations, count
+from itertools import count
 import math
 import os
 import time
@@ -21,7 +21,15 @@ from typing import Protocol
 
 import numpy as np
 
-from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.box import (
+    GAP_LOWER,
+    GAP_UPPER,
+    LOWER,
+    UPPER,
+    FloatArray,
+    IntArray,
+    cut_at,
+)
 from dg_localization.solver.contraction import (
     CONTRACTED,
     EMPTY,
@@ -42,7 +50,7 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import SolverOptions, Statistics
 from dg_localization.solver.sides import handedness_is_possible, sides_of
 from dg_localization.solver.smoothing import smooth_triangles
-from dg_localization.solver.tightening import cut_at, tighten
+from dg_localization.solver.tightening import tighten
 
 MAX_SWEEPS = 50
 SLICE_SWEEPS = 3
@@ -160,6 +168,18 @@ def _with_edge(groups: Groups, pair: Pair) -> Groups:
     )
 
 
+@kernel
+def _all_pairs(n_points: int) -> IntArray:
+    """Return all pairs of points."""
+    pairs = np.empty((n_points * (n_points - 1) // 2, 2), dtype=np.int64)
+    x = 0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            pairs[x, 0], pairs[x, 1] = i, j
+            x += 1
+    return pairs
+
+
 def _axes_of(problem: Problem) -> IntArray:
     """
     Return the axes a problem may be projected along.
@@ -168,14 +188,13 @@ def _axes_of(problem: Problem) -> IntArray:
     and one for the line itself.
     """
     if problem.dimension > 1:
-        pairs = list(combinations(range(problem.n_points), 2))
-        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        return _all_pairs(problem.n_points)
     faces = {side.face[0] for side in problem.sides}
     faces.update(point for chirality in problem.chiralities for point in chirality.points)
     return np.array([(face, face) for face in sorted(faces | {0})], dtype=np.int64)
 
 
-@kernel
+@kernel(borrows=True)
 def choose_split(
     box: FloatArray, explained: FloatArray, resolution_m: float
 ) -> tuple[int, int, float, float]:
@@ -457,7 +476,7 @@ def search(
     return Cover(state.kept, [box for _, _, box in sorted(state.pending)], state.statistics())
 
 
-@kernel
+@kernel(borrows=True)
 def _size(box: FloatArray) -> float:
     """Return the sum of the finite widths of a box in m."""
     n_points = box.shape[1]

@@ -75,7 +75,7 @@ def sides_of(problem: Problem) -> Sides:
     return Sides(start, stop, np.array(table, dtype=np.int64).reshape(-1, 4))
 
 
-@kernel
+@kernel(borrows=True)
 def _inner_product(
     box: FloatArray, p_base: int, p: int, q_base: int, q: int
 ) -> tuple[float, float]:
@@ -97,7 +97,7 @@ def _inner_product(
     return 0.5 * low, 0.5 * high
 
 
-@kernel
+@kernel(borrows=True)
 def _minor(gram: FloatArray, r: int, s: int, c: int, e: int) -> tuple[float, float]:
     """Bound the 2 x 2 minor of rows r, s and columns c, e."""
     return sub(

@@ -9,7 +9,7 @@ from dg_localization.solver.jit import kernel
 from dg_localization.solver.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 
 
-@kernel
+@kernel(borrows=True)
 def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> bool:
     """
     Enforce d_ij - d_jk <= d_ik <= d_ij + d_jk over all triangles, in place.

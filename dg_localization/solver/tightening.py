@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
 from dg_localization.solver.contraction import CONTRACTED, EMPTY
 
 if TYPE_CHECKING:
@@ -35,17 +35,6 @@ LEAST_SHAVE = 0.3
 
 LEAST_SLICES = 4
 """Fewer slices than this of an end are not worth halving."""
-
-
-def cut_at(box: FloatArray, pair: Pair, low_end: float, high_start: float) -> list[FloatArray]:
-    """Return the parts of a box below `low_end` and above `high_start` of one pair."""
-    i, j = pair
-    below, above = box.copy(), box.copy()
-    below[UPPER, [i, j], [j, i]] = low_end
-    above[LOWER, [i, j], [j, i]] = high_start
-    for part in (below, above):
-        part[GAP_LOWER:, [i, j], [j, i]] = 0.0
-    return [below, above]
 
 
 class _Knife:
