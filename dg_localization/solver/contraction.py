@@ -36,6 +36,9 @@ UNFINISHED = 3
 
 SWEEP, NEXT_AXIS = range(2)
 
+SMALL_FLEET = 7
+"""Up to so many points axes are not chosen but all applied."""
+
 MOST_THROUGH = 16
 """On the line, points are compared through this many of the best known others."""
 
@@ -228,13 +231,20 @@ def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> 
     )
     if shadow_count < 0:
         return False
-    # Only axes through the common image of a and b span a face, {a, b, e}; the others cost n times
-    # as much and gain little (docs/projections.md).
     for x in range(1, shadow_count):
         e = work.points[1, x]
         if is_axis(work.boxes[1], a, e):
             if not _reduce_plane(work, sides, 1, shadow_count, a, e, a, b, e):
                 return False
+    # Only axes through the common image of a and b span a face, {a, b, e}; the others cost n times
+    # as much, and save enough boxes in a small fleet only (docs/projections.md).
+    if shadow_count < SMALL_FLEET:
+        for x in range(1, shadow_count):
+            for y in range(x + 1, shadow_count):
+                e, f = work.points[1, x], work.points[1, y]
+                if is_axis(work.boxes[1], e, f):
+                    if not _reduce_plane(work, sides, 1, shadow_count, e, f, -1, -1, -1):
+                        return False
     return back_project(
         work.boxes[0],
         work.boxes[1],

@@ -36,6 +36,7 @@ from dg_localization.solver.contraction import (
     EXPLAINED_FACTOR,
     LEAST_GAP,
     MOST_THROUGH,
+    SMALL_FLEET,
     UNFINISHED,
     Groups,
     combine,
@@ -55,9 +56,6 @@ from dg_localization.solver.tightening import tighten
 MAX_SWEEPS = 50
 SLICE_SWEEPS = 3
 """Sweeps over all axes: of a box at most, and of a slice, which gains from the first ones most."""
-
-SMALL_FLEET = 7
-"""Up to so many points all axes are applied before linear combinations are tried."""
 
 WELL_EXPLAINED = 0.01
 """A range this close to the first-order effect of the errors, relatively, is not tightened."""
