@@ -30,6 +30,7 @@ from dg_localization.fleet.estimate import (
 from dg_localization.fleet.frames import FramePlan, plan_frames
 from dg_localization.fleet.measurements import MeasurementStore, PeerReading
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
+from dg_localization.solver.float_environment import default_environment
 from dg_localization.solver.result import Statistics, Verdict
 
 EXPLANATION_BOXES = 32
@@ -184,6 +185,7 @@ class Localizer:
         """Return what every input has delivered since the start or the last reset."""
         return self._store.input_states(now_s)
 
+    @default_environment()
     def snapshot(self, now_s: float) -> Snapshot:
         """Return what the measurements say at `now_s`; later ones do not change it."""
         return take_snapshot(self._store, self._config, self._anchors, now_s)
@@ -210,6 +212,7 @@ class Localizer:
         return self.estimate(self.snapshot(now_s))
 
 
+@default_environment()
 def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
     """Return every placement that agrees with a snapshot, or the reason why there is none."""
     if not snapshot.keys:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dg_localization.solver.float_environment import default_environment
 from dg_localization.solver.problem import Chirality, Problem
 from dg_localization.solver.result import Result, SolverOptions, Statistics, Verdict
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from dg_localization.solver.search import Cancel
 
 
+@default_environment()
 def solve(
     problem: Problem,
     options: SolverOptions | None = None,
@@ -45,7 +47,8 @@ def solve(
     Notes
     -----
     The first call in a process loads the kernels; the first on a machine compiles them. Neither
-    counts as time of the search. See `load_kernels`.
+    counts as time of the search. See `load_kernels`. The floating-point environment of the thread
+    is the default one during the call, whatever it was before.
 
     """
     # The kernels import numba, which takes longer than the rest of the package together.

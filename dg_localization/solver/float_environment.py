@@ -1,0 +1,70 @@
+"""
+The floating-point environment that bounds rely on: round to nearest, gradual underflow.
+
+Both are settings of a thread, and every library in the process may change them: importing Codac
+makes the thread round upward, and libraries built with ``-ffast-math`` flush what underflows to
+zero. The outward steps of `rounding` prove nothing then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import ctypes
+import sys
+
+# Variables, so that the sums below are not computed when this is compiled.
+_one = 1.0
+_half_unit = 2.0**-53
+_quarter_unit = 2.0**-54
+_least_normal = 2.0**-1022
+
+_DEFAULT = ctypes.c_void_p(-1)
+"""FE_DFL_ENV, as the C libraries of Linux define it."""
+
+_ENVIRONMENT_BYTES = 256
+"""More than a fenv_t has anywhere."""
+
+_REFUSAL = (
+    'this thread does not round to nearest, or flushes underflow to zero, and could not be told '
+    'otherwise: no bound would be a proof'
+)
+
+
+def is_default() -> bool:
+    """Return whether this thread rounds to nearest and keeps numbers that underflow."""
+    return (
+        _one + _half_unit == _one
+        and -_one - _half_unit == -_one
+        and _one - _quarter_unit == _one
+        and 0.5 * _least_normal > 0.0
+        and 2.0 * (0.5 * _least_normal) == _least_normal
+    )
+
+
+@contextmanager
+def default_environment() -> Iterator[None]:
+    """
+    Compute in the default environment, and leave the thread as it was; a decorator, too.
+
+    Raises
+    ------
+    RuntimeError
+        If the environment is another one and cannot be changed.
+
+    """
+    if is_default():
+        yield
+        return
+    if sys.platform != 'linux':
+        raise RuntimeError(_REFUSAL)
+    library = ctypes.CDLL(None)
+    found = ctypes.create_string_buffer(_ENVIRONMENT_BYTES)
+    library.fegetenv(found)
+    library.fesetenv(_DEFAULT)
+    try:
+        if not is_default():
+            raise RuntimeError(_REFUSAL)
+        yield
+    finally:
+        library.fesetenv(found)
