@@ -21,6 +21,8 @@ Answer = TypeVar('Answer')
 
 SOLVER = 'dg_localization'
 RUNS = 7
+STEADY = 0.5
+"""Short runs are repeated for so long, in seconds: a process just forked is slow at first."""
 
 MAX_PAIRS = 40
 """Widths of larger fleets are compared on so many unknown pairs, drawn at random."""
@@ -110,15 +112,17 @@ def measure(run: Callable[[], Answer], effort: Effort) -> tuple[Answer, Timing]:
     answer
         What it returned last.
     Timing
-        Median and minimum of `RUNS` runs after one that is not counted, or of fewer when time
-        is up; at least the first counts.
+        Median and minimum of at least `RUNS` runs, after one that is not counted, and of as many
+        as `STEADY` holds; of fewer when time is up; at least the first counts.
 
     """
     started = time.perf_counter()
     answer = run()
     first = time.perf_counter() - started
     seconds: list[float] = []
-    while len(seconds) < RUNS and time.perf_counter() + first - started < effort.measuring:
+    while len(seconds) < RUNS or time.perf_counter() - started < STEADY:
+        if time.perf_counter() + first - started > effort.measuring:
+            break
         begin = time.perf_counter()
         answer = run()
         seconds.append(time.perf_counter() - begin)
