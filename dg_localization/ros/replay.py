@@ -229,7 +229,9 @@ def _replay_node(ros_args: list[str]) -> Iterator[Node]:
     rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
-        stack.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, _interrupt))
+        # SIGINT as well: a script that starts the replay in the background has it ignored.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            stack.callback(signal.signal, number, signal.signal(number, _interrupt))
         node = Node('replay')
         stack.callback(node.destroy_node)
         yield node
