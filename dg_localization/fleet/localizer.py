@@ -50,6 +50,7 @@ class Localizer:
 
     """
 
+    @default_environment()
     def __init__(self, config: FleetConfig) -> None:
         self._config = config
         self._store = MeasurementStore(config)
@@ -64,6 +65,7 @@ class Localizer:
         """Forget all measurements and counts."""
         self._store = MeasurementStore(self._config)
 
+    @default_environment()
     def add_range(
         self,
         observer: str,
@@ -103,6 +105,7 @@ class Localizer:
             key, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2
         )
 
+    @default_environment()
     def add_bearing(
         self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
     ) -> Rejection | None:
@@ -127,6 +130,7 @@ class Localizer:
         key = LinkKey(LinkKind.BEARING, observer, target)
         return self._store.add_bearing(key, ray_xyz, stamp_s, now_s)
 
+    @default_environment()
     def add_odometry(
         self,
         robot: str,
@@ -157,6 +161,7 @@ class Localizer:
         key = LinkKey(LinkKind.ODOMETRY, robot, '')
         return self._store.add_odometry(key, position_xyz, orientation_xyzw, stamp_s, now_s)
 
+    @default_environment()
     def add_peers(
         self, observer: str, readings: Iterable[PeerReading], stamp_s: float, now_s: float
     ) -> list[Rejection]:

@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 @kernel(borrows=True)
 def copy_box(source: FloatArray, target: FloatArray) -> None:
-    """Write one box over another: a slice would be copied twice, lest the two overlap."""
+    """Write one box over another; numba copies a slice twice, in case the two overlap."""
     n_planes, n_points, _ = source.shape
     for plane in range(n_planes):
         for i in range(n_points):

@@ -37,7 +37,7 @@ UNFINISHED = 3
 SWEEP, NEXT_AXIS = range(2)
 
 SMALL_FLEET = 7
-"""Up to so many points axes are not chosen but all applied."""
+"""Up to so many points all axes are applied, before linear combinations and in projections."""
 
 MOST_THROUGH = 16
 """On the line, points are compared through this many of the best known others."""
@@ -236,8 +236,8 @@ def _reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> 
         if is_axis(work.boxes[1], a, e):
             if not _reduce_plane(work, sides, 1, shadow_count, a, e, a, b, e):
                 return False
-    # Only axes through the common image of a and b span a face, {a, b, e}; the others cost n times
-    # as much, and save enough boxes in a small fleet only (docs/projections.md).
+    # The others span no face {a, b, e}, cost n times as much, and save enough boxes only where
+    # points are few (docs/projections.md).
     if shadow_count < SMALL_FLEET:
         for x in range(1, shadow_count):
             for y in range(x + 1, shadow_count):
@@ -478,7 +478,8 @@ def contract(
     box : ndarray, shape (4, n, n)
         The box in m^2.
     work : Workspace
-        Scratch arrays, and how far the contraction of this box has come; see `start`.
+        Scratch arrays, and how far the contraction of this box has come: `progress`, zero at
+        first.
     sides : Sides
         The known sides.
     axes : ndarray of int, shape (k, 2)

@@ -29,6 +29,10 @@ _REFUSAL = (
     'this thread does not round to nearest, or flushes underflow to zero, and could not be told '
     'otherwise: no bound would be a proof'
 )
+_CHANGED = (
+    'how the processor rounds was changed during the call, perhaps by a callback or an import: '
+    'its bounds are no proofs'
+)
 
 
 def is_default() -> bool:
@@ -50,21 +54,24 @@ def default_environment() -> Iterator[None]:
     Raises
     ------
     RuntimeError
-        If the environment is another one and cannot be changed.
+        If the environment is another one and cannot be changed, or is changed during the call, by
+        a callback for example.
 
     """
-    if is_default():
-        yield
-        return
-    if sys.platform != 'linux':
-        raise RuntimeError(_REFUSAL)
-    library = ctypes.CDLL(None)
-    found = ctypes.create_string_buffer(_ENVIRONMENT_BYTES)
-    library.fegetenv(found)
-    library.fesetenv(_DEFAULT)
+    found = None
+    if not is_default():
+        if sys.platform != 'linux':
+            raise RuntimeError(_REFUSAL)
+        library = ctypes.CDLL(None)
+        found = ctypes.create_string_buffer(_ENVIRONMENT_BYTES)
+        library.fegetenv(found)
+        library.fesetenv(_DEFAULT)
     try:
         if not is_default():
             raise RuntimeError(_REFUSAL)
         yield
+        if not is_default():
+            raise RuntimeError(_CHANGED)
     finally:
-        library.fesetenv(found)
+        if found is not None:
+            library.fesetenv(found)

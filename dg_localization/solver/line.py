@@ -41,7 +41,11 @@ def _restrict(
     far_low: float,
     far_high: float,
 ) -> bool:
-    """Intersect the two parts of pair (i, k) with a near and a far branch; False when empty."""
+    """
+    Intersect the two parts of pair (i, k) with a near and a far branch; False when empty.
+
+    The branches do not overlap: who calls has joined them if they do.
+    """
     low = distance[LOWER, i, k]
     high = distance[UPPER, i, k]
     gap_low = distance[GAP_LOWER, i, k]
@@ -203,7 +207,7 @@ def reduce_line(
                     far_low, far_high = math.inf, -math.inf
                 low = distance[LOWER, i, k]
                 high = distance[UPPER, i, k]
-                # Not `and`, `or`: one jump is foretold better than four.
+                # `&` and `|`, not `and` and `or`: one branch is predicted better than four.
                 if ((near_low <= low) & (high <= near_high)) | (
                     (far_low <= low) & (high <= far_high)
                 ):

@@ -208,7 +208,7 @@ def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArr
     """
     Compare every squared distance, with all rounding, with its interval.
 
-    Returns 1 when all lie inside, -1 when one lies outside or a coordinate is not a number, 0
+    Returns 1 when all lie inside, -1 when one lies outside or a coordinate is not finite, 0
     when it is too close to call.
     """
     n_points, dimension = positions.shape
@@ -283,7 +283,7 @@ def _determinant_and_error(
 
 @kernel
 def _set_orientations(positions: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
-    """Write the sign of every simplex, UNSURE where rounding may have turned it; True: of none."""
+    """Write the sign of every simplex, or UNSURE; tell whether rounding may have turned none."""
     sure = True
     for x in range(len(simplices)):
         determinant, error = _determinant_and_error(positions, simplices, x)

@@ -148,8 +148,8 @@ def _height_edge(a: float, b_lower: float, b_upper: float, c: float) -> tuple[fl
     """
     Bound A - (A - B + C)^2 / (4 C) at the two corners of an edge of the box, for C > 0.
 
-    What is subtracted, rounding included, grows with |A - B + C| alone. So the larger one of the
-    two corners is enough for the lower bound, and the smaller one for the upper bound.
+    What is subtracted, rounding included, grows with |A - B + C| alone. So the corner
+    where it is larger is enough for the lower bound, that where it is smaller for the upper bound.
     """
     low_at_lower = down(down(a - b_lower) + c)
     low_at_upper = down(down(a - b_upper) + c)

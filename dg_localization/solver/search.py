@@ -322,10 +322,12 @@ class Pruner:
             return EMPTY
         return status
 
-    def holds_placement(self, box: FloatArray) -> bool:
-        """Return whether a placement near the middle of a box is proved to agree."""
-        positions = place_everywhere(box, self._problem.dimension)
-        return agrees(self._problem, with_handedness(self._problem, positions))
+    def finds_placement(self, box: FloatArray, pair: Pair) -> bool:
+        """Return whether a placement that agrees is found, with a distance of the pair as here."""
+        positions = with_handedness(self._problem, place_everywhere(box, self._problem.dimension))
+        squared = float(((positions[pair[0]] - positions[pair[1]]) ** 2).sum())
+        low, high = box[: UPPER + 1, *pair]
+        return bool(low <= squared <= high) and agrees(self._problem, positions)
 
     def unexplained(self, box: FloatArray) -> list[Pair]:
         """

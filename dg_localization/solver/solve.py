@@ -68,6 +68,7 @@ def solve(
 
 
 @cache
+@default_environment()
 def load_kernels() -> float:
     """
     Load the compiled kernels, or compile them the first time on a machine (most of a minute).

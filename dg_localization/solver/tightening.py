@@ -34,7 +34,7 @@ LEAST_SHAVE = 0.3
 """A slice of which less than this fraction is cut off is followed by one half as thick."""
 
 LEAST_SLICES = 4
-"""Fewer slices than this of an end are not worth halving."""
+"""An end for which fewer slices than this are left is not peeled."""
 
 
 class _Knife:
@@ -89,18 +89,21 @@ class _Knife:
         order = count()
         parts: list[tuple[float, int, FloatArray]] = []
         candidates = [part]
-        attained = False
-        while candidates:
-            for candidate in candidates:
-                if not self._is_empty(candidate, pair):
-                    rank = -outward * float(candidate[end, *pair])
-                    heapq.heappush(parts, (rank, next(order), candidate))
-                    attained = attained or self._pruner.holds_placement(candidate)
+        while True:
+            left = [candidate for candidate in candidates if not self._is_empty(candidate, pair)]
+            for part in left:
+                rank = -outward * float(part[end, *pair])
+                heapq.heappush(parts, (rank, next(order), part))
             if not parts:
                 return None
-            if attained or self.slices <= reserve or not self._may_go_on():
+            if self.slices < reserve + 2 or not self._may_go_on():
                 break
-            candidates = _halves(heapq.heappop(parts)[2], pair, scale)
+            if any(self._pruner.finds_placement(part, pair) for part in left):
+                break
+            candidates = _halves(parts[0][2], pair, scale)
+            if not candidates:
+                break
+            heapq.heappop(parts)
         return parts[0][2]
 
     def _may_go_on(self) -> bool:
@@ -128,13 +131,15 @@ class _Knife:
 
 
 def _halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
-    """Return the halves of a slice across the range that is widest in terms of the box."""
+    """Return the halves of a slice across the range widest in terms of the box, if one is wide."""
     width = np.triu(part[UPPER] - part[LOWER], 1)
     relative = np.divide(
         width, scale, out=np.zeros_like(width), where=np.isfinite(width) & (scale > 0.0)
     )
     relative[pair] = 0.0
     i, j = np.unravel_index(np.argmax(relative), relative.shape)
+    if relative[i, j] == 0.0:
+        return []
     middle = 0.5 * (part[LOWER, i, j] + part[UPPER, i, j])
     return cut_at(part, (int(i), int(j)), middle, middle)
 

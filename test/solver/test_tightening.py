@@ -4,10 +4,13 @@ from itertools import product
 
 import numpy as np
 import pytest
+from solver_cases import box_of
 
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.placements import _refine, place
+from dg_localization.solver.search import Pruner
+from dg_localization.solver.tightening import _halves
 
 RELATIVE_ERROR = 0.03
 
@@ -58,6 +61,31 @@ def test_it_is_worth_its_slices(tightened):
     widths.append((hypothesis.upper - hypothesis.lower)[unknown].sum())
     assert sorted(widths, reverse=True) == widths
     assert widths[-1] < 0.95 * widths[0]
+
+
+def test_no_more_slices_than_allowed_are_examined(paper_fleet, monkeypatch):
+    examined = []
+    prune_slice = Pruner.prune_slice
+    monkeypatch.setattr(
+        Pruner, 'prune_slice', lambda *args: examined.append(1) or prune_slice(*args)
+    )
+    problem = paper_fleet.noisy_problem(RELATIVE_ERROR, paper_fleet.SIDES)
+    for slices in (1, 7, 150):
+        examined.clear()
+        solve(problem, SolverOptions(tighten_slices=slices))
+        assert 0 < len(examined) <= slices
+
+
+def test_the_halves_of_a_slice_cover_it_and_there_are_none_of_a_point():
+    low, high = np.array([[0.0, 1.0, 4.0], [1.0, 0.0, 2.0], [4.0, 2.0, 0.0]]), np.zeros((3, 3))
+    high[:] = low + np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 2.0], [1.0, 2.0, 0.0]])
+    part = box_of(low, high)
+    first, second = _halves(part, (0, 1), high - low)
+    assert np.array_equal(np.minimum(first[LOWER], second[LOWER]), low)
+    assert np.array_equal(np.maximum(first[UPPER], second[UPPER]), high)
+    assert (first[UPPER] == second[LOWER]).sum() == 2 + 3
+    part[UPPER] = part[LOWER]
+    assert _halves(part, (0, 1), high - low) == []
 
 
 def test_without_sides_every_hypothesis_comes_close_to_its_exact_hull(paper_fleet):
