@@ -375,7 +375,8 @@ def formulations(case: Case) -> list[Formulation]:
 
 def rows(case: Case, effort: Effort) -> Iterator[Row]:
     """Solve a case with each formulation."""
-    globals()['codac'] = importlib.import_module('codac')
+    global codac
+    codac = importlib.import_module('codac')
     resolution = attainable_resolution(case)
     for formulation in formulations(case):
         model = Model(case.problem, formulation)

@@ -30,6 +30,18 @@ def copy_box(source: FloatArray, target: FloatArray) -> None:
                 target[plane, i, j] = source[plane, i, j]
 
 
+@kernel
+def sub_box(box: FloatArray, points: IntArray) -> FloatArray:
+    """Return the box of some of the points, in the order they are named."""
+    size = len(points)
+    part = np.empty((4, size, size))
+    for plane in range(4):
+        for x in range(size):
+            for y in range(size):
+                part[plane, x, y] = box[plane, points[x], points[y]]
+    return part
+
+
 @kernel(borrows=True)
 def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
     """Intersect pair (i, j) with [low, high], skip past its gap, and tell whether it is left."""

@@ -23,6 +23,7 @@ from dg_localization.solver.box import (
     FloatArray,
     IntArray,
     copy_box,
+    sub_box,
 )
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.line import BOTH, reduce_line
@@ -363,11 +364,7 @@ def combine(box: FloatArray, dimension: int, groups: Groups, explained: FloatArr
             continue
         edges = groups.edges[groups.edge_offsets[group] : groups.edge_offsets[group + 1]]
         errors = groups.errors[groups.edge_offsets[group] : groups.edge_offsets[group + 1]]
-        local = np.empty((4, size, size))
-        for x in range(size):
-            for y in range(size):
-                for plane in range(4):
-                    local[plane, x, y] = box[plane, members[x], members[y]]
+        local = sub_box(box, members)
         local_explained = np.empty((size, size))
         status = _combine_group(local, dimension, edges, errors, local_explained)
         if status == EMPTY:

@@ -3,7 +3,8 @@ The floating-point environment that bounds rely on: round to nearest, gradual un
 
 Both are settings of a thread, and every library in the process may change them: importing Codac
 makes the thread round upward, and libraries built with ``-ffast-math`` flush what underflows to
-zero. The outward steps of `rounding` prove nothing then.
+zero. The outward steps of `rounding` prove nothing then. A thread inherits the settings of the
+one that starts it: the pool of a search is made inside the guard.
 """
 
 from __future__ import annotations

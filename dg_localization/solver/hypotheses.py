@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.jit import kernel
 from dg_localization.solver.placements import agrees, place, with_handedness
 from dg_localization.solver.problem import Problem
@@ -96,12 +96,7 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
             continue
         # The triangles bound every distance between points that any chain connects.
         island = np.flatnonzero(box[UPPER, seed] < np.inf)
-        local_box = np.empty((4, len(island), len(island)))
-        for x in range(len(island)):
-            for y in range(len(island)):
-                for plane in range(4):
-                    local_box[plane, x, y] = box[plane, island[x], island[y]]
-        local = place(local_box, dimension)
+        local = place(sub_box(box, island), dimension)
         leftmost = local[:, 0].min()
         for x in range(len(island)):
             placed[island[x]] = True
@@ -110,6 +105,11 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
             positions[island[x], 0] += edge - leftmost
         edge = positions[island, 0].max() + clearance
     return positions
+
+
+def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
+    """Return a placement for a box of a problem, of the handedness that is known."""
+    return with_handedness(problem, place_everywhere(box, problem.dimension))
 
 
 @kernel
@@ -132,7 +132,7 @@ def _placement(problem: Problem, boxes: list[FloatArray]) -> tuple[FloatArray, b
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
     positions = None
     for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
-        candidate = with_handedness(problem, place_everywhere(box, problem.dimension))
+        candidate = place_problem(problem, box)
         if agrees(problem, candidate):
             return candidate, True
         if positions is None:

@@ -44,9 +44,9 @@ from dg_localization.solver.contraction import (
     excess,
     make_workspace,
 )
-from dg_localization.solver.hypotheses import place_everywhere
+from dg_localization.solver.hypotheses import place_problem
 from dg_localization.solver.jit import kernel
-from dg_localization.solver.placements import agrees, with_handedness
+from dg_localization.solver.placements import agrees
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import SolverOptions, Statistics
 from dg_localization.solver.sides import handedness_is_possible, sides_of
@@ -324,7 +324,7 @@ class Pruner:
 
     def finds_placement(self, box: FloatArray, pair: Pair) -> bool:
         """Return whether a placement that agrees is found, with a distance of the pair as here."""
-        positions = with_handedness(self._problem, place_everywhere(box, self._problem.dimension))
+        positions = place_problem(self._problem, box)
         squared = float(((positions[pair[0]] - positions[pair[1]]) ** 2).sum())
         low, high = box[: UPPER + 1, *pair]
         return bool(low <= squared <= high) and agrees(self._problem, positions)

@@ -68,7 +68,7 @@ class _Knife:
         scale = self._box[UPPER] - self._box[LOWER]
         thick = THINNEST_SLICE * self._width(pair)
         came_off = True
-        while came_off and self.slices > reserve and self._may_go_on():
+        while came_off and self._may_go_on(reserve):
             part, cut = self._slice(pair, end, thick)
             left = self._outermost(part, pair, end, scale, reserve)
             came_off = left is None
@@ -90,15 +90,15 @@ class _Knife:
         parts: list[tuple[float, int, FloatArray]] = []
         candidates = [part]
         while True:
-            left = [candidate for candidate in candidates if not self._is_empty(candidate, pair)]
-            for part in left:
-                rank = -outward * float(part[end, *pair])
-                heapq.heappush(parts, (rank, next(order), part))
+            left = [half for half in candidates if not self._is_empty(half, pair)]
+            for half in left:
+                rank = -outward * float(half[end, *pair])
+                heapq.heappush(parts, (rank, next(order), half))
             if not parts:
                 return None
-            if self.slices < reserve + 2 or not self._may_go_on():
+            if not self._may_go_on(reserve + 1):
                 break
-            if any(self._pruner.finds_placement(part, pair) for part in left):
+            if any(self._pruner.finds_placement(half, pair) for half in left):
                 break
             candidates = _halves(parts[0][2], pair, scale)
             if not candidates:
@@ -106,8 +106,9 @@ class _Knife:
             heapq.heappop(parts)
         return parts[0][2]
 
-    def _may_go_on(self) -> bool:
-        return self.slices > 0 and not self._stopped()
+    def _may_go_on(self, reserve: int = 0) -> bool:
+        """Return whether more slices are left than are kept in reserve, and time."""
+        return self.slices > reserve and not self._stopped()
 
     def _width(self, pair: Pair) -> float:
         return float(self._box[UPPER, *pair] - self._box[LOWER, *pair])
