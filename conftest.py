@@ -44,7 +44,7 @@ def pytest_configure(config):
     os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='dg_localization_log_'))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     # By its file: a package that does not import must be a failed test, not no tests at all.
-    domain = runpy.run_path(str(REPOSITORY / 'dg_localization/ros/domain.py'))
+    domain = runpy.run_path(str(REPOSITORY / 'dg_localization/ros/demo/domain.py'))
     # Kept for the life of the process: the claim ends with it.
     config.ros_domain = domain['claim_domain']()
     os.environ['ROS_DOMAIN_ID'] = str(config.ros_domain.domain_id)
@@ -54,7 +54,7 @@ def pytest_configure(config):
 def compiled_kernels():
     """Compile the kernels into the cache that the nodes started by tests read them from."""
     from dg_localization.fleet import FleetConfig, Localizer
-    from dg_localization.fleet.simulation import ROBOTS, FleetMotion, FleetSensors
+    from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion, FleetSensors
 
     localizer = Localizer(FleetConfig(robots=ROBOTS))
     state, sensors = FleetMotion().state(0.0), FleetSensors()

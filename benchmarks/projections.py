@@ -29,14 +29,14 @@ from numpy.typing import NDArray
 
 from benchmarks.cases import Case, all_cases
 from dg_localization import Problem, Result, SolverOptions, solve
-from dg_localization.solver import contraction, projection
-from dg_localization.solver.back_projection import back_project
+from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.contraction import Groups, Sides, Workspace
-from dg_localization.solver.jit import kernel
-from dg_localization.solver.line import reduce_line
-from dg_localization.solver.projection import is_axis, project
-from dg_localization.solver.search import EMPTY, Pruner
+from dg_localization.solver.contract import fixed_point as contraction, projection
+from dg_localization.solver.contract.back_projection import back_project
+from dg_localization.solver.contract.fixed_point import Groups, Sides, Workspace
+from dg_localization.solver.contract.line import reduce_line
+from dg_localization.solver.contract.projection import is_axis, project
+from dg_localization.solver.search.branch_and_prune import EMPTY, Pruner
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

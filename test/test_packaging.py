@@ -186,7 +186,7 @@ def test_an_absent_recording_skips_or_fails(tmp_path, monkeypatch):
 
 def test_two_processes_never_get_the_same_domain():
     code = (
-        'from dg_localization.ros.domain import claim_domain;'
+        'from dg_localization.ros.demo.domain import claim_domain;'
         'claim = claim_domain(); print(claim.domain_id, flush=True); input()'
     )
     processes = [
@@ -209,7 +209,7 @@ def test_two_processes_never_get_the_same_domain():
 @pytest.mark.skipif(find_spec('rosbags') is None, reason='rosbags is not installed')
 def test_replay_explains_itself():
     told = subprocess.run(
-        [sys.executable, '-m', 'dg_localization.ros.replay', '--help'],
+        [sys.executable, '-m', 'dg_localization.ros.bags.replay', '--help'],
         cwd=REPOSITORY,
         check=True,
         capture_output=True,

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.intervals import Interval, cross, determinant
+from dg_localization.interval.arrays import Interval, cross, determinant
 from dg_localization.solver.problem import Chirality
 
 MAX_CORES = 6

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.solver.jit import kernel
-from dg_localization.solver.rounding import (
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import (
     TINIEST,
     UNIT,
     down,

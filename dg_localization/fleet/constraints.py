@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from dg_localization.fleet.anchors import squared_bounds
 from dg_localization.fleet.cartesian import ANGLE_SWEEPS, tighten_by_angles
 from dg_localization.fleet.estimate import LinkKey
-from dg_localization.fleet.intervals import ROUNDING_RAD
 from dg_localization.fleet.snapshot import RayEvidence, Snapshot
+from dg_localization.interval.arrays import ROUNDING_RAD
 from dg_localization.solver.problem import Chirality, Problem
 
 Matrix = NDArray[np.float64]

@@ -23,7 +23,8 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints import Constraints, Ray, angles_rad
 from dg_localization.fleet.estimate import FixedFrame, LinkKey, Placement
 from dg_localization.fleet.headings import Heading, NoHeadingError, best_rotation, estimate_heading
-from dg_localization.fleet.intervals import (
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.interval.arrays import (
     Interval,
     cross,
     determinant,
@@ -31,8 +32,7 @@ from dg_localization.fleet.intervals import (
     rotate,
     rotation_2d,
 )
-from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.solver.coordinates import enclose_coordinates
+from dg_localization.solver.contract.coordinates import enclose_coordinates
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]

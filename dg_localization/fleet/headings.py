@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints import Ray, angles_rad
-from dg_localization.fleet.intervals import ROUNDING_RAD, Interval, down, up
+from dg_localization.interval.arrays import ROUNDING_RAD, Interval, down, up
 
 FloatArray = NDArray[np.float64]
 

@@ -30,7 +30,7 @@ from dg_localization.fleet.estimate import (
 from dg_localization.fleet.frames import FramePlan, plan_frames
 from dg_localization.fleet.measurements import MeasurementStore, PeerReading
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
-from dg_localization.solver.float_environment import default_environment
+from dg_localization.interval.environment import default_environment
 from dg_localization.solver.result import Statistics, Verdict
 
 EXPLANATION_BOXES = 32

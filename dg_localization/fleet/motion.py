@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.intervals import ROUNDING_RAD
+from dg_localization.interval.arrays import ROUNDING_RAD
 
 
 @dataclass(frozen=True)

@@ -15,22 +15,22 @@ EXIT_INTERRUPTED = 130
 
 def localizer() -> int:
     """Run `localizer`; return the exit code."""
-    return _run('localizer')
+    return _run('node.localizer')
 
 
 def simulate_fleet() -> int:
     """Run `simulate_fleet`; return the exit code."""
-    return _run('simulate_fleet')
+    return _run('demo.simulate_fleet')
 
 
 def replay() -> int:
     """Run `replay`; return the exit code."""
-    return _run('replay')
+    return _run('bags.replay')
 
 
 def localize_bag() -> int:
     """Run `localize_bag`; return the exit code."""
-    return _run('localize_bag', interrupted=EXIT_INTERRUPTED)
+    return _run('bags.localize_bag', interrupted=EXIT_INTERRUPTED)
 
 
 def _run(name: str, interrupted: int = 0) -> int:

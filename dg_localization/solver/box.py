@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.solver.jit import kernel
+from dg_localization.interval.kernels import kernel
 
 LOWER, UPPER, GAP_LOWER, GAP_UPPER = range(4)
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dg_localization.solver.float_environment import default_environment
+from dg_localization.interval.environment import default_environment
 from dg_localization.solver.problem import Chirality, Problem
 from dg_localization.solver.result import Result, SolverOptions, Statistics, Verdict
 
 if TYPE_CHECKING:
-    from dg_localization.solver.search import Cancel
+    from dg_localization.solver.search.branch_and_prune import Cancel
 
 
 @default_environment()
@@ -52,8 +52,8 @@ def solve(
 
     """
     # The kernels import numba, which takes longer than the rest of the package together.
-    from dg_localization.solver.hypotheses import hypotheses_of
-    from dg_localization.solver.search import search
+    from dg_localization.solver.place.hypotheses import hypotheses_of
+    from dg_localization.solver.search.branch_and_prune import search
 
     load_kernels()
     cover = search(problem, options or SolverOptions(), cancel, progress)
@@ -81,8 +81,8 @@ def load_kernels() -> float:
         How long it took, in seconds.
 
     """
-    from dg_localization.solver.hypotheses import hypotheses_of
-    from dg_localization.solver.search import search
+    from dg_localization.solver.place.hypotheses import hypotheses_of
+    from dg_localization.solver.search.branch_and_prune import search
 
     start = time.perf_counter()
     # A flexible chain with a handedness, two of them to compare, and a point that nobody knows.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet import FleetConfig, Localizer
-from dg_localization.fleet.simulation import (
+from dg_localization.simulation.moving_fleet import (
     EDGES,
     ROBOTS,
     FleetMotion,

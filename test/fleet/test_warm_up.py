@@ -11,7 +11,8 @@ pytest.importorskip('numba', reason='numba is not installed')
 CODE = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from dg_localization.fleet import FleetConfig, Localizer, simulation, warm_up
+from dg_localization.fleet import FleetConfig, Localizer, warm_up
+from dg_localization.simulation import moving_fleet as simulation
 
 def compiled():
     modules = [m for name, m in list(sys.modules.items()) if name.startswith('dg_localization.')]

@@ -7,9 +7,9 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.fleet.simulation import ROBOTS, FleetMotion  # noqa: E402
-from dg_localization.ros import demo, demo_compare  # noqa: E402
-from dg_localization.ros.simulate_fleet import quaternions  # noqa: E402
+from dg_localization.ros.demo import __main__ as demo, compare as demo_compare  # noqa: E402
+from dg_localization.ros.demo.simulate_fleet import quaternions  # noqa: E402
+from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion  # noqa: E402
 
 
 @pytest.fixture

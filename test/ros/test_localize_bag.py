@@ -20,9 +20,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.ros import bag as bag_module  # noqa: E402
-from dg_localization.ros.localize_bag import main  # noqa: E402
-from dg_localization.ros.offline import Event, read_task, timeline  # noqa: E402
+from dg_localization.ros.bags import reader as bag_module  # noqa: E402
+from dg_localization.ros.bags.localize_bag import main  # noqa: E402
+from dg_localization.ros.bags.offline import Event, read_task, timeline  # noqa: E402
 from msg_adapters import Level, PeersReading, adapter_for  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
@@ -176,7 +176,7 @@ def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
         folder.mkdir()
         paths = ['-o', folder / 'out', '--params', params, '--report', folder / 'report.json']
         subprocess.run(
-            [sys.executable, '-m', 'dg_localization.ros.localize_bag', bag, *paths]
+            [sys.executable, '-m', 'dg_localization.ros.bags.localize_bag', bag, *paths]
             + ['--storage', storage, '--inputs'],
             cwd=REPOSITORY,
             check=True,
@@ -449,7 +449,7 @@ def test_messages_come_before_a_tick_at_the_same_time():
 
 def start(*arguments):
     return subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros.localize_bag', *map(str, arguments)],
+        [sys.executable, '-m', 'dg_localization.ros.bags.localize_bag', *map(str, arguments)],
         cwd=REPOSITORY,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -10,8 +10,8 @@ import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from dg_localization.ros import localizer
-from dg_localization.ros.localizer import LocalizerNode
+from dg_localization.ros.node import localizer
+from dg_localization.ros.node.localizer import LocalizerNode
 from dg_localization.ros.process import WrongParameterError
 from msg_adapters import Adapter, Level, RangeReading, register
 

@@ -7,7 +7,7 @@ import re
 import pytest
 from std_msgs.msg import Float32
 
-from dg_localization.ros.parameters import check_values, settings_from
+from dg_localization.ros.node.parameters import check_values, settings_from
 from dg_localization.ros.process import WrongParameterError
 
 README = Path(__file__).parents[2] / 'README.md'

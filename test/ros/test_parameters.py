@@ -10,8 +10,8 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 import yaml  # noqa: E402
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.links import parse_link  # noqa: E402
-from dg_localization.ros.parameters import TABLE, TEMPLATE_TYPES, check_values, settings_from  # noqa: E402
+from dg_localization.ros.node.links import parse_link  # noqa: E402
+from dg_localization.ros.node.parameters import TABLE, TEMPLATE_TYPES, check_values, settings_from  # noqa: E402
 from dg_localization.ros.process import WrongParameterError  # noqa: E402
 
 CONFIG = Path(__file__).parents[2] / 'config'

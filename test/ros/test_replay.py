@@ -32,8 +32,9 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from dg_localization.ros import bag as bag_module, replay, terminal  # noqa: E402
-from dg_localization.ros.bag import Bag  # noqa: E402
+from dg_localization.ros import terminal  # noqa: E402
+from dg_localization.ros.bags import reader as bag_module, replay  # noqa: E402
+from dg_localization.ros.bags.reader import Bag  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 START_NS = 1_700_000_000_000_000_000
@@ -129,7 +130,7 @@ def listener():
 
 def start(*arguments, **environment):
     return subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros.replay', *map(str, arguments)],
+        [sys.executable, '-m', 'dg_localization.ros.bags.replay', *map(str, arguments)],
         cwd=REPOSITORY,
         env={**os.environ, 'PYTHONUNBUFFERED': '1', **environment},
         stdout=subprocess.PIPE,

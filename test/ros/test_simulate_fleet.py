@@ -21,13 +21,13 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 
-from dg_localization.fleet import simulation  # noqa: E402
-from dg_localization.ros.process import WrongParameterError  # noqa: E402
-from dg_localization.ros.simulate_fleet import (  # noqa: E402
+from dg_localization.ros.demo.simulate_fleet import (  # noqa: E402
     FleetSimulator,
     SimulatedFleet,
     quaternions,
 )
+from dg_localization.ros.process import WrongParameterError  # noqa: E402
+from dg_localization.simulation import moving_fleet as simulation  # noqa: E402
 from msg_adapters.peers import peers_from_message  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
@@ -178,7 +178,7 @@ def test_quaternions_turn_about_z():
 
 def start(*arguments):
     return subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros.simulate_fleet', *arguments],
+        [sys.executable, '-m', 'dg_localization.ros.demo.simulate_fleet', *arguments],
         cwd=REPOSITORY,
         env={**os.environ, 'PYTHONUNBUFFERED': '1', 'RCUTILS_LOGGING_USE_STDOUT': '1'},
         stdout=subprocess.PIPE,

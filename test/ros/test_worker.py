@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.worker import EstimateWorker  # noqa: E402
+from dg_localization.ros.node.worker import EstimateWorker  # noqa: E402
 
 DEADLINE_S = 10.0
 
@@ -92,7 +92,7 @@ def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
 
 
 def test_nobody_is_told_of_a_warm_up_after_the_end(make_worker, monkeypatch):
-    monkeypatch.setattr('dg_localization.ros.worker.CLOSE_S', 0.05)
+    monkeypatch.setattr('dg_localization.ros.node.worker.CLOSE_S', 0.05)
     release, told = Event(), []
     worker = make_worker(
         print, warm_up=lambda: release.wait(DEADLINE_S), warm=lambda: told.append(1)
@@ -104,7 +104,7 @@ def test_nobody_is_told_of_a_warm_up_after_the_end(make_worker, monkeypatch):
 
 
 def test_close_does_not_wait_for_ever(make_worker, monkeypatch):
-    monkeypatch.setattr('dg_localization.ros.worker.CLOSE_S', 0.05)
+    monkeypatch.setattr('dg_localization.ros.node.worker.CLOSE_S', 0.05)
     release, running = Event(), Event()
 
     def estimate(snapshot, cancel):
@@ -122,7 +122,7 @@ def test_process_ends_although_the_thread_does_not():
     code = """
 import sys, time
 from threading import Event
-from dg_localization.ros import worker
+from dg_localization.ros.node import worker
 worker.CLOSE_S = 0.05
 running = Event()
 def estimate(snapshot, cancel):

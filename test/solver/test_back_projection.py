@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.back_projection import _far_side_range, back_project
-from dg_localization.solver.projection import project
+from dg_localization.solver.contract.back_projection import _far_side_range, back_project
+from dg_localization.solver.contract.projection import project
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 AXIS = 0, 1

@@ -5,7 +5,7 @@ import pytest
 from solver_cases import bounds, box_of, random_case, squared_distances
 
 from dg_localization import Problem
-from dg_localization.solver.search import Pruner, choose_split
+from dg_localization.solver.search.branch_and_prune import Pruner, choose_split
 
 
 def contracted(case):

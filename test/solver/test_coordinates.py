@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from solver_cases import bounds, squared_distances
 
-from dg_localization.solver.coordinates import enclose_coordinates
+from dg_localization.solver.contract.coordinates import enclose_coordinates
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=150)
 

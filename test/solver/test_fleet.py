@@ -5,7 +5,7 @@ import pytest
 from solver_cases import box_of, covers
 
 from dg_localization import Verdict, solve
-from dg_localization.solver.smoothing import smooth_triangles
+from dg_localization.solver.contract.triangles import smooth_triangles
 
 # Figure 9, D2: the pairs that only the triangle inequalities bound.
 PAPER_D2 = {

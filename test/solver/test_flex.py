@@ -5,7 +5,7 @@ import pytest
 from solver_cases import covers, squared_distances
 
 from dg_localization import SolverOptions, Verdict, solve
-from dg_localization.solver.rigidity import is_flexible
+from dg_localization.solver.place.rigidity import is_flexible
 from examples.flex import (
     SQUARED_M2,
     cover,

@@ -8,7 +8,7 @@ import struct
 from hypothesis import assume, example, given, settings, strategies as st
 import pytest
 
-from dg_localization.solver import interval
+from dg_localization.interval import scalars as interval
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 EMPTY = (math.inf, -math.inf)

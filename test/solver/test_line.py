@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from solver_cases import box_of, sign, squared_distances
 
-from dg_localization.solver.line import reduce_line
+from dg_localization.solver.contract.line import reduce_line
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 SAME, FREE, OPPOSITE = -1, 0, 1

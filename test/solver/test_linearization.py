@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import linprog
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.linearization import (
+from dg_localization.solver.contract.linear import (
     CONTRACTED,
     EMPTY,
     LEFT_ALONE,

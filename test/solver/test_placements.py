@@ -9,8 +9,8 @@ import pytest
 from solver_cases import bounds, box_of, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint
-from dg_localization.solver.hypotheses import components, place_everywhere
-from dg_localization.solver.placements import agrees, orientations, place
+from dg_localization.solver.place.hypotheses import components, place_everywhere
+from dg_localization.solver.place.placements import agrees, orientations, place
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.projection import (
+from dg_localization.interval.rounding import sqrt_down, sqrt_up
+from dg_localization.solver.contract.projection import (
     axis_coordinate,
     coordinate_difference,
     project,
     squared_height,
 )
-from dg_localization.solver.rounding import sqrt_down, sqrt_up
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 SCALES = (1.0, 1e-12, 1e12)

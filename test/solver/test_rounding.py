@@ -6,7 +6,7 @@ import math
 from hypothesis import example, given, settings, strategies as st
 import pytest
 
-from dg_localization.solver import rounding
+from dg_localization.interval import rounding
 
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 MODERATE = st.floats(-1e150, 1e150)

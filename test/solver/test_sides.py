@@ -8,7 +8,7 @@ import pytest
 from solver_cases import bounds, box_of, determinant, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, Verdict, solve
-from dg_localization.solver.sides import handedness_is_possible, volume_product
+from dg_localization.solver.contract.sides import handedness_is_possible, volume_product
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 

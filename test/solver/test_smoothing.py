@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from solver_cases import bounds, box_of, squared_distances
 
-from dg_localization.solver.smoothing import smooth_triangles
+from dg_localization.solver.contract.triangles import smooth_triangles
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 

@@ -9,7 +9,7 @@ import pytest
 from solver_cases import bounds, covers, squared_distances
 
 from dg_localization import Problem, SolverOptions, solve
-from dg_localization.solver.coordinates import enclose_coordinates
+from dg_localization.solver.contract.coordinates import enclose_coordinates
 
 FRAME = 0, 1, 2
 POINT_OF_NODE = {1: 0, 3: 1, 4: 2, 5: 3}

@@ -8,9 +8,9 @@ from solver_cases import box_of
 
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.placements import _refine, place
-from dg_localization.solver.search import Pruner
-from dg_localization.solver.tightening import _halves
+from dg_localization.solver.place.placements import _refine, place
+from dg_localization.solver.search.branch_and_prune import Pruner
+from dg_localization.solver.search.tightening import _halves
 
 RELATIVE_ERROR = 0.03
 

@@ -1,0 +1,1 @@
+"""Interval arithmetic: the only room that rounds."""

@@ -1,0 +1,64 @@
+"""
+Outward rounding: the only place where a computed number becomes a bound.
+
+IEEE 754 addition, multiplication, division and square root are correctly rounded, so the exact
+result of one operation lies within half a unit in the last place of the computed one. `up` and
+`down` move by at least one such unit and at most two, which makes the result a bound.
+
+The step is ``|x| 2^-52 + 2^-1074``: for x in [2^e, 2^(e+1)) the unit is 2^(e-52) <= |x| 2^-52,
+and where that product underflows the second term is the unit itself. Adding a multiple of the
+unit and rounding to nearest cannot fall short of the next number, because rounding is monotone.
+The step is branch-free and scales exactly with powers of two.
+
+An operation that overflows says only that its exact result is beyond the largest double, which is
+then the bound on the near side. So `down` never returns +inf nor `up` -inf, and sums of bounds are
+never inf - inf (docs/rigour.md).
+"""
+
+from __future__ import annotations
+
+import math
+
+from dg_localization.interval.kernels import kernel
+
+UNIT = 2.0**-52
+TINIEST = 2.0**-1074
+LARGEST = (2.0 - UNIT) * 2.0**1023
+
+
+@kernel
+def up(x: float) -> float:
+    """Return a number above the exact value whose nearest double is `x`."""
+    x = max(x, -LARGEST)
+    return x + (abs(x) * UNIT + TINIEST)
+
+
+@kernel
+def down(x: float) -> float:
+    """Return a number below the exact value whose nearest double is `x`."""
+    x = min(x, LARGEST)
+    return x - (abs(x) * UNIT + TINIEST)
+
+
+@kernel
+def square_up(x: float) -> float:
+    """Return an upper bound of x^2."""
+    return up(x * x)
+
+
+@kernel
+def square_down(x: float) -> float:
+    """Return a lower bound of x^2, never below zero."""
+    return max(0.0, down(x * x))
+
+
+@kernel
+def sqrt_up(x: float) -> float:
+    """Return an upper bound of the root of `x`, or zero where `x` is not positive."""
+    return up(math.sqrt(x)) if x > 0.0 else 0.0
+
+
+@kernel
+def sqrt_down(x: float) -> float:
+    """Return a lower bound of the root of `x`, or zero where `x` is not positive."""
+    return max(0.0, down(math.sqrt(x))) if x > 0.0 else 0.0

@@ -1,0 +1,140 @@
+"""
+Elementary operations on intervals, rounded outward.
+
+An interval is its two ends, `low` and `high`, as in IEEE 1788-2015 (set-based flavour): the closed
+set of the real numbers between them, so that an infinite end is a bound that is missing and never
+a number of the set. The empty set is (inf, -inf), what any operation makes of an empty operand;
+an operand with ``low > high`` counts as empty. An end is never NaN, a low one never +inf and a
+high one never -inf but in the empty set; signed zeros are equal.
+
+Each operation contains the standard's tightest interval and exceeds it by at most two units in the
+last place at either end, zero by the least positive number, and an end near the least normal
+number by three of those. Division by an interval with zero
+inside gives the hull of its two half-lines, where the standard's two-output division would give
+them apart; `reverse_square` is sqrRev with its second argument. Decorations, NaI and mid-rad forms
+do not exist here: what is undefined is left out, and who needs to know looks at the operands.
+"""
+
+from __future__ import annotations
+
+import math
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
+
+
+@kernel
+def intersection(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
+    """Return what two intervals have in common."""
+    low, high = max(a_low, b_low), min(a_high, b_high)
+    if low > high:
+        return math.inf, -math.inf
+    return low, high
+
+
+@kernel
+def hull(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
+    """Return the smallest interval that holds two intervals."""
+    if a_low > a_high:
+        return b_low, b_high
+    if b_low > b_high:
+        return a_low, a_high
+    return min(a_low, b_low), max(a_high, b_high)
+
+
+@kernel
+def add(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
+    """Bound x + y."""
+    if a_low > a_high or b_low > b_high:
+        return math.inf, -math.inf
+    return down(a_low + b_low), up(a_high + b_high)
+
+
+@kernel
+def sub(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
+    """Bound x - y."""
+    return add(a_low, a_high, -b_high, -b_low)
+
+
+@kernel
+def _times(x: float, y: float) -> float:
+    """Multiply two ends: however large the other is, zero times a real number is zero."""
+    return x * y if x != 0.0 and y != 0.0 else 0.0
+
+
+@kernel
+def mul(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
+    """Bound x y."""
+    if a_low > a_high or b_low > b_high:
+        return math.inf, -math.inf
+    corners = (
+        _times(a_low, b_low),
+        _times(a_low, b_high),
+        _times(a_high, b_low),
+        _times(a_high, b_high),
+    )
+    return down(min(corners)), up(max(corners))
+
+
+@kernel
+def _divide_by_positive(
+    a_low: float, a_high: float, b_low: float, b_high: float
+) -> tuple[float, float]:
+    """Bound x / y for y > 0, where `b_low` may be zero; each end of x has its end of y."""
+    low = -math.inf
+    high = math.inf
+    if a_low >= 0.0:
+        low = a_low / b_high
+    elif b_low > 0.0:
+        low = a_low / b_low
+    if a_high <= 0.0:
+        high = a_high / b_high
+    elif b_low > 0.0:
+        high = a_high / b_low
+    return down(low), up(high)
+
+
+@kernel
+def div(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
+    """Bound x / y over the y that are not zero."""
+    if a_low > a_high or b_low > b_high or (b_low == 0.0 and b_high == 0.0):
+        return math.inf, -math.inf
+    if a_low == 0.0 and a_high == 0.0:
+        return 0.0, 0.0
+    if b_low >= 0.0:
+        return _divide_by_positive(a_low, a_high, b_low, b_high)
+    if b_high <= 0.0:
+        return _divide_by_positive(-a_high, -a_low, -b_high, -b_low)
+    return -math.inf, math.inf
+
+
+@kernel
+def square(low: float, high: float) -> tuple[float, float]:
+    """Bound x^2."""
+    if low > high:
+        return math.inf, -math.inf
+    smallest = max(0.0, low, -high)
+    largest = max(-low, high)
+    return square_down(smallest), square_up(largest)
+
+
+@kernel
+def sqrt(low: float, high: float) -> tuple[float, float]:
+    """Bound the roots of the x that are not negative."""
+    if low > high or high < 0.0:
+        return math.inf, -math.inf
+    return sqrt_down(low), sqrt_up(high)
+
+
+@kernel
+def reverse_square(
+    low: float, high: float, square_low: float, square_high: float
+) -> tuple[float, float]:
+    """Bound the x of [low, high] whose square lies in [square_low, square_high]."""
+    if square_low > square_high or square_high < 0.0:
+        return math.inf, -math.inf
+    near = sqrt_down(square_low)
+    far = sqrt_up(square_high)
+    minus_low, minus_high = intersection(low, high, -far, -near)
+    plus_low, plus_high = intersection(low, high, near, far)
+    return hull(minus_low, minus_high, plus_low, plus_high)

@@ -1,0 +1,1 @@
+"""Bags: localize one, or replay it on live topics."""

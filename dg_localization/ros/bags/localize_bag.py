@@ -1,0 +1,295 @@
+"""
+The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, and a report.
+
+    localize_bag BAG -o OUT --params FILE [--storage mcap|sqlite3] [--start S] [--duration S]
+                 [--report FILE] [--inputs] [--ros-args ...]
+
+It does in the time of the bag what the node does: the same parameters, the same inputs, the same
+estimate at the same rate, the same messages on the same topics. No clock of the machine has a
+say: `solver.max_seconds` and `conflicts.max_seconds` are not used, so that the same bag gives the
+same bytes on every run. `solver.max_boxes` and `conflicts.max_solves` remain.
+"""
+
+import argparse
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+import signal
+import sqlite3
+import sys
+import time
+from types import FrameType
+
+from rclpy.exceptions import ParameterException
+from rclpy.utilities import remove_ros_args
+
+from dg_localization.fleet import Estimate, warm_up
+from dg_localization.ros.bags.offline import (
+    BagLocalizer,
+    Event,
+    Task,
+    find_inputs,
+    in_seconds,
+    read_task,
+    timeline,
+)
+from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
+from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
+from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
+from dg_localization.ros.executables import EXIT_INTERRUPTED
+from dg_localization.ros.process import RCLError, UnknownROSArgsError, WrongParameterError
+from dg_localization.ros.terminal import make_progress, number, tell
+
+REPORTS = {'.json': as_json, '.md': as_markdown}
+
+EXIT_FAILED = 1
+EXIT_WRONG_ARGUMENTS = 2
+
+
+class InterruptedRun(Exception):
+    """SIGINT or SIGTERM came."""
+
+
+class StopRequest:
+    """Set by the first SIGINT or SIGTERM; a second one does not wait for a clean end."""
+
+    def __init__(self) -> None:
+        self._is_set = False
+
+    def is_set(self) -> bool:
+        """Return whether to stop."""
+        return self._is_set
+
+    def handle(self, signal_number: int, frame: FrameType | None) -> None:
+        """Handle a signal."""
+        if self._is_set:
+            raise KeyboardInterrupt
+        self._is_set = True
+
+
+@contextmanager
+def stop_requests() -> Iterator[StopRequest]:
+    """Turn SIGINT and SIGTERM into a request: amid a write an exception would break the bag."""
+    stop = StopRequest()
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, stop.handle) for number in signals]
+    try:
+        yield stop
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
+
+
+def localize_bag(options: argparse.Namespace, task: Task, stop: StopRequest) -> BagReport:
+    """
+    Do what the command line asks for.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        What `make_parser` returned.
+    task : Task
+    stop : StopRequest
+        Ends it early, with the answers there are by then.
+
+    Returns
+    -------
+    BagReport
+
+    Raises
+    ------
+    BagError
+        If there is nothing to localize, or damage before the first answer; no bag is written.
+    InterruptedRun
+        If it was stopped before the first answer; no bag is written.
+
+    """
+    settings = task.settings
+    inputs = find_inputs(settings, recorded_types(options.bag))
+    with closing(Bag(options.bag, inputs.topics)) as bag:
+        start_ns, end_ns = _span_ns(bag, options, 1.0 / settings.rate_hz)
+        messages = bag.messages(options.start, options.duration)
+        events = timeline(messages, start_ns, end_ns, settings.rate_hz)
+        tally, ending = Tally(settings.fleet.robots), ''
+        with (
+            new_bag(options.output, options.storage) as writer,
+            closing(make_progress((end_ns - start_ns) / NS_PER_S)) as progress,
+        ):
+            copied = _add_copies(bag, writer) if options.inputs else ()
+            localizer = BagLocalizer(task, inputs.links, writer, copied)
+            try:
+                for time_ns, estimate in _answers(events, localizer, stop):
+                    tally.add(estimate, (time_ns - bag.start_ns) / NS_PER_S)
+                    progress.update(1.0 / settings.rate_hz)
+            except (BagError, InterruptedRun) as error:
+                if not tally.ticks:
+                    raise
+                ending = f'It ends at {tally.last_s:.1f} s: {error}.'
+        return BagReport(
+            bag=options.bag.resolve().name,
+            start_s=options.start,
+            end_s=(end_ns - bag.start_ns) / NS_PER_S,
+            rate_hz=settings.rate_hz,
+            ending=ending,
+            tally=tally,
+            links=inputs.links,
+            states=localizer.intake.states(in_seconds(end_ns)),
+            malformed=localizer.intake.malformed,
+            unreadable=bag.unreadable,
+            notices=(*inputs.notices, *bag.notices),
+        )
+
+
+def _span_ns(bag: Bag, options: argparse.Namespace, period_s: float) -> tuple[int, int]:
+    """Return the first and the last time to read."""
+    start_ns = bag.start_ns + round(options.start * NS_PER_S)
+    end_ns = bag.end_ns
+    if options.duration is not None:
+        end_ns = min(end_ns, start_ns + round(options.duration * NS_PER_S))
+    if end_ns - start_ns < period_s * NS_PER_S:
+        raise BagError(
+            f'--start and --duration leave {max(0.0, (end_ns - start_ns) / NS_PER_S):.1f} of the '
+            f'{bag.duration_s:.1f} s of the bag; there must be {period_s:g} s, one period of '
+            "the parameter 'rate'"
+        )
+    return start_ns, end_ns
+
+
+def _add_copies(bag: Bag, writer: BagWriter) -> frozenset[str]:
+    """Add the topics of the bag to what is written, and return those that can be."""
+    known = [topic for topic in bag.topics if writer.knows(topic.type_name)]
+    for topic in known:
+        writer.add_copy(topic)
+    for topic in bag.topics:
+        if topic not in known:
+            tell(f'{topic.name} is not copied: the definition of {topic.type_name} is not known')
+    return frozenset(topic.name for topic in known)
+
+
+def _answers(
+    events: Iterable[tuple[int, Event, BagMessage | None]],
+    localizer: BagLocalizer,
+    stop: StopRequest,
+) -> Iterator[tuple[int, Estimate]]:
+    """Let the events happen, and yield every answer with its time in ns."""
+    for time_ns, event, message in events:
+        if message is not None:
+            localizer.take(message)
+        elif event is Event.TELL:
+            localizer.tell(time_ns)
+        else:
+            estimate = localizer.tick(time_ns, stop)
+            if estimate is not None:
+                yield time_ns, estimate
+        if stop.is_set():
+            raise InterruptedRun('interrupted')
+
+
+def _new_path(text: str) -> Path:
+    path = Path(text)
+    if path.exists():
+        raise argparse.ArgumentTypeError(f"'{text}' exists; name a folder that does not")
+    return path
+
+
+def _file(text: str) -> Path:
+    path = Path(text)
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"'{text}' is no file")
+    return path
+
+
+def _report_path(text: str) -> Path:
+    path = Path(text)
+    if path.suffix not in REPORTS:
+        raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(REPORTS)}")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
+    return path
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='localize_bag',
+        description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
+        epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
+        'Exit codes: 0; 1 when the bag cannot be read to its end; 2 when an argument or a '
+        'parameter is wrong; 130 after SIGINT or SIGTERM.',
+    )
+    seconds = number(0.0, ' s')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    parser.add_argument(
+        '-o', '--output', type=_new_path, required=True, metavar='OUT', help='folder to make'
+    )
+    parser.add_argument(
+        '--params', type=_file, required=True, metavar='FILE', help='parameters of the node'
+    )
+    parser.add_argument(
+        '--storage', choices=STORAGES, default=STORAGES[0], help='of OUT (default %(default)s)'
+    )
+    parser.add_argument(
+        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
+    )
+    parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
+    parser.add_argument(
+        '--report', type=_report_path, metavar='FILE', help='write the report, as .json or .md'
+    )
+    parser.add_argument(
+        '--inputs', action='store_true', help='copy the messages that were used into OUT'
+    )
+    return parser
+
+
+def _tell_report(report: BagReport, path: Path | None, took_s: float) -> None:
+    """Print the report and how long it took, and write the file that was asked for."""
+    if path is not None:
+        path.write_text(REPORTS[path.suffix](report), encoding='utf-8')
+    print(as_markdown(report))
+    read_s = report.tally.last_s - report.start_s
+    print(f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real time.')
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Localize a bag until its end, SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Command line; that of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code, see `localize_bag --help`.
+
+    """
+    arguments = sys.argv if args is None else ['localize_bag', *args]
+    try:
+        options = make_parser().parse_args(remove_ros_args(arguments)[1:])
+        task = read_task(options.params, arguments[1:])
+        warm_up(task.settings.fleet.dimension)
+        with stop_requests() as stop:
+            began_s = time.perf_counter()
+            report = localize_bag(options, task, stop)
+            _tell_report(report, options.report, time.perf_counter() - began_s)
+        if stop.is_set():
+            return EXIT_INTERRUPTED
+        return EXIT_FAILED if report.ending else 0
+    except UnknownROSArgsError as error:
+        tell(f'unknown ROS arguments: {error}')
+        return EXIT_WRONG_ARGUMENTS
+    except (WrongParameterError, ParameterException, RCLError) as error:
+        tell(str(error))
+        return EXIT_WRONG_ARGUMENTS
+    except (BagError, OSError, sqlite3.Error) as error:
+        tell(str(error))
+        return EXIT_FAILED
+    except (InterruptedRun, KeyboardInterrupt):
+        tell('interrupted; nothing is written')
+        return EXIT_INTERRUPTED
+
+
+if __name__ == '__main__':
+    sys.exit(main())

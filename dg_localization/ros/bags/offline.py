@@ -1,0 +1,323 @@
+"""What the node does, without the node: in the time of a bag, into another bag."""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import partial
+from heapq import merge
+from itertools import count, takewhile
+import math
+from operator import itemgetter
+import os
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+
+from dg_localization.fleet import Estimate, Localizer
+from dg_localization.fleet.answers import Cancel
+from dg_localization.ros.bags.reader import NS_PER_S, BagError, BagMessage
+from dg_localization.ros.bags.writer import BagWriter
+from dg_localization.ros.node.diagnostics import Report, statuses
+from dg_localization.ros.node.discovery import TopicFinder
+from dg_localization.ros.node.intake import Intake
+from dg_localization.ros.node.links import Link
+from dg_localization.ros.node.outputs import (
+    DIAGNOSTICS,
+    diagnostics_message,
+    estimate_messages,
+    estimate_outputs,
+    outline,
+)
+from dg_localization.ros.node.parameters import Settings, declare_settings
+from msg_adapters import Diagnostics, Status, adapter_for
+
+DIAGNOSTICS_HZ = 1.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """
+    What the node would do, without the node.
+
+    Attributes
+    ----------
+    settings : Settings
+        The parameters; topics of the links are full names, and no clock is in them.
+    node : str
+        Full name of the node, without the first slash.
+    topics : mapping of str to str
+        Full names of the outputs.
+
+    """
+
+    settings: Settings
+    node: str
+    topics: Mapping[str, str]
+
+
+def read_task(params: Path, arguments: list[str]) -> Task:
+    """
+    Read a file of parameters exactly as the node does.
+
+    Parameters
+    ----------
+    params : Path
+        The file.
+    arguments : list of str
+        A command line that may have `--ros-args`, which win over the file.
+
+    Raises
+    ------
+    WrongParameterError, ParameterException, RCLError
+        As the node would.
+
+    """
+    # ROS reads parameters and remappings for nodes only. This one is there for some 20 ms, and
+    # for nobody else: it must not be taken for the node of that name on a fleet at work.
+    with _environment('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF'):
+        context = Context()
+        args = ['--ros-args', '--params-file', str(params), '--', *arguments]
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Node(
+            'localizer', context=context, enable_rosout=False, start_parameter_services=False
+        )
+        try:
+            return _task_of(node)
+        finally:
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+@contextmanager
+def _environment(name: str, value: str) -> Iterator[None]:
+    before = os.environ.get(name)
+    os.environ[name] = value
+    try:
+        yield
+    finally:
+        del os.environ[name]
+        if before is not None:
+            os.environ[name] = before
+
+
+def _task_of(node: Node) -> Task:
+    settings = declare_settings(node)
+    fleet = settings.fleet
+    links = [replace(link, topic=node.resolve_topic_name(link.topic)) for link in settings.links]
+    outputs = [*estimate_outputs(fleet.robots), DIAGNOSTICS]
+    return Task(
+        settings=replace(
+            settings,
+            links=tuple(links),
+            fleet=replace(
+                fleet,
+                solver=replace(fleet.solver, max_seconds=math.inf),
+                max_conflict_seconds=math.inf,
+            ),
+        ),
+        node=node.get_fully_qualified_name().lstrip('/'),
+        topics={output.name: node.resolve_topic_name(output.name) for output in outputs},
+    )
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """
+    Which topics of a bag are inputs.
+
+    Attributes
+    ----------
+    links : tuple of Link
+        All inputs; those named one by one may be missing from the bag.
+    notices : tuple of str
+        A sentence for each of these.
+    topics : tuple of str
+        Those to read.
+
+    """
+
+    links: tuple[Link, ...]
+    notices: tuple[str, ...]
+    topics: tuple[str, ...]
+
+
+def find_inputs(settings: Settings, recorded: Mapping[str, str]) -> Inputs:
+    """
+    Find the inputs of a fleet among recorded topics.
+
+    Parameters
+    ----------
+    settings : Settings
+    recorded : mapping of str to str
+        Type by topic.
+
+    Raises
+    ------
+    BagError
+        If there are none.
+
+    """
+    finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
+    found = finder.find((topic, [kind]) for topic, kind in sorted(recorded.items()))
+    links = (*settings.links, *found)
+    notices = tuple(filter(None, (_wrong_with(link, recorded) for link in links)))
+    topics = tuple(link.topic for link in links if not _wrong_with(link, recorded))
+    if not topics:
+        names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
+        raise BagError(
+            'no topic of the bag is an input of this fleet: '
+            f'there are {len(settings.links)} links, the templates are {names}, '
+            f'and the bag has {", ".join(sorted(recorded)) or "no topics"}'
+        )
+    return Inputs(links, notices, topics)
+
+
+def _wrong_with(link: Link, recorded: Mapping[str, str]) -> str:
+    """Return why a link cannot be read, empty when it can."""
+    kind = recorded.get(link.topic)
+    if kind is None:
+        return f'{link.topic} of the links is not in the bag'
+    if kind != link.type_name:
+        return f'{link.topic} is passed over: the link says {link.type_name}, the bag {kind}'
+    return ''
+
+
+class BagLocalizer:
+    """
+    Does what the node does, whenever it is told what time it is.
+
+    Parameters
+    ----------
+    task : Task
+    links : iterable of Link
+        The inputs.
+    writer : BagWriter
+        Where the answers go.
+    copied : collection of str
+        Topics whose messages go there too.
+
+    """
+
+    def __init__(
+        self, task: Task, links: Iterable[Link], writer: BagWriter, copied: Collection[str] = ()
+    ) -> None:
+        self._task = task
+        self._links = {link.topic: link for link in links}
+        self._writer = writer
+        self._copied = copied
+        self._localizer = Localizer(task.settings.fleet)
+        self._estimate: Estimate | None = None
+        self._outline: Any = None
+        self.intake = Intake(self._localizer, task.settings.use_header_stamp)
+        for output in (*estimate_outputs(task.settings.fleet.robots), DIAGNOSTICS):
+            writer.add_output(task.topics[output.name], output.message_class, output.qos)
+
+    def take(self, message: BagMessage) -> None:
+        """Take one recorded message."""
+        if message.topic in self._copied:
+            self._writer.copy(message.topic, message.time_ns, message.data)
+        link = self._links[message.topic]
+        read = partial(_read, link.type_name, message.data)
+        self.intake.take(link, read, in_seconds(message.time_ns))
+
+    def tick(self, time_ns: int, cancel: Cancel) -> Estimate | None:
+        """Localize and write the answer; None, and nothing written, when it is cancelled."""
+        estimate = self._localizer.estimate(self._localizer.snapshot(in_seconds(time_ns)), cancel)
+        if cancel.is_set():
+            return None
+        self._estimate = estimate
+        for name, message in estimate_messages(estimate, self._task.settings.fixed_frame):
+            self._writer.write(self._task.topics[name], time_ns, message)
+        diagnostics = self._diagnose(time_ns)
+        if outline(diagnostics) != self._outline:
+            self._write_diagnostics(time_ns, diagnostics)
+        return estimate
+
+    def tell(self, time_ns: int) -> None:
+        """Write the diagnostics."""
+        self._write_diagnostics(time_ns, self._diagnose(time_ns))
+
+    def _write_diagnostics(self, time_ns: int, diagnostics: Diagnostics) -> None:
+        self._outline = outline(diagnostics)
+        message = diagnostics_message(diagnostics)
+        self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, message)
+
+    def _diagnose(self, time_ns: int) -> Diagnostics:
+        now_s = in_seconds(time_ns)
+        report = Report(
+            node=self._task.node,
+            trouble='',
+            failure='',
+            estimate=self._estimate,
+            robots=self._task.settings.fleet.robots,
+            links=tuple(self._links.values()),
+            inputs=self.intake.states(now_s),
+            malformed=self.intake.malformed,
+        )
+        return Diagnostics(now_s, tuple(map(_without_time_taken, statuses(report))))
+
+
+def _without_time_taken(status: Status) -> Status:
+    """Leave out what depends on the machine."""
+    values = {name: value for name, value in status.values.items() if name != 'solve_s'}
+    return replace(status, values=values)
+
+
+def _read(type_name: str, data: bytes) -> Any:
+    adapter = adapter_for(type_name)
+    return adapter.from_message(deserialize_message(data, adapter.message_class()))
+
+
+def in_seconds(time_ns: int) -> float:
+    """Return a time of a bag as the clock of the node gives it."""
+    return time_ns * 1e-9
+
+
+class Event(IntEnum):
+    """What happens in bag time; at the same time in this order."""
+
+    MESSAGE = 0
+    TICK = 1
+    TELL = 2
+
+
+def timeline(
+    messages: Iterable[BagMessage], start_ns: int, end_ns: int, rate_hz: float
+) -> Iterator[tuple[int, Event, BagMessage | None]]:
+    """
+    Yield every message, every tick and every time to tell the diagnostics, in order.
+
+    Parameters
+    ----------
+    messages : iterable of BagMessage
+        In the order of their times.
+    start_ns, end_ns : int
+        The first tick is one period after the start, the last not after the end.
+    rate_hz : float
+        Ticks in a second.
+
+    Yields
+    ------
+    tuple of int, Event and BagMessage or None
+        The time in ns, what happens, and the message if it is one.
+
+    """
+    arrivals = ((message.time_ns, Event.MESSAGE, message) for message in messages)
+    ticks = ((time_ns, Event.TICK, None) for time_ns in _beats_ns(start_ns, end_ns, rate_hz))
+    tellings = (
+        (time_ns, Event.TELL, None) for time_ns in _beats_ns(start_ns, end_ns, DIAGNOSTICS_HZ)
+    )
+    return merge(arrivals, ticks, tellings, key=itemgetter(0, 1))
+
+
+def _beats_ns(start_ns: int, end_ns: int, rate_hz: float) -> Iterator[int]:
+    beats = (start_ns + round(beat * NS_PER_S / rate_hz) for beat in count(1))
+    return takewhile(lambda time_ns: time_ns <= end_ns, beats)

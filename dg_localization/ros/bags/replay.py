@@ -1,0 +1,269 @@
+"""
+The executable `replay`: the messages of a rosbag2 on their topics, with `/clock`.
+
+    replay BAG [--rate R] [--loop] [--start S] [--duration S] [--topics T ...] [--wait S]
+
+Nodes that are to live in the time of the bag set the parameter `use_sim_time`.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+import signal
+import sys
+import time
+from types import FrameType
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock
+
+from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, Topic
+from dg_localization.ros.terminal import Progress, make_progress, number, tell
+
+QUEUE_DEPTH = 100
+# Between messages the clock goes on, so that timers in bag time run through a gap.
+CLOCK_PERIOD_S = 0.05
+# Subscribers come one by one; after this long without a new one all are taken to be there.
+SETTLED_S = 0.5
+ACKNOWLEDGE_S = 2.0
+
+
+class Replayer:
+    """
+    Publishes recorded messages at the pace of the recording.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that owns the publishers.
+    topics : sequence of Topic
+        Where to publish.
+    rate : float
+        How many seconds of the bag pass in a second.
+
+    """
+
+    def __init__(self, node: Node, topics: Sequence[Topic], rate: float = 1.0) -> None:
+        self._rate = rate
+        self._publishers: dict[str, Publisher] = {
+            topic.name: node.create_publisher(topic.message_class, topic.name, _qos(topic.latched))
+            for topic in topics
+        }
+        self._clock = node.create_publisher(Clock, '/clock', _qos(latched=False))
+
+    def wait_for_subscribers(self, timeout_s: float) -> int:
+        """
+        Wait until somebody listens and nobody new comes.
+
+        Parameters
+        ----------
+        timeout_s : float
+            Longest time to wait.
+
+        Returns
+        -------
+        int
+            The number of subscriptions to the replayed topics.
+
+        """
+        deadline_s = time.monotonic() + timeout_s
+        count, since_s = 0, time.monotonic()
+        while time.monotonic() < deadline_s:
+            present = sum(p.get_subscription_count() for p in self._publishers.values())
+            if present != count:
+                count, since_s = present, time.monotonic()
+            elif count and time.monotonic() - since_s >= SETTLED_S:
+                break
+            time.sleep(CLOCK_PERIOD_S)
+        return count
+
+    def play(self, messages: Iterator[BagMessage], start_ns: int, progress: Progress) -> int:
+        """
+        Publish messages, each after the time of it on `/clock`.
+
+        Parameters
+        ----------
+        messages : iterator of BagMessage
+            In the order of their times.
+        start_ns : int
+            The bag time at which the replay begins.
+        progress : Progress
+            Told of the bag time that has passed.
+
+        Returns
+        -------
+        int
+            The number of messages published.
+
+        """
+        wall_start_s = time.monotonic()
+        clock_ns = start_ns
+        count = 0
+        self._publish_clock(start_ns)
+        for message in messages:
+            due_s = wall_start_s + (message.time_ns - start_ns) / NS_PER_S / self._rate
+            while (left_s := due_s - time.monotonic()) > CLOCK_PERIOD_S:
+                time.sleep(CLOCK_PERIOD_S)
+                passed_s = time.monotonic() - wall_start_s
+                now_ns = start_ns + round(passed_s * self._rate * NS_PER_S)
+                clock_ns = self._advance(clock_ns, min(now_ns, message.time_ns), progress)
+            if left_s > 0.0:
+                time.sleep(left_s)
+            clock_ns = self._advance(clock_ns, message.time_ns, progress)
+            self._publishers[message.topic].publish(message.data)
+            count += 1
+        return count
+
+    def _advance(self, clock_ns: int, now_ns: int, progress: Progress) -> int:
+        """Publish the time if it is later than the last one, and return the later of both."""
+        if now_ns <= clock_ns:
+            return clock_ns
+        self._publish_clock(now_ns)
+        progress.update((now_ns - clock_ns) / NS_PER_S)
+        return now_ns
+
+    def _publish_clock(self, time_ns: int) -> None:
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(time_ns, NS_PER_S)
+        self._clock.publish(message)
+
+    def flush(self) -> None:
+        """Wait, for a short time, until every reliable subscriber has everything."""
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
+
+
+def _qos(latched: bool) -> QoSProfile:
+    """Return a profile that subscribers of every reliability can read."""
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(
+        depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+    )
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='replay', description='Publish the messages of a rosbag2 on their topics.'
+    )
+    seconds = number(0.0, ' s')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    parser.add_argument(
+        '--rate',
+        type=number(0.0, '', strict=True),
+        default=1.0,
+        help='seconds of the bag per second (default %(default)s)',
+    )
+    parser.add_argument('--loop', action='store_true', help='begin again at the end, for ever')
+    parser.add_argument(
+        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
+    )
+    parser.add_argument('--duration', type=seconds, metavar='S', help='play only this much')
+    parser.add_argument('--topics', nargs='+', metavar='T', help='play only these topics')
+    parser.add_argument(
+        '--wait',
+        type=seconds,
+        default=5.0,
+        metavar='S',
+        help='wait this long for the first subscriber (default %(default)s)',
+    )
+    return parser
+
+
+def replay(node: Node, options: argparse.Namespace) -> None:
+    """
+    Do what the command line asks for.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that owns the publishers.
+    options : argparse.Namespace
+        What `make_parser` returned.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be replayed.
+
+    """
+    with closing(Bag(options.bag, options.topics)) as bag:
+        for notice in bag.notices:
+            tell(notice)
+        left_s = bag.duration_s - options.start
+        if left_s < 0.0:
+            raise BagError(
+                f'--start {options.start:g} s is after the end: the bag has {bag.duration_s:.1f} s'
+            )
+        replayer = Replayer(node, bag.topics, options.rate)
+        tell(f'{len(bag.topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
+        if not replayer.wait_for_subscribers(options.wait):
+            tell(f'nobody subscribed within {options.wait:g} s; playing all the same')
+        start_ns = bag.start_ns + round(options.start * NS_PER_S)
+        total_s = left_s if options.duration is None else min(left_s, options.duration)
+        while True:
+            messages = bag.messages(options.start, options.duration)
+            with closing(make_progress(total_s)) as progress:
+                count = replayer.play(messages, start_ns, progress)
+            replayer.flush()
+            tell(f'{count} messages published')
+            if not options.loop:
+                return
+
+
+def _interrupt(signal_number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def _replay_node(ros_args: list[str]) -> Iterator[Node]:
+    """Make the node, with both signals raising KeyboardInterrupt wherever the replay is."""
+    # rclpy's own handlers shut the context down under a publisher at work.
+    rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        # SIGINT as well: a script that starts the replay in the background has it ignored.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            stack.callback(signal.signal, number, signal.signal(number, _interrupt))
+        node = Node('replay')
+        stack.callback(node.destroy_node)
+        yield node
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Replay a bag until its end, SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Command line; that of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 when the bag cannot be replayed.
+
+    """
+    arguments = sys.argv if args is None else ['replay', *args]
+    options = make_parser().parse_args(remove_ros_args(arguments)[1:])
+    try:
+        with _replay_node(arguments) as node:
+            replay(node, options)
+    except BagError as error:
+        tell(str(error))
+        return 1
+    except KeyboardInterrupt:
+        tell('interrupted')
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,284 @@
+"""What the localization of a whole bag comes to: counted tick by tick, told in the end."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+import json
+import math
+from statistics import median_low
+from typing import Any
+
+from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey
+from dg_localization.ros.node.diagnostics import Malformed
+from dg_localization.ros.node.links import Link
+from dg_localization.solver.result import Verdict
+
+
+@dataclass
+class Contradiction:
+    """
+    One run of ticks that found the same conflicts.
+
+    Attributes
+    ----------
+    first_s, last_s : float
+        The first and the last of these ticks, from the start of the bag.
+    ticks : int
+        How many there are.
+    conflicts : tuple of tuple of LinkKey
+        Sets of inputs that contradict each other; empty when none was found in time.
+
+    """
+
+    first_s: float
+    last_s: float
+    ticks: int
+    conflicts: tuple[Conflict, ...]
+
+
+class Tally:
+    """
+    Counts what estimates say.
+
+    Parameters
+    ----------
+    robots : tuple of str
+        The fleet.
+
+    Attributes
+    ----------
+    ticks : int
+        Estimates so far.
+    last_s : float
+        Time of the last one, from the start of the bag.
+    hypotheses : Counter of int
+        How many ticks had so many hypotheses.
+    verdicts : Counter of str
+        How many ticks had this verdict; 'none' where there was nothing to solve.
+    contradictions : list of Contradiction
+        In the order of time.
+
+    """
+
+    def __init__(self, robots: tuple[str, ...]) -> None:
+        self.ticks = 0
+        self.last_s = 0.0
+        self.hypotheses: Counter[int] = Counter()
+        self.verdicts: Counter[str] = Counter()
+        self.contradictions: list[Contradiction] = []
+        self._widths_m: dict[str, list[float]] = {robot: [] for robot in robots}
+        self._was_contradictory = False
+
+    def add(self, estimate: Estimate, time_s: float) -> None:
+        """Count an estimate for a time from the start of the bag."""
+        self.ticks += 1
+        self.last_s = time_s
+        self.hypotheses[estimate.n_hypotheses] += 1
+        self.verdicts[estimate.verdict.value if estimate.verdict else 'none'] += 1
+        for placement in estimate.placements:
+            sides_m = placement.enclosure_m[:, 1] - placement.enclosure_m[:, 0]
+            for robot, width_m in zip(estimate.robots, sides_m.max(axis=1), strict=True):
+                self._widths_m[robot].append(float(width_m))
+        self._add_contradiction(estimate, time_s)
+
+    def _add_contradiction(self, estimate: Estimate, time_s: float) -> None:
+        """Lengthen the last contradiction or begin one, if there is any."""
+        was, now = self._was_contradictory, _is_contradictory(estimate)
+        self._was_contradictory = now
+        if not now:
+            return
+        if was and self.contradictions[-1].conflicts == estimate.conflicts:
+            self.contradictions[-1].last_s = time_s
+            self.contradictions[-1].ticks += 1
+        else:
+            self.contradictions.append(Contradiction(time_s, time_s, 1, estimate.conflicts))
+
+    def median_widths_m(self) -> dict[str, float]:
+        """
+        Return for each robot the median over all placements of the longest side of its enclosure.
+
+        It is infinite where most enclosures are not bounded, and NaN without a placement.
+        """
+        # The lower one of two: a finite and an infinite width have no mean.
+        return {
+            robot: median_low(widths_m) if widths_m else math.nan
+            for robot, widths_m in self._widths_m.items()
+        }
+
+
+def _is_contradictory(estimate: Estimate) -> bool:
+    """Return whether inputs contradict each other, also when some could be dropped."""
+    return estimate.verdict is Verdict.INFEASIBLE or bool(estimate.conflicts)
+
+
+@dataclass(frozen=True)
+class BagReport:
+    """
+    What is told in the end; nothing in it depends on the machine.
+
+    Attributes
+    ----------
+    bag : str
+        Its name.
+    start_s, end_s : float
+        What was read, from the start of the bag.
+    rate_hz : float
+        Ticks in a second of the bag.
+    ending : str
+        Why it ended before `end_s`; empty when it did not.
+    tally : Tally
+        The estimates.
+    links : sequence of Link
+        The inputs.
+    states : mapping of LinkKey to InputState
+        What they delivered.
+    malformed : mapping of str to Malformed
+        By topic, the messages that said nothing.
+    unreadable : mapping of str to int
+        By topic, the messages whose bytes are damaged.
+    notices : sequence of str
+        Topics that were passed over, a sentence each.
+
+    """
+
+    bag: str
+    start_s: float
+    end_s: float
+    rate_hz: float
+    ending: str
+    tally: Tally
+    links: Sequence[Link]
+    states: Mapping[LinkKey, InputState]
+    malformed: Mapping[str, Malformed]
+    unreadable: Mapping[str, int]
+    notices: Sequence[str]
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Measurements that were not taken, by reason."""
+        rejected: Counter[str] = Counter()
+        for state in self._delivered:
+            for reason, count in state.rejected.items():
+                rejected[reason.value] += count
+        rejected['malformed'] = sum(wrong.count for wrong in self.malformed.values())
+        rejected['unreadable'] = sum(self.unreadable.values())
+        return +rejected
+
+    @property
+    def accepted(self) -> int:
+        """Measurements that were taken."""
+        return sum(state.accepted for state in self._delivered)
+
+    @property
+    def _delivered(self) -> list[InputState]:
+        """What came by topics: of peers the sum, not each once more."""
+        with_topic = {link.key for link in self.links}
+        return [state for key, state in self.states.items() if key in with_topic]
+
+
+def as_json(report: BagReport) -> str:
+    """Return a report for programs; null stands for what is not bounded or not there."""
+    tally = report.tally
+    tree = {
+        'bag': report.bag,
+        'start_s': report.start_s,
+        'end_s': report.end_s,
+        'rate_hz': report.rate_hz,
+        'ending': report.ending,
+        'ticks': tally.ticks,
+        'ticks_by_hypotheses': _sorted(tally.hypotheses),
+        'ticks_by_verdict': _sorted(tally.verdicts),
+        'median_enclosure_width_m': {
+            robot: width_m if math.isfinite(width_m) else None
+            for robot, width_m in tally.median_widths_m().items()
+        },
+        'accepted': report.accepted,
+        'rejected': _sorted(report.rejected),
+        'inputs': [
+            _input_tree(report, key)
+            for key in sorted({*report.states, *(link.key for link in report.links)})
+        ],
+        'malformed_by_topic': {topic: wrong.count for topic, wrong in report.malformed.items()},
+        'unreadable_by_topic': dict(report.unreadable),
+        'contradictions': [
+            {
+                'first_s': found.first_s,
+                'last_s': found.last_s,
+                'ticks': found.ticks,
+                'conflicts': [[str(key) for key in conflict] for conflict in found.conflicts],
+            }
+            for found in tally.contradictions
+        ],
+        'notices': list(report.notices),
+    }
+    return json.dumps(tree, indent=2, allow_nan=False) + '\n'
+
+
+def _input_tree(report: BagReport, key: LinkKey) -> dict[str, Any]:
+    state = report.states.get(key)
+    rejected = {reason.value: n for reason, n in state.rejected.items()} if state else {}
+    return {
+        'input': str(key),
+        'topics': [link.topic for link in report.links if link.key == key],
+        'accepted': state.accepted if state else 0,
+        'rejected': _sorted(rejected),
+        'last_rejection': state.last_reason_text if state else '',
+    }
+
+
+def _sorted(counts: Mapping[Any, int]) -> dict[str, int]:
+    return {str(key): counts[key] for key in sorted(counts)}
+
+
+def as_markdown(report: BagReport) -> str:
+    """Return a report for a person."""
+    tally = report.tally
+    widths = {robot: _metres(width_m) for robot, width_m in tally.median_widths_m().items()}
+    parts = [
+        f'# {report.bag}',
+        f'{_ticks(tally.ticks)} at {report.rate_hz:g} Hz, from {report.start_s:.1f} to '
+        f'{report.end_s:.1f} s of the bag.',
+        report.ending,
+        _table('hypotheses', 'ticks', sorted(tally.hypotheses.items())),
+        _table('verdict', 'ticks', sorted(tally.verdicts.items())),
+        _table('robot', 'median width of its enclosure', widths.items()),
+        f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
+        _table('rejected because', 'measurements', sorted(report.rejected.items())),
+        *_contradictions(tally.contradictions),
+        *report.notices,
+    ]
+    return '\n\n'.join(filter(None, parts)) + '\n'
+
+
+def _contradictions(found: Sequence[Contradiction]) -> Iterator[str]:
+    if not found:
+        yield 'No measurements contradicted each other.'
+        return
+    rows = [
+        (
+            f'{one.first_s:.1f} to {one.last_s:.1f} s ({_ticks(one.ticks)})',
+            '; '.join(', '.join(map(str, conflict)) for conflict in one.conflicts) or 'not found',
+        )
+        for one in found
+    ]
+    yield _table('contradiction', 'between', rows)
+
+
+def _ticks(number: int) -> str:
+    return '1 tick' if number == 1 else f'{number} ticks'
+
+
+def _metres(width_m: float) -> str:
+    if math.isnan(width_m):
+        return 'no placement'
+    return f'{width_m:.2f} m' if math.isfinite(width_m) else 'not bounded'
+
+
+def _table(first: str, second: str, rows: Iterable[tuple[Any, Any]]) -> str:
+    """Return a table that reads well as it is, too; nothing without rows."""
+    cells = [(str(left), str(right)) for left, right in rows]
+    if not cells:
+        return ''
+    wide = [max(map(len, column)) for column in zip((first, second), *cells, strict=True)]
+    lines = [(first, second), ('-' * wide[0], '-' * wide[1]), *cells]
+    return '\n'.join(f'| {left:<{wide[0]}} | {right:<{wide[1]}} |' for left, right in lines)

@@ -1,0 +1,125 @@
+"""
+A new rosbag2, in .mcap or .db3, by the package rosbags: the same messages give the same bytes.
+
+rclpy leaves the padding between the fields of a message as it finds the memory. What is written
+here is therefore read and written again by rosbags, which pads with zeros.
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import shutil
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+
+from dg_localization.ros.bags.reader import Topic
+
+STORAGES = ('mcap', 'sqlite3')
+# How rosbag2 writes a duration without limit.
+FOREVER = (2**31 - 1, 2**32 - 1)
+
+
+class BagWriter:
+    """
+    Writes messages of rclpy, and those of another bag as they are; `new_bag` makes one.
+
+    Parameters
+    ----------
+    writer : rosbags.rosbag2.Writer
+        Open.
+
+    """
+
+    def __init__(self, writer: Any) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self._writer = writer
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Any] = {}
+
+    def add_output(self, topic: str, message_class: type, profile: QoSProfile) -> None:
+        """Add a topic for messages of rclpy, offered with `profile` when the bag is played."""
+        package = message_class.__module__.partition('.')[0]
+        self._add(topic, f'{package}/msg/{message_class.__name__}', [_recorded_qos(profile)])
+
+    def knows(self, type_name: str) -> bool:
+        """Return whether the definition of a type, which a bag must hold, is known."""
+        return type_name in self._types.types
+
+    def add_copy(self, topic: Topic) -> None:
+        """Add a topic of another bag, of a known type."""
+        self._add(topic.name, topic.type_name, topic.offered_qos)
+
+    def _add(self, topic: str, type_name: str, offered: Iterable[Any]) -> None:
+        self._connections[topic] = self._writer.add_connection(
+            topic, type_name, typestore=self._types, offered_qos_profiles=list(offered)
+        )
+
+    def write(self, topic: str, time_ns: int, message: Any) -> None:
+        """Write a message of rclpy on a topic that was added."""
+        type_name = self._connections[topic].msgtype
+        decoded = self._types.deserialize_cdr(serialize_message(message), type_name)
+        self.copy(topic, time_ns, self._types.serialize_cdr(decoded, type_name))
+
+    def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
+        """Write the bytes of a message on a topic that was added."""
+        self._writer.write(self._connections[topic], time_ns, data)
+
+
+@contextmanager
+def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
+    """
+    Make a bag, and remove it again unless all went well.
+
+    Parameters
+    ----------
+    path : Path
+        A folder that does not exist.
+    storage : {'mcap', 'sqlite3'}
+        How the messages are kept.
+
+    Yields
+    ------
+    BagWriter
+        Closed at the end of the block.
+
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    # Version 9 is Jazzy's.
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    writer.open()
+    try:
+        yield BagWriter(writer)
+        writer.close()
+    except BaseException:
+        writer.abort()
+        shutil.rmtree(path, ignore_errors=True)
+        raise
+
+
+def _recorded_qos(profile: QoSProfile) -> Any:
+    """Return a profile as a bag keeps it."""
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    forever = QosTime(*FOREVER)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=profile.depth,
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
+        deadline=forever,
+        lifespan=forever,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
+    )

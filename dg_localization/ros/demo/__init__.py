@@ -1,0 +1,1 @@
+"""The demonstration: a simulated fleet, localized over DDS."""

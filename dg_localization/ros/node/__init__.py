@@ -1,0 +1,1 @@
+"""The localizer node: topics, parameters, diagnostics."""

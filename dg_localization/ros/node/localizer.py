@@ -1,0 +1,310 @@
+"""
+The executable `localizer`: a managed node that publishes every feasible placement of a fleet.
+
+It converts messages, calls the ROS-free `Localizer`, and publishes what it answers. Measurements
+are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial, wraps
+import sys
+import time
+import traceback
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import Trigger
+
+from dg_localization.fleet import Estimate, Localizer, warm_up
+from dg_localization.ros.node.diagnostics import Report, statuses
+from dg_localization.ros.node.discovery import TopicFinder
+from dg_localization.ros.node.intake import Intake
+from dg_localization.ros.node.links import Link
+from dg_localization.ros.node.outputs import DiagnosticsPublisher, EstimatePublishers
+from dg_localization.ros.node.parameters import declare_settings
+from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
+from dg_localization.ros.process import run_node
+from msg_adapters import Adapter, Diagnostics, adapter_for
+
+DIAGNOSTICS_PERIOD_S = 1.0
+DISCOVERY_PERIOD_S = 0.25
+REPEATED_WARNING_S = 5.0
+COMPILING = (
+    'compiling the solver: the first start on this machine takes about a minute, later ones a '
+    'second'
+)
+
+Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
+
+
+def transition(method: Callable[['LocalizerNode'], None]) -> Transition:
+    """Make a transition callback of a method that raises when it fails; rclpy would not log it."""
+
+    @wraps(method)
+    def callback(node: 'LocalizerNode', state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            method(node)
+        except Exception:
+            # A signal takes the context away in the middle; the executor will tell.
+            if node.context.ok():
+                node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    return callback
+
+
+class LocalizerNode(LifecycleNode):
+    """
+    The node.
+
+    Parameters
+    ----------
+    **kwargs
+        Passed on to `rclpy.node.Node`, such as `context` and `parameter_overrides`.
+
+    Raises
+    ------
+    WrongParameterError
+        If a parameter is unknown or has a value it cannot have.
+
+    """
+
+    _outputs: EstimatePublishers
+    _worker: EstimateWorker
+    _warm_up_began_s: float
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('localizer', **kwargs)
+        self.settings = declare_settings(self)
+        self._localizer = Localizer(self.settings.fleet)
+        self._intake = Intake(self._localizer, self.settings.use_header_stamp)
+        self._state = 'unconfigured'
+        self._made_to_configure = ExitStack()
+        self._made_to_activate = ExitStack()
+        self._estimate: Estimate | None = None
+        self._failure = ''
+        self._inputs: dict[str, Link] = {}
+        self._last_now_s = 0.0
+        self._diagnostics = DiagnosticsPublisher(self)
+        # The node's own time stands still while a simulation pauses; the diagnostics must not.
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady)
+        if self.settings.autostart:
+            if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+                self.trigger_activate()
+
+    @transition
+    def on_configure(self) -> None:
+        """Make the outputs, the reset service and the worker; receive nothing yet."""
+        made, fleet = self._made_to_configure, self.settings.fleet
+        self._outputs = EstimatePublishers(self, fleet.robots, self.settings.fixed_frame)
+        made.callback(self._outputs.destroy)
+        answer_ready = self._make_wake_up(self._on_answer)
+        self._warm_up_began_s = time.monotonic()
+        self._worker = EstimateWorker(
+            self._localizer.estimate,
+            answer_ready,
+            partial(warm_up, fleet.dimension),
+            self._make_wake_up(self._on_warm),
+        )
+        made.callback(self._worker.close)
+        self.get_logger().info(COMPILING)
+        service = self.create_service(Trigger, '~/reset', self._on_reset)
+        made.callback(self.destroy_service, service)
+        self._state = 'inactive'
+
+    @transition
+    def on_activate(self) -> None:
+        """Receive, and localize at the given rate."""
+        made = self._made_to_activate
+        made.callback(self._forget, 'deactivated')
+        made.callback(self._inputs.clear)
+        for link in self.settings.links:
+            self._subscribe(link)
+        ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
+        made.callback(self.destroy_timer, ticker)
+        settings = self.settings
+        finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
+        search = partial(self._find_topics, finder)
+        searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=self._steady)
+        made.callback(self.destroy_timer, searcher)
+        self._state = 'active'
+
+    @transition
+    def on_deactivate(self) -> None:
+        """Receive no more, forget every measurement, and take back the last answer."""
+        self._state = 'inactive'
+        self._made_to_activate.close()
+
+    @transition
+    def on_cleanup(self) -> None:
+        """Take the outputs off the graph."""
+        self._state = 'unconfigured'
+        self._made_to_configure.close()
+
+    @transition
+    def on_shutdown(self) -> None:
+        """End from any state."""
+        self._state = 'finalized'
+        self._dismantle()
+
+    @transition
+    def on_error(self) -> None:
+        """Go back to where nothing is made."""
+        self._state = 'unconfigured'
+        self._dismantle()
+
+    def destroy_node(self) -> None:
+        """Stop the worker and destroy the node."""
+        self._dismantle()
+        super().destroy_node()
+
+    def _dismantle(self) -> None:
+        self._made_to_activate.close()
+        self._made_to_configure.close()
+
+    def _make_wake_up(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Return a function that has the executor's thread call `callback`."""
+        guard = self.create_guard_condition(callback)
+        self._made_to_configure.callback(self.destroy_guard_condition, guard)
+        wake_up: Callable[[], None] = guard.trigger
+        return wake_up
+
+    def _subscribe(self, link: Link) -> None:
+        adapter = adapter_for(link.type_name)
+        callback = partial(self._on_message, link, adapter)
+        subscription = self.create_subscription(
+            adapter.message_class(), link.topic, callback, qos_profile_sensor_data
+        )
+        self._inputs[link.topic] = link
+        self._made_to_activate.callback(self.destroy_subscription, subscription)
+
+    def _find_topics(self, finder: TopicFinder) -> None:
+        """
+        Subscribe to topics that the templates name, once they exist.
+
+        Every subscription costs the executor time at every wake-up, and most pairs of a large
+        fleet never measure each other.
+        """
+        for link in finder.find(self.get_topic_names_and_types()):
+            self._subscribe(link)
+
+    def _on_message(self, link: Link, adapter: Adapter, message: Any) -> None:
+        """Take one measurement; whatever is wrong with it is counted, never raised."""
+        now_s = self._now_s()
+        if now_s is None:
+            return
+        rejection = self._intake.take(link, partial(adapter.from_message, message), now_s)
+        if rejection is not None:
+            self.get_logger().warning(
+                f'{link.topic}: {rejection}', throttle_duration_sec=REPEATED_WARNING_S
+            )
+
+    def _on_tick(self) -> None:
+        """Have the newest measurements answered, unless the worker is still at older ones."""
+        now_s = self._now_s()
+        if now_s is not None and self._worker.warm_up.done() and not self._worker.busy:
+            self._worker.submit(self._localizer.snapshot(now_s))
+
+    def _on_warm(self) -> None:
+        """Tell how long the solver took to be ready."""
+        took_s = time.monotonic() - self._warm_up_began_s
+        error = self._worker.warm_up.exception()
+        if error is None:
+            self.get_logger().info(f'the solver is ready after {took_s:.1f} s')
+        else:
+            # The estimates will fail too, and say so in the diagnostics.
+            self.get_logger().error(f'the warm-up of the solver failed: {error!r}')
+
+    def _on_answer(self) -> None:
+        """Publish what the worker found."""
+        try:
+            estimate = self._worker.take()
+        except Exception as error:  # a defect of ours: say so instead of showing an old answer
+            self.get_logger().error(f'the estimate failed:\n{traceback.format_exc()}')
+            self._failure = f'internal error: {type(error).__name__}: {error}'
+            self._publish(self._no_estimate(self._failure))
+            return
+        if estimate is not None:
+            self._failure = ''
+            self._publish(estimate)
+
+    def _publish(self, estimate: Estimate) -> None:
+        self._estimate = estimate
+        self._outputs.publish(estimate)
+        self._diagnostics.publish_change(self._diagnose())
+
+    def _publish_diagnostics(self) -> None:
+        self._diagnostics.publish(self._diagnose())
+
+    def _diagnose(self) -> Diagnostics:
+        now_s = self._clock_s()
+        report = Report(
+            node=self.get_fully_qualified_name().lstrip('/'),
+            trouble=self._trouble(now_s),
+            failure=self._failure,
+            estimate=self._estimate,
+            robots=self.settings.fleet.robots,
+            links=tuple(self._inputs.values()),
+            inputs=self._intake.states(now_s),
+            malformed=self._intake.malformed,
+        )
+        return Diagnostics(now_s, statuses(report))
+
+    def _trouble(self, now_s: float) -> str:
+        if self._state != 'active':
+            return f'the node is {self._state}'
+        if not self._worker.warm_up.done():
+            return COMPILING
+        return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._forget('reset')
+        response.success = True
+        response.message = 'all measurements are forgotten'
+        return response
+
+    def _forget(self, reason: str) -> None:
+        """Stop the running estimate, forget every measurement, and take back the last answer."""
+        self._worker.cancel()
+        self._localizer.reset()
+        self._intake.malformed.clear()
+        self._failure = ''
+        # On SIGINT and SIGTERM the context is gone before the node is.
+        if self.context.ok():
+            self.get_logger().info(f'{reason}: all measurements are forgotten')
+            self._publish(self._no_estimate(reason))
+
+    def _no_estimate(self, reason: str) -> Estimate:
+        return Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
+
+    def _clock_s(self) -> float:
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _now_s(self) -> float | None:
+        """
+        Return the time, None before the first one of a simulation.
+
+        A bag that loops, a simulation that restarts and a clock that is set right make time jump
+        back. What was measured before the jump is then forgotten, whichever callback sees it
+        first.
+        """
+        now_s = self._clock_s()
+        jump_s = self._last_now_s - now_s
+        self._last_now_s = now_s
+        if jump_s > 0.0:
+            self._forget(f'time jumped back by {jump_s:.3f} s')
+        return now_s if now_s > 0.0 else None
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    return exit_code_despite_worker(run_node(LocalizerNode, args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,169 @@
+"""What an estimate looks like in a viewer: one namespace for each thing to switch on and off."""
+
+from collections.abc import Iterator
+from colorsys import hsv_to_rgb
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet import Estimate, LinkState, Placement
+from dg_localization.ros.node.poses import in_space
+from msg_adapters import Marker, MarkerScene, Shape
+
+ROBOT_DIAMETER_M = 0.3
+NAME_HEIGHT_M = 0.3
+LINE_WIDTH_M = 0.03
+HEADING_LENGTH_M = 0.6
+
+FRESH_RGBA = np.array([0.2, 0.8, 0.3, 0.8])
+STALE_RGBA = np.array([0.6, 0.6, 0.6, 0.4])
+CONTRADICTING_RGBA = np.array([0.9, 0.1, 0.1, 1.0])
+LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
+
+# Neighbouring numbers differ by the golden angle, so that few hypotheses are told apart well.
+HUE_STEP = 0.381966
+
+
+def scene(estimate: Estimate, frame_id: str) -> MarkerScene:
+    """
+    Return robots, headings, names, enclosures and links of every placement.
+
+    Each placement has a colour of its own; links are green, grey when stale, red when they
+    contradict others. What is not known or not bounded is left out.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    frame_id : str
+        Name of the fixed frame.
+
+    Returns
+    -------
+    MarkerScene
+        Empty when there is no placement.
+
+    """
+    drawn = []
+    if estimate.placements:
+        drawn = [
+            _robots(estimate),
+            _headings(estimate),
+            _enclosures(estimate),
+            _links(estimate),
+            *_names(estimate),
+        ]
+    shown = tuple(marker for marker in drawn if len(marker.points_m))
+    return MarkerScene(estimate.stamp_s, frame_id, shown)
+
+
+def _color(hypothesis: int) -> NDArray[np.float64]:
+    return np.array([*hsv_to_rgb(hypothesis * HUE_STEP % 1.0, 0.8, 0.95), 0.9])
+
+
+def _points(placement: Placement) -> NDArray[np.float64]:
+    """Return the robots, then the landmarks, shape (n + m, 3)."""
+    return in_space(np.concatenate([placement.positions_m, placement.landmarks_m]))
+
+
+def _marker(
+    namespace: str,
+    shape: Shape,
+    groups: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    size_m: float,
+) -> Marker:
+    """Join groups of points, one colour each, to one marker."""
+    points = [np.reshape(points, (-1, 3)) for points, _ in groups]
+    colors = [np.tile(color, (len(p), 1)) for p, (_, color) in zip(points, groups, strict=True)]
+    return Marker(
+        namespace,
+        0,
+        shape,
+        np.concatenate([np.zeros((0, 3)), *points]),
+        np.concatenate([np.zeros((0, 4)), *colors]),
+        size_m,
+    )
+
+
+def _known(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return points[np.isfinite(points).all(axis=-1)]
+
+
+def _robots(estimate: Estimate) -> Marker:
+    groups = []
+    for number, placement in enumerate(estimate.placements):
+        groups.append((_known(in_space(placement.positions_m)), _color(number)))
+        groups.append((_known(in_space(placement.landmarks_m)), LANDMARK_RGBA))
+    return _marker('robots', Shape.SPHERE_LIST, groups, ROBOT_DIAMETER_M)
+
+
+def _headings(estimate: Estimate) -> Marker:
+    groups = []
+    for number, placement in enumerate(estimate.placements):
+        starts = in_space(placement.positions_m)
+        ends = starts + HEADING_LENGTH_M * _forward(placement.orientations_xyzw)
+        segments = np.stack([starts, ends], axis=1)
+        is_known = placement.heading_known & np.isfinite(segments).all(axis=(1, 2))
+        groups.append((segments[is_known], _color(number)))
+    return _marker('headings', Shape.LINE_LIST, groups, 2.0 * LINE_WIDTH_M)
+
+
+def _forward(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the body's x axis in the fixed frame for each unit quaternion, shape (n, 3)."""
+    x, y, z, w = xyzw.T
+    return np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
+
+
+def _enclosures(estimate: Estimate) -> Marker:
+    groups = []
+    for number, placement in enumerate(estimate.placements):
+        for lower_upper in placement.enclosure_m:
+            if np.isfinite(lower_upper).all():
+                groups.append((in_space(_edges(lower_upper)), _color(number)))
+    return _marker('enclosures', Shape.LINE_LIST, groups, LINE_WIDTH_M)
+
+
+def _edges(lower_upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the edges of a box of shape (2, q), two rows each."""
+    dimension = lower_upper.shape[1]
+    axes = np.arange(dimension)
+    corners = [np.array(choice) for choice in product((0, 1), repeat=dimension)]
+    pairs = [pair for pair in combinations(corners, 2) if np.abs(pair[0] - pair[1]).sum() == 1]
+    return np.array([lower_upper[corner, axes] for pair in pairs for corner in pair])
+
+
+def _links(estimate: Estimate) -> Marker:
+    row = {name: i for i, name in enumerate((*estimate.robots, *estimate.landmarks))}
+    groups = []
+    for placement in estimate.placements:
+        points = _points(placement)
+        for link in estimate.links:
+            if link.observer not in row or link.target not in row:
+                continue
+            segment = points[[row[link.observer], row[link.target]]]
+            if np.isfinite(segment).all():
+                groups.append((segment, _link_color(link)))
+    return _marker('links', Shape.LINE_LIST, groups, LINE_WIDTH_M)
+
+
+def _link_color(link: LinkState) -> NDArray[np.float64]:
+    if link.contradicts:
+        return CONTRADICTING_RGBA
+    return STALE_RGBA if link.stale else FRESH_RGBA
+
+
+def _names(estimate: Estimate) -> Iterator[Marker]:
+    names = (*estimate.robots, *estimate.landmarks)
+    above = np.array([0.0, 0.0, ROBOT_DIAMETER_M])
+    for number, placement in enumerate(estimate.placements):
+        for row, (name, point) in enumerate(zip(names, _points(placement), strict=True)):
+            if np.isfinite(point).all():
+                yield Marker(
+                    namespace='names',
+                    identifier=number * len(names) + row,
+                    shape=Shape.TEXT,
+                    points_m=(point + above)[None, :],
+                    colors_rgba=_color(number)[None, :],
+                    size_m=NAME_HEIGHT_M,
+                    text=name,
+                )

@@ -1,0 +1,1 @@
+"""Fleets whose true placement is known."""

@@ -1,0 +1,1 @@
+"""The contractors of the paper, and their fixed point (Section 4)."""

@@ -1,0 +1,135 @@
+"""
+Cartesian enclosures of a box in distance space, by the Cholesky route of Section 3.
+
+The coordinates of a point in the frame of a few others are its coordinates along one projection
+axis after the other, so the exact ranges of the projection bound them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import sqrt_down, sqrt_up
+from dg_localization.interval.scalars import reverse_square
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.contract.projection import axis_coordinate, project
+
+
+def enclose_coordinates(lower: FloatArray, upper: FloatArray, frame: Sequence[int]) -> FloatArray:
+    """
+    Bound the coordinates of all points in the frame of some of them.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n, n)
+        Bounds of the squared distances in m^2.
+    frame : sequence of int
+        The q + 1 points that make the frame: the first is the origin, the second lies on the
+        positive x axis, the third where y >= 0, the fourth where z >= 0.
+
+    Returns
+    -------
+    ndarray, shape (n, 2, q)
+        Lower and upper bound of every coordinate in m, rounded outward; infinite where the
+        distances bound nothing.
+
+    Raises
+    ------
+    ValueError
+        If the frame has fewer than two points or names a point twice, or if no placement has
+        these distances.
+
+    """
+    if not 2 <= len(frame) <= 4 or len(set(frame)) < len(frame):
+        raise ValueError(f'frame is {tuple(frame)}, it must name 2 to 4 different points')
+    box = np.zeros((4, len(lower), len(lower)))
+    box[LOWER] = lower
+    box[UPPER] = upper
+    enclosure = enclose_in_frame(box, np.array(frame, dtype=np.int64))
+    if np.any(enclosure[:, LOWER] > enclosure[:, UPPER]):
+        raise ValueError('no placement has these distances')
+    return enclosure
+
+
+@kernel
+def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
+    """
+    Bound all coordinates in a frame; see `enclose_coordinates`.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2.
+    frame : ndarray of int, shape (q + 1,)
+        The points that make the frame.
+
+    Returns
+    -------
+    ndarray, shape (n, 2, q)
+        The bounds in m; some are reversed when no placement has these distances.
+
+    """
+    n_points = box.shape[1]
+    dimension = len(frame) - 1
+    enclosure = np.empty((n_points, 2, dimension))
+    enclosure[:, LOWER] = -np.inf
+    enclosure[:, UPPER] = np.inf
+    origin = frame[0]
+    enclosure[origin] = 0.0
+    points = np.arange(n_points)
+    count = n_points
+    coordinates = np.empty((2, n_points))
+    for axis in range(dimension):
+        end = frame[axis + 1]
+        if np.isinf(box[UPPER, origin, end]):
+            break
+        for earlier in range(1, axis + 1):
+            enclosure[frame[earlier], :, axis] = 0.0
+        enclosure[end, LOWER, axis] = sqrt_down(box[LOWER, origin, end])
+        enclosure[end, UPPER, axis] = sqrt_up(box[UPPER, origin, end])
+        on_line = axis == dimension - 1
+        for x in range(count):
+            point = points[x]
+            if point != origin and point != end:
+                low, high = _coordinate(box, origin, end, point, on_line)
+                enclosure[point, LOWER, axis] = low
+                enclosure[point, UPPER, axis] = high
+        if not on_line:
+            shadow = np.zeros_like(box)
+            # Nothing is known of the points that the projection leaves out.
+            shadow[UPPER] = np.inf
+            for i in range(n_points):
+                shadow[UPPER, i, i] = 0.0
+            shadow_points = np.zeros_like(points)
+            count = project(box, shadow, coordinates, points, count, shadow_points, origin, end)
+            if count < 0:
+                enclosure[:, LOWER] = np.inf
+                enclosure[:, UPPER] = -np.inf
+                break
+            box, points = shadow, shadow_points
+    return enclosure
+
+
+@kernel
+def _coordinate(
+    box: FloatArray, origin: int, end: int, point: int, on_line: bool
+) -> tuple[float, float]:
+    """Bound the coordinate of a point along one axis of the frame."""
+    near_lower, near_upper = box[LOWER, origin, point], box[UPPER, origin, point]
+    far_lower, far_upper = box[LOWER, end, point], box[UPPER, end, point]
+    if np.isinf(near_upper) or np.isinf(far_upper):
+        return -np.inf, np.inf
+    low, high = axis_coordinate(
+        near_lower,
+        near_upper,
+        far_lower,
+        far_upper,
+        sqrt_down(box[LOWER, origin, end]),
+        sqrt_up(box[UPPER, origin, end]),
+    )
+    if on_line:
+        low, high = reverse_square(low, high, near_lower, near_upper)
+    return low, high

@@ -1,0 +1,232 @@
+"""
+Range reduction on the line (Section 4.2, Algorithm 1).
+
+Of three points on a line the distances obey d_ik = |d_ij - d_jk| or d_ik = d_ij + d_jk. When j is
+the image of a face with a known side, only one of the two is left. Where Algorithm 1 takes the
+hull of the two branches after each j, their union is kept here, the unions over all j are
+intersected, and the hull is taken last; what separates the branches becomes a gap.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
+from dg_localization.solver.box import (
+    GAP_LOWER,
+    GAP_UPPER,
+    LOWER,
+    UPPER,
+    FloatArray,
+    IntArray,
+    exclude,
+    narrow,
+)
+
+BOTH = 2
+"""The side of two points that are known to lie on the same side and on opposite ones."""
+
+
+@kernel(inlined=True)
+def _restrict(
+    distance: FloatArray,
+    i: int,
+    k: int,
+    near_low: float,
+    near_high: float,
+    far_low: float,
+    far_high: float,
+) -> bool:
+    """
+    Intersect the two parts of pair (i, k) with a near and a far branch; False when empty.
+
+    The branches do not overlap: who calls has joined them if they do.
+    """
+    low = distance[LOWER, i, k]
+    high = distance[UPPER, i, k]
+    gap_low = distance[GAP_LOWER, i, k]
+    gap_high = distance[GAP_UPPER, i, k]
+    if gap_low >= gap_high:
+        gap_low, gap_high = high, math.inf
+
+    # Parts in ascending order. The middle one is the far branch of the first part or the near
+    # branch of the second; both cannot be there, since the far branch lies above the near one.
+    first_low, first_high = max(low, near_low), min(gap_low, near_high)
+    middle_low, middle_high = max(low, far_low), min(gap_low, far_high)
+    if middle_low > middle_high:
+        middle_low, middle_high = max(gap_high, near_low), min(high, near_high)
+    last_low, last_high = max(gap_high, far_low), min(high, far_high)
+
+    new_low = math.inf
+    new_high = -math.inf
+    new_gap_low = 0.0
+    new_gap_high = 0.0
+    for part_low, part_high in (
+        (first_low, first_high),
+        (middle_low, middle_high),
+        (last_low, last_high),
+    ):
+        if part_low <= part_high:
+            if new_high < part_low and new_low <= new_high:
+                if part_low - new_high > new_gap_high - new_gap_low:
+                    new_gap_low = new_high
+                    new_gap_high = part_low
+            new_low = min(new_low, part_low)
+            new_high = max(new_high, part_high)
+    distance[LOWER, i, k] = distance[LOWER, k, i] = new_low
+    distance[UPPER, i, k] = distance[UPPER, k, i] = new_high
+    distance[GAP_LOWER, i, k] = distance[GAP_LOWER, k, i] = new_gap_low
+    distance[GAP_UPPER, i, k] = distance[GAP_UPPER, k, i] = new_gap_high
+    return new_low <= new_high
+
+
+@kernel(inlined=True)
+def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
+    """Write the distances of the squared distances in `box`; a gap is rounded inward."""
+    for x in range(count):
+        i = points[x]
+        for y in range(x + 1, count):
+            j = points[y]
+            distance[LOWER, i, j] = distance[LOWER, j, i] = sqrt_down(box[LOWER, i, j])
+            distance[UPPER, i, j] = distance[UPPER, j, i] = sqrt_up(box[UPPER, i, j])
+            gap_low = 0.0
+            gap_high = 0.0
+            if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
+                gap_low = sqrt_up(box[GAP_LOWER, i, j])
+                gap_high = sqrt_down(box[GAP_UPPER, i, j])
+            distance[GAP_LOWER, i, j] = distance[GAP_LOWER, j, i] = gap_low
+            distance[GAP_UPPER, i, j] = distance[GAP_UPPER, j, i] = gap_high
+
+
+@kernel
+def _branches(
+    a_low: float, a_high: float, b_low: float, b_high: float
+) -> tuple[float, float, float, float]:
+    """Bound |a - b| and a + b."""
+    near_low = max(0.0, down(a_low - b_high), down(b_low - a_high))
+    near_high = up(max(a_high - b_low, b_high - a_low))
+    return near_low, near_high, down(a_low + b_low), up(a_high + b_high)
+
+
+@kernel
+def _from_merged(
+    j_low: float, j_high: float, jk_low: float, jk_high: float, side: int
+) -> tuple[float, float]:
+    """
+    Bound the near branch of the merged point's distance from k, seen from j on a known side.
+
+    With j and k on the same side it is d_j - d_jk, on opposite sides d_jk - d_j; never |...|.
+    """
+    if side < 0:
+        return max(0.0, down(j_low - jk_high)), up(j_high - jk_low)
+    return max(0.0, down(jk_low - j_high)), up(jk_high - j_low)
+
+
+@kernel(borrows=True)
+def reduce_line(
+    box: FloatArray,
+    distance: FloatArray,
+    points: IntArray,
+    count: int,
+    n_through: int,
+    merged: int,
+    sigma: NDArray[np.int8],
+) -> bool:
+    """
+    Reduce the squared distances of points on a line, in place (Algorithm 1).
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        Squared distances in m^2 and their gaps; only the pairs of `points` are used.
+    distance : ndarray, shape (4, n, n)
+        Scratch space for the distances in m.
+    points : ndarray of int
+        The points on the line; the first `count` entries count.
+    count : int
+        Number of points.
+    n_through : int
+        Number of points, the first ones, that the others are compared through.
+    merged : int
+        The point that is the image of the projection axes, -1 for none.
+    sigma : ndarray of int8, shape (n, n)
+        Side of each pair of points with respect to `merged`: -1 same, +1 opposite, 0 free, or
+        `BOTH`.
+
+    Returns
+    -------
+    bool
+        False when no arrangement on a line is left.
+
+    """
+    _roots(box, distance, points, count)
+    for z in range(min(count, n_through)):
+        j = points[z]
+        for x in range(count):
+            i = points[x]
+            if i == j:
+                continue
+            ij_low = distance[LOWER, i, j]
+            ij_high = distance[UPPER, i, j]
+            for y in range(x + 1, count):
+                k = points[y]
+                if k == j:
+                    continue
+                jk_low = distance[LOWER, j, k]
+                jk_high = distance[UPPER, j, k]
+                near_low, near_high, far_low, far_high = _branches(
+                    ij_low, ij_high, jk_low, jk_high
+                )
+                if j == merged:
+                    side = sigma[i, k]
+                    if side == BOTH:
+                        near_low, near_high = max(near_low, far_low), min(near_high, far_high)
+                    elif side > 0:
+                        near_low, near_high = math.inf, -math.inf
+                    if side < 0 or side == BOTH:
+                        far_low, far_high = math.inf, -math.inf
+                elif i == merged and sigma[j, k] != 0:
+                    near_low, near_high = _from_merged(
+                        ij_low, ij_high, jk_low, jk_high, sigma[j, k]
+                    )
+                    if sigma[j, k] > 0:
+                        far_low, far_high = math.inf, -math.inf
+                elif k == merged and sigma[i, j] != 0:
+                    near_low, near_high = _from_merged(
+                        jk_low, jk_high, ij_low, ij_high, sigma[i, j]
+                    )
+                    if sigma[i, j] > 0:
+                        far_low, far_high = math.inf, -math.inf
+                if near_high >= far_low:
+                    # The branches overlap: together they are one interval.
+                    near_high = max(near_high, far_high)
+                    far_low, far_high = math.inf, -math.inf
+                low = distance[LOWER, i, k]
+                high = distance[UPPER, i, k]
+                # `&` and `|`, not `and` and `or`: one branch is predicted better than four.
+                if ((near_low <= low) & (high <= near_high)) | (
+                    (far_low <= low) & (high <= far_high)
+                ):
+                    # Most often the whole range lies in one branch, and its gap stays too.
+                    continue
+                if not _restrict(distance, i, k, near_low, near_high, far_low, far_high):
+                    return False
+
+    for x in range(count):
+        i = points[x]
+        for y in range(x + 1, count):
+            j = points[y]
+            low = square_down(distance[LOWER, i, j])
+            high = square_up(distance[UPPER, i, j])
+            if not narrow(box, i, j, low, high):
+                return False
+            if distance[GAP_LOWER, i, j] < distance[GAP_UPPER, i, j]:
+                gap_low = square_up(distance[GAP_LOWER, i, j])
+                gap_high = square_down(distance[GAP_UPPER, i, j])
+                if not exclude(box, i, j, gap_low, gap_high):
+                    return False
+    return True

@@ -1,0 +1,1 @@
+"""What a cover means: placements, proofs, rigidity, hypotheses."""

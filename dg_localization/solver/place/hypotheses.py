@@ -1,0 +1,175 @@
+"""Hypotheses: the connected components of a cover, each with a placement."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
+from dg_localization.solver.place.placements import agrees, place, with_handedness
+from dg_localization.solver.place.rigidity import is_flexible
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis
+
+MAX_ATTEMPTS = 16
+"""In how many boxes of a component a placement is looked for."""
+
+
+@kernel(borrows=True)
+def _touch(first: FloatArray, second: FloatArray) -> bool:
+    """Tell whether two boxes have a point in common."""
+    n_points = first.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            if first[LOWER, i, j] > second[UPPER, i, j]:
+                return False
+            if second[LOWER, i, j] > first[UPPER, i, j]:
+                return False
+    return True
+
+
+@kernel
+def components(bounds: FloatArray) -> IntArray:
+    """
+    Assign boxes to connected components, which are numbered in the order of their first boxes.
+
+    Parameters
+    ----------
+    bounds : ndarray, shape (k, 2, n, n)
+        Lower and upper bounds of the boxes.
+
+    Returns
+    -------
+    ndarray of int, shape (k,)
+        The number of the component of each box, from 0.
+
+    """
+    count = len(bounds)
+    label = np.full(count, -1)
+    queue = np.empty(count, dtype=np.int64)
+    n_components = 0
+    for seed in range(count):
+        if label[seed] >= 0:
+            continue
+        label[seed] = n_components
+        queue[0] = seed
+        head, tail = 0, 1
+        while head < tail:
+            member = queue[head]
+            head += 1
+            for other in range(seed + 1, count):
+                if label[other] < 0 and _touch(bounds[member], bounds[other]):
+                    label[other] = n_components
+                    queue[tail] = other
+                    tail += 1
+        n_components += 1
+    return label
+
+
+@kernel
+def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
+    """
+    Return a placement for a box, its unconnected parts far enough apart.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2, its triangles smoothed; it may be unbounded.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        Coordinates in m.
+
+    """
+    n_points = box.shape[1]
+    positions = np.zeros((n_points, dimension))
+    placed = np.zeros(n_points, dtype=np.bool_)
+    edge = 0.0
+    clearance = 1.0 + 2.0 * math.sqrt(box[LOWER].max())
+    for seed in range(n_points):
+        if placed[seed]:
+            continue
+        # The triangles bound every distance between points that any chain connects.
+        island = np.flatnonzero(box[UPPER, seed] < np.inf)
+        local = place(sub_box(box, island), dimension)
+        leftmost = local[:, 0].min()
+        for x in range(len(island)):
+            placed[island[x]] = True
+            for axis in range(dimension):
+                positions[island[x], axis] = local[x, axis]
+            positions[island[x], 0] += edge - leftmost
+        edge = positions[island, 0].max() + clearance
+    return positions
+
+
+def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
+    """Return a placement for a box of a problem, of the handedness that is known."""
+    return with_handedness(problem, place_everywhere(box, problem.dimension))
+
+
+@kernel
+def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
+    """Return the hull of every component, its lower and upper bounds."""
+    count, _, n_points, _ = bounds.shape
+    hulls = np.empty((label.max() + 1, 2, n_points, n_points))
+    hulls[:, LOWER] = np.inf
+    hulls[:, UPPER] = -np.inf
+    for x in range(count):
+        hull = hulls[label[x]]
+        for i in range(n_points):
+            for j in range(n_points):
+                hull[LOWER, i, j] = min(hull[LOWER, i, j], bounds[x, LOWER, i, j])
+                hull[UPPER, i, j] = max(hull[UPPER, i, j], bounds[x, UPPER, i, j])
+    return hulls
+
+
+def _placement(problem: Problem, boxes: list[FloatArray]) -> tuple[FloatArray, bool]:
+    """Return a placement for the boxes of a component, and whether it is proved to agree."""
+    positions = None
+    for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
+        candidate = place_problem(problem, box)
+        if agrees(problem, candidate):
+            return candidate, True
+        if positions is None:
+            positions = candidate
+    assert positions is not None
+    return positions, False
+
+
+def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis, ...]:
+    """
+    Return the hypotheses that the boxes of a cover form, in the order of their first box.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    boxes : list of ndarray, shape (4, n, n)
+        The cover.
+
+    Returns
+    -------
+    tuple of Hypothesis
+        One for each connected component.
+
+    """
+    if not boxes:
+        return ()
+    measured = np.isfinite(problem.upper)
+    bounds = np.array([box[: UPPER + 1] for box in boxes])
+    label = components(bounds)
+    hulls = _hulls(bounds, label)
+    members: list[list[int]] = [[] for _ in hulls]
+    for index, number in enumerate(label.tolist()):
+        members[number].append(index)
+    hypotheses = []
+    for (lower, upper), indices in zip(hulls, members, strict=True):
+        positions, proved = _placement(problem, [boxes[index] for index in indices])
+        flexible = is_flexible(positions, measured)
+        hypotheses.append(Hypothesis(lower, upper, bounds[indices], positions, proved, flexible))
+    return tuple(hypotheses)

@@ -1,0 +1,1 @@
+"""Branch and prune, and the tightening of what it keeps."""

@@ -1,0 +1,181 @@
+"""
+Tightening of a finished box towards the exact hull.
+
+A slice off one end of a range is a smaller problem: what contraction proves to be empty of it is
+cut off. A slice knows the distance it was cut from, which makes it a measurement like the others,
+and near an extreme all measurements are at their own extremes: slices contract far better than
+the box they were cut from. Every end is shaved in slices as thick as they come off; what then is
+left of the effort goes to thin ones, which are halved across the other ranges where they resist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import heapq
+from itertools import count, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
+from dg_localization.solver.contract.fixed_point import CONTRACTED, EMPTY
+
+if TYPE_CHECKING:
+    from dg_localization.solver.search.branch_and_prune import Pair, Pruner
+
+THICKEST_SLICE = 0.5
+THINNEST_SLICE = 1.0 / 32.0
+"""Fractions of the width of a range."""
+
+PASSES = 2
+"""How often each range is shaved: a second time profits from all the others."""
+
+LEAST_SHAVE = 0.3
+"""A slice of which less than this fraction is cut off is followed by one half as thick."""
+
+LEAST_SLICES = 4
+"""An end for which fewer slices than this are left is not peeled."""
+
+
+class _Knife:
+    """Cuts slices off one box, in place, as long as there are slices to spend."""
+
+    def __init__(
+        self, pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
+    ) -> None:
+        self._pruner = pruner
+        self._box = box
+        self._stopped = stopped
+        self.slices = slices
+
+    def shave(self, pair: Pair, end: int) -> bool:
+        """Cut thinner and thinner slices off one end of a range; False when nothing is left."""
+        thickness = THICKEST_SLICE
+        while thickness >= THINNEST_SLICE and self._may_go_on():
+            thick = thickness * self._width(pair)
+            part, cut = self._slice(pair, end, thick)
+            new = cut if self._is_empty(part, pair) else float(part[end, *pair])
+            shaved = abs(self._box[end, *pair] - new)
+            if not self._set_end(pair, end, new):
+                return False
+            if shaved < LEAST_SHAVE * thick:
+                thickness *= 0.5
+        return True
+
+    def peel(self, pair: Pair, end: int, slices: int) -> bool:
+        """Cut thin slices off one end as long as they come off; False when nothing is left."""
+        reserve = self.slices - slices
+        scale = self._box[UPPER] - self._box[LOWER]
+        thick = THINNEST_SLICE * self._width(pair)
+        came_off = True
+        while came_off and self._may_go_on(reserve):
+            part, cut = self._slice(pair, end, thick)
+            left = self._outermost(part, pair, end, scale, reserve)
+            came_off = left is None
+            if not self._set_end(pair, end, cut if left is None else float(left[end, *pair])):
+                return False
+        return True
+
+    def _outermost(
+        self, part: FloatArray, pair: Pair, end: int, scale: FloatArray, reserve: int
+    ) -> FloatArray | None:
+        """
+        Halve a slice across its other ranges; return its outermost part, None when it is empty.
+
+        The outermost part is halved first, until the slices run out or a part turns out to hold
+        a placement, so that the slice cannot come off.
+        """
+        outward = 1.0 if end == UPPER else -1.0
+        order = count()
+        parts: list[tuple[float, int, FloatArray]] = []
+        candidates = [part]
+        while True:
+            left = [half for half in candidates if not self._is_empty(half, pair)]
+            for half in left:
+                rank = -outward * float(half[end, *pair])
+                heapq.heappush(parts, (rank, next(order), half))
+            if not parts:
+                return None
+            if not self._may_go_on(reserve + 1):
+                break
+            if any(self._pruner.finds_placement(half, pair) for half in left):
+                break
+            candidates = _halves(parts[0][2], pair, scale)
+            if not candidates:
+                break
+            heapq.heappop(parts)
+        return parts[0][2]
+
+    def _may_go_on(self, reserve: int = 0) -> bool:
+        """Return whether more slices are left than are kept in reserve, and time."""
+        return self.slices > reserve and not self._stopped()
+
+    def _width(self, pair: Pair) -> float:
+        return float(self._box[UPPER, *pair] - self._box[LOWER, *pair])
+
+    def _slice(self, pair: Pair, end: int, thick: float) -> tuple[FloatArray, float]:
+        """Return the outermost part of a range, and where it was cut off."""
+        cut = float(self._box[end, *pair]) + (thick if end == LOWER else -thick)
+        below, above = cut_at(self._box, pair, cut, cut)
+        return (below if end == LOWER else above), cut
+
+    def _is_empty(self, part: FloatArray, pair: Pair) -> bool:
+        """Contract a part of the box, in place, and tell whether nothing is left of it."""
+        self.slices -= 1
+        return self._pruner.prune_slice(part, pair, self._stopped) == EMPTY
+
+    def _set_end(self, pair: Pair, end: int, value: float) -> bool:
+        """Move one end of a range; False when nothing is left."""
+        i, j = pair
+        self._box[end, [i, j], [j, i]] = value
+        return bool(self._box[LOWER, i, j] <= self._box[UPPER, i, j])
+
+
+def _halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
+    """Return the halves of a slice across the range widest in terms of the box, if one is wide."""
+    width = np.triu(part[UPPER] - part[LOWER], 1)
+    relative = np.divide(
+        width, scale, out=np.zeros_like(width), where=np.isfinite(width) & (scale > 0.0)
+    )
+    relative[pair] = 0.0
+    i, j = np.unravel_index(np.argmax(relative), relative.shape)
+    if relative[i, j] == 0.0:
+        return []
+    middle = 0.5 * (part[LOWER, i, j] + part[UPPER, i, j])
+    return cut_at(part, (int(i), int(j)), middle, middle)
+
+
+def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]) -> bool:
+    """
+    Narrow the ranges of a finished box, in place.
+
+    Parameters
+    ----------
+    pruner : Pruner
+        Contracts boxes of the problem.
+    box : ndarray, shape (4, n, n)
+        The box in m^2.
+    slices : int
+        Most slices to examine.
+    stopped : callable
+        Whether to stop early; the box is sound all the same.
+
+    Returns
+    -------
+    bool
+        False when the box is proved to hold no placement.
+
+    """
+    # Contracted again, the box tells which ranges the errors do not explain.
+    status = pruner.prune(box, stopped)
+    if status != CONTRACTED:
+        return status != EMPTY
+    ends = list(product(pruner.unexplained(box), (UPPER, LOWER)))
+    knife = _Knife(pruner, box, slices, stopped)
+    if not all(knife.shave(pair, end) for pair, end in ends * PASSES):
+        return False
+    for done, (pair, end) in enumerate(ends):
+        share = knife.slices // (len(ends) - done)
+        if share >= LEAST_SLICES and not knife.peel(pair, end, share):
+            return False
+    return True
