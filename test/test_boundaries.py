@@ -113,6 +113,65 @@ def test_core_runs_without_ros(room):
     subprocess.run([sys.executable, '-c', code], check=True, cwd=REPOSITORY, timeout=60)
 
 
+# Only `interval` rounds. These still do, or take its constants to do so; the list only shrinks.
+ROUNDS_ITSELF = {
+    'dg_localization.fleet.anchors',
+    'dg_localization.fleet.cartesian',
+    'dg_localization.fleet.constraints',
+    'dg_localization.fleet.error_models',
+    'dg_localization.fleet.frames',
+    'dg_localization.fleet.headings',
+    'dg_localization.fleet.motion',
+    'dg_localization.fleet.snapshot',
+}
+ROUNDING_NAMES = {
+    'nextafter',
+    'ulp',
+    'spacing',
+    'epsilon',
+    'UNIT',
+    'TINIEST',
+    'ANGLE_ROUNDING',
+    'ROUNDING_RAD',
+}
+ROUNDING_SIZES = (1e-18, 5e-14)
+"""A literal between these is about as large as a unit in the last place of a number near 1."""
+
+
+def rounds_itself(path):
+    """Tell whether a file names a step to the next number, or a literal as small as one."""
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        names = {getattr(node, field, None) for field in ('id', 'attr', 'name')}
+        if names & ROUNDING_NAMES:
+            return True
+        if isinstance(node, ast.Constant) and isinstance(node.value, float):
+            if ROUNDING_SIZES[0] <= node.value <= ROUNDING_SIZES[1]:
+                return True
+    return False
+
+
+def test_only_one_room_rounds():
+    others = [path for path in SOURCES if room_of(module_name(path)) in ROS_FREE]
+    others = [path for path in others if 'interval' not in path.parts]
+    assert {module_name(path) for path in others if rounds_itself(path)} == ROUNDS_ITSELF
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        'math.nextafter(x, math.inf)',
+        'from math import ulp',
+        'x * (1.0 + 1e-14)',
+        'x - 1e-15',
+        'x + UNIT * abs(x)',
+        'np.finfo(float).epsilon',
+    ],
+)
+def test_rounding_is_recognized(tmp_path, line):
+    (tmp_path / 'module.py').write_text(line)
+    assert rounds_itself(tmp_path / 'module.py')
+
+
 def test_package_imports_without_numba_and_ros():
     code = 'import sys, dg_localization; sys.exit(bool({"numba", "rclpy"} & set(sys.modules)))'
     subprocess.run([sys.executable, '-c', code], check=True, cwd=REPOSITORY, timeout=60)

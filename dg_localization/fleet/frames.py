@@ -24,13 +24,13 @@ from dg_localization.fleet.constraints import Constraints, Ray, angles_rad
 from dg_localization.fleet.estimate import FixedFrame, LinkKey, Placement
 from dg_localization.fleet.headings import Heading, NoHeadingError, best_rotation, estimate_heading
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.interval.angles import rotation_2d
 from dg_localization.interval.arrays import (
     Interval,
     cross,
     determinant,
     normalized,
     rotate,
-    rotation_2d,
 )
 from dg_localization.solver.contract.coordinates import enclose_coordinates
 from dg_localization.solver.result import Hypothesis

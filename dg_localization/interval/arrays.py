@@ -1,28 +1,33 @@
-"""Interval arithmetic on numpy arrays, rounded outward, for coordinates and directions."""
+"""
+Interval arithmetic on numpy arrays, rounded outward, for coordinates and directions.
+
+The steps outward are those of `rounding`, on whole arrays.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Sines, cosines and arctangents of the C library err by less than one unit in the last place,
-# which is at most 4.5e-16 for an angle below 2 pi; a chain of a few of them and of the products
-# that make a unit vector stays far below this.
+from dg_localization.interval.rounding import LARGEST, TINIEST, UNIT
+
 ROUNDING_RAD = 1e-14
+"""The old name of `angles.ANGLE_ROUNDING`."""
 
 
-def down(values: np.ndarray) -> np.ndarray:
-    """Return the next numbers below `values`."""
-    return np.nextafter(values, -np.inf)
+def up(values: ArrayLike) -> np.ndarray:
+    """Return numbers above the exact values whose nearest doubles are `values`."""
+    values = np.maximum(values, -LARGEST)
+    return np.asarray(values + (np.abs(values) * UNIT + TINIEST))
 
 
-def up(values: np.ndarray) -> np.ndarray:
-    """Return the next numbers above `values`."""
-    return np.nextafter(values, np.inf)
+def down(values: ArrayLike) -> np.ndarray:
+    """Return numbers below the exact values whose nearest doubles are `values`."""
+    values = np.minimum(values, LARGEST)
+    return np.asarray(values - (np.abs(values) * UNIT + TINIEST))
 
 
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -51,6 +56,11 @@ class Interval:
     def around(centre: np.ndarray | float, radius: np.ndarray | float) -> Interval:
         """Return [centre - radius, centre + radius]."""
         return Interval(down(np.subtract(centre, radius)), up(np.add(centre, radius)))
+
+    @staticmethod
+    def between(lower: ArrayLike, upper: ArrayLike) -> Interval:
+        """Return [lower, upper]."""
+        return Interval(np.asarray(lower, dtype=float), np.asarray(upper, dtype=float))
 
     @staticmethod
     def point(values: ArrayLike) -> Interval:
@@ -164,37 +174,20 @@ def cross(a: Interval, b: Interval) -> Interval:
     return Interval.stack(parts)
 
 
-def normalized(vectors: Interval) -> Interval:
-    """Return the unit vectors along the last axis, within [-1, 1]."""
+def squared_norm(vectors: Interval) -> Interval:
+    """Return the squared lengths along the last axis."""
     squares = vectors.square()
     total = squares[..., 0]
     for k in range(1, squares.lower.shape[-1]):
         total = total + squares[..., k]
-    units = vectors.over(total.sqrt()[..., None])
+    return total
+
+
+def normalized(vectors: Interval) -> Interval:
+    """Return the unit vectors along the last axis, within [-1, 1]."""
+    units = vectors.over(squared_norm(vectors).sqrt()[..., None])
     one = np.ones_like(units.lower)
     return units.intersect(Interval(-one, one))
-
-
-def rotation_2d(angle_rad: float, half_width_rad: float) -> Interval:
-    """Return the matrices of all rotations by angles within the half width, shape (2, 2)."""
-    cosine = _trigonometric_range(angle_rad, half_width_rad)
-    sine = _trigonometric_range(angle_rad - math.pi / 2, half_width_rad)
-    first = Interval.stack([cosine, -sine])
-    second = Interval.stack([sine, cosine])
-    return Interval.stack([first, second], axis=0)
-
-
-def _trigonometric_range(angle_rad: float, half_width_rad: float) -> Interval:
-    """Return the range of the cosine over angle +- half width."""
-    width = half_width_rad + ROUNDING_RAD
-    offset = math.remainder(angle_rad, 2.0 * math.pi)
-    ends = (math.cos(offset - width), math.cos(offset + width))
-    low, high = min(ends) - ROUNDING_RAD, max(ends) + ROUNDING_RAD
-    if abs(offset) <= width:
-        high = 1.0
-    if math.pi - abs(offset) <= width:
-        low = -1.0
-    return Interval(np.array(max(low, -1.0)), np.array(min(high, 1.0)))
 
 
 def rotate(matrix: Interval, points: Interval) -> Interval:

@@ -26,18 +26,22 @@ TINIEST = 2.0**-1074
 LARGEST = (2.0 - UNIT) * 2.0**1023
 
 
-@kernel
-def up(x: float) -> float:
+def step_up(x: float) -> float:
     """Return a number above the exact value whose nearest double is `x`."""
     x = max(x, -LARGEST)
     return x + (abs(x) * UNIT + TINIEST)
 
 
-@kernel
-def down(x: float) -> float:
+def step_down(x: float) -> float:
     """Return a number below the exact value whose nearest double is `x`."""
     x = min(x, LARGEST)
     return x - (abs(x) * UNIT + TINIEST)
+
+
+# The kernels have names of their own: plain Python calls the functions above, which never wait
+# for a compiler.
+up = kernel(step_up)
+down = kernel(step_down)
 
 
 @kernel
@@ -56,6 +60,31 @@ def square_down(x: float) -> float:
 def sqrt_up(x: float) -> float:
     """Return an upper bound of the root of `x`, or zero where `x` is not positive."""
     return up(math.sqrt(x)) if x > 0.0 else 0.0
+
+
+@kernel
+def rounding_error(magnitude: float, operations: float) -> float:
+    """
+    Bound the rounding error of a sum of products, for one test or one step at the end.
+
+    Each of the additions, subtractions and multiplications errs by at most half a unit of its
+    result. As long as no intermediate result exceeds `magnitude`, they err by no more than half a
+    unit of it each; counted as a whole one, which leaves room for products of these errors.
+
+    Parameters
+    ----------
+    magnitude : float
+        Bound of the absolute values of all intermediate results, itself computed with rounding.
+    operations : float
+        Number of operations, below 2**20.
+
+    Returns
+    -------
+    float
+        At least the error of the computed result.
+
+    """
+    return operations * (magnitude * UNIT + TINIEST)
 
 
 @kernel

@@ -15,7 +15,14 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.interval.rounding import LARGEST, UNIT, down, square_down, square_up, up
+from dg_localization.interval.rounding import (
+    LARGEST,
+    down,
+    rounding_error,
+    square_down,
+    square_up,
+    up,
+)
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.problem import Problem
 
@@ -27,8 +34,8 @@ MAX_STEPS = 40
 UNSURE = 2
 """The sign of a determinant that rounding errors may have turned."""
 
-UNDERFLOW = 2.0**-1060
-"""More than the underflow of a few products of two numbers takes away."""
+DETERMINANT_OPERATIONS = 64.0
+"""More than a determinant of order 3 takes, from coordinates on."""
 
 
 @kernel
@@ -254,8 +261,8 @@ def _determinant_and_error(
     """
     Return the determinant of a simplex's edges and a bound of its forward error.
 
-    The error is a few units of rounding times the permanent of the absolute values, and what
-    products that underflow take away, times the edge they are multiplied with.
+    The error grows with the permanent of the absolute values. What products that underflow lose
+    is multiplied by an edge afterwards.
     """
     dimension = positions.shape[1]
     edges = np.empty((dimension, dimension))
@@ -265,10 +272,11 @@ def _determinant_and_error(
                 positions[simplices[x, row + 1], axis] - positions[simplices[x, 0], axis]
             )
     if dimension == 1:
-        return edges[0, 0], UNIT * abs(edges[0, 0])
+        return edges[0, 0], rounding_error(abs(edges[0, 0]), DETERMINANT_OPERATIONS)
     if dimension == 2:
         first, second = edges[0, 0] * edges[1, 1], edges[0, 1] * edges[1, 0]
-        return first - second, 64.0 * UNIT * (abs(first) + abs(second)) + UNDERFLOW
+        error = rounding_error(abs(first) + abs(second), DETERMINANT_OPERATIONS)
+        return first - second, error
     determinant = 0.0
     permanent = 0.0
     longest = 1.0
@@ -278,7 +286,8 @@ def _determinant_and_error(
         determinant += edges[0, a] * (first - second)
         permanent += abs(edges[0, a]) * (abs(first) + abs(second))
         longest = max(longest, abs(edges[0, a]))
-    return determinant, 64.0 * UNIT * permanent + UNDERFLOW * longest
+    error = rounding_error(permanent, DETERMINANT_OPERATIONS)
+    return determinant, error + longest * rounding_error(0.0, DETERMINANT_OPERATIONS)
 
 
 @kernel
