@@ -1,27 +1,78 @@
 # Everything runs in a virtual environment that the first target to need it makes.
-#   PYTHON  the interpreter to make it with     VENV  its folder
+#   PYTHON  the interpreter to make it with    VENV  its folder    JOBS  test processes at a time
 PYTHON ?= python3
 VENV ?= .venv
-# Test processes at a time.
 JOBS ?= 2
 
+# Where ROS 2 Jazzy is sourced its packages are used; elsewhere they come as wheels.
+ros = $(or $(ROS_DISTRO),wheels)
+extras = bags,bench,lint,plots,progress,speed,test
+ready = $(VENV)/.ready-$(ros)
 run = $(VENV)/bin/python
-ready = $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
 
 # The ROS wheels set their library paths once per environment; that of a caller may be another's.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
 .PHONY: help venv demo test lint format bench clean
+# Each recipe is one script that ends at its first error.
+.ONESHELL:
+.SHELLFLAGS = -ec
 
 help: ## Print this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
 
 venv: $(ready) ## Set up the virtual environment (needs the network the first time only)
 
-$(ready): setup.py setup.cfg tools/setup_venv.sh
-	@PYTHON='$(PYTHON)' VENV='$(VENV)' sh tools/setup_venv.sh
-	@touch $@
+# Wheels are kept in a folder inside pip's cache and are tried first, so that another clone on the
+# same machine needs no network. (pip's own HTTP cache asks the package index again each time.)
+$(ready): setup.py setup.cfg Makefile
+	@fail() { printf '%s\n' "$$@" >&2; exit 1; }
+	command -v $(PYTHON) >/dev/null ||
+	    fail 'PYTHON=$(PYTHON): not found; install python3 and python3-venv.'
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
+	    fail "PYTHON=$(PYTHON) is $$($(PYTHON) -V); this package needs Python 3.11 or newer."
+	[ ! -e $(VENV) ] || [ -f $(VENV)/pyvenv.cfg ] ||
+	    fail 'VENV=$(VENV) exists and is no virtual environment.'
+	case $(ros) in
+	wheels)
+	    options= extras=ros,$(extras) ;;
+	jazzy)
+	    $(PYTHON) -c 'import rclpy' || fail \
+	        "ROS 2 Jazzy is sourced, but PYTHON=$(PYTHON) ($$($(PYTHON) -V)) cannot import rclpy." \
+	        'Use the Python it was built for (PYTHON=/usr/bin/python3) or a shell without ROS.'
+	    options=--system-site-packages extras=$(extras) ;;
+	*)
+	    fail 'ROS_DISTRO=$(ros) is sourced; this package is for jazzy.' \
+	        'Use a shell where ROS 2 Jazzy, or no ROS at all, is sourced.' ;;
+	esac
+	version=$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+	echo "Making $(VENV) with Python $$version (ROS 2: $(ros))"
+	$(PYTHON) -m venv --clear $$options $(VENV) ||
+	    fail '$(PYTHON) -m venv failed; on Debian and Ubuntu: apt install python3-venv'
+	cache=$$($(run) -m pip cache dir 2>/dev/null) || cache=$${XDG_CACHE_HOME:-$$HOME/.cache}/pip
+	wheels=$$cache/dg_localization/$(ros)-$$version
+	mkdir -p "$$wheels"
+	# The sourced ROS was compiled against the system's numpy: no newer one may hide it.
+	constraints=$(VENV)/constraints.txt
+	[ $(ros) != jazzy ] ||
+	    $(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' >$$constraints
+	touch $$constraints
+	install() {
+	    $(run) -m pip install -q --no-index --find-links "$$wheels" -c $$constraints "$$@"
+	}
+	fetch() {
+	    echo "Fetching packages into $$wheels"
+	    $(run) -m pip wheel -w "$$wheels" --find-links "$$wheels" -c $$constraints "$$@" ||
+	        fail 'Packages could not be fetched: the first set-up needs the network.'
+	    rm -f "$$wheels"/dg_localization-*
+	}
+	provide() { install "$$@" 2>/dev/null || { fetch "$$@"; install "$$@"; }; }
+	provide setuptools wheel
+	provide --no-build-isolation --editable ".[$$extras]"
+	touch $@
+	echo 'Ready: $(VENV)'
 
 demo: $(ready) ## Simulate the paper's fleet, localize it over DDS, write demo.png
 	@$(run) -m dg_localization.ros.demo
@@ -38,7 +89,7 @@ format: $(ready) ## Let ruff lay out the code
 	$(run) -m ruff format .
 
 bench: $(ready) ## Run the benchmarks against the peers
-	@$(run) -m pip install --quiet --no-build-isolation --editable '.[peers]'
+	@$(run) -m pip install -q --no-build-isolation --editable '.[peers]'
 	$(run) -m benchmarks
 
 clean: ## Remove the virtual environment and what the tools left

@@ -1,6 +1,7 @@
 """Install dg_localization: with pip, or as an ament_python package with colcon."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -26,16 +27,33 @@ EXTRAS = {
     # What the benchmarks compare with; `make bench` installs it.
     'peers': ['codac>=2', 'pyscipopt'],
     'lint': ['ruff>=0.6', 'mypy>=1.8'],
+    # `colcon build` and `colcon test` where no ROS is installed; `.ci/run` installs it.
+    'colcon': [
+        'colcon-bash',
+        'colcon-core',
+        'colcon-library-path',
+        'colcon-package-information',
+        'colcon-python-setup-py',
+        'colcon-recursive-crawl',
+        'colcon-ros',
+        'colcon-test-result',
+        'ros-jazzy-ament-package',
+        'setuptools<80',
+    ],
 }
 
 setup(
     name=PACKAGE,
     version='0.1.0',
     description='Every placement of a robot fleet that agrees with its ranges and bearings',
-    long_description='See README.md.',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    # To be filled in before a release, as in package.xml: who answers, and where.
     maintainer='dg_localization maintainers',
     maintainer_email='maintainers@dg-localization.invalid',
+    url='https://dg-localization.invalid',
+    project_urls={'Paper': 'https://doi.org/10.3390/s16071096'},
     classifiers=[
         'Programming Language :: Python :: 3.11',
         'Programming Language :: Python :: 3.12',

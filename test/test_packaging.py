@@ -14,10 +14,21 @@ from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
+import yaml
+
+from dg_localization.ros.optional import install_hint
 
 REPOSITORY = Path(__file__).parents[1]
 ROOMS = ('dg_localization', 'msg_adapters')
-SET_UP = 'tools/setup_venv.sh'
+# The keys of package.xml that are no ROS packages, each an apt package in rosdistro's
+# rosdep/python.yaml. With a pip key the package could not be released.
+ROSDEP_KEYS = {
+    'python3-hypothesis',
+    'python3-numpy',
+    'python3-pytest',
+    'python3-pytest-timeout',
+    'python3-yaml',
+}
 
 
 @pytest.fixture(scope='module')
@@ -59,6 +70,31 @@ def test_every_ros_package_in_use_is_in_the_manifest(manifest):
     # rclpy itself depends on the interfaces of parameters.
     assert ros - {'rcl_interfaces'} <= declared
     assert 'python3-numpy' in declared and 'rclpy' in declared
+
+
+def test_every_key_of_the_manifest_exists(manifest):
+    depends = {element.text for element in manifest if element.tag.endswith('depend')}
+    ros = {'rclpy', 'builtin_interfaces'}
+    others = {key for key in depends - ros if not key.endswith(('_msgs', '_srvs'))}
+    assert others <= ROSDEP_KEYS
+
+
+def test_the_manifest_says_where_to_turn(manifest):
+    kinds = [element.get('type') for element in manifest.findall('url')]
+    assert kinds == ['website', 'repository', 'bugtracker']
+
+
+def test_the_changelog_has_the_form_that_releases_need(manifest):
+    lines = (REPOSITORY / 'CHANGELOG.rst').read_text(encoding='utf-8').splitlines()
+    title = f'Changelog for package {manifest.findtext("name")}'
+    assert lines[:3] == ['^' * len(title), title, '^' * len(title)]
+    sections = [
+        line
+        for line, rule in zip(lines, lines[1:], strict=False)
+        if rule and rule == '-' * len(line)
+    ]
+    assert sections
+    assert all(re.fullmatch(r'Forthcoming|[\d.]+ \(\d{4}-\d\d-\d\d\)', name) for name in sections)
 
 
 def test_every_folder_of_sources_is_installed(setup_arguments):
@@ -111,16 +147,56 @@ def test_a_package_that_a_message_says_to_install_is_one_of_an_extra(setup_argum
         name
         for room in ROOMS
         for path in (REPOSITORY / room).rglob('*.py')
-        for name in re.findall(r'pip install ([\w.-]+)', path.read_text(encoding='utf-8'))
+        for name in re.findall(r'install_hint\(["\']([\w.-]+)', path.read_text(encoding='utf-8'))
     }
     assert named and named <= offered
 
 
+def test_the_hint_for_a_missing_package_works_beside_system_packages(monkeypatch):
+    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
+    assert 'venv --system-site-packages' in install_hint('tqdm')
+    assert install_hint('tqdm').endswith('pip install tqdm')
+
+
+def test_the_hint_for_a_missing_package_in_a_virtual_environment(monkeypatch):
+    monkeypatch.setattr(sys, 'prefix', '/somewhere/else')
+    assert install_hint('tqdm') == 'pip install tqdm'
+
+
+def test_actions_are_pinned_and_may_only_read():
+    for path in (REPOSITORY / '.github/workflows').glob('*.yml'):
+        workflow = yaml.safe_load(path.read_text(encoding='utf-8'))
+        assert workflow['permissions'] == {'contents': 'read'}
+        actions = [
+            step['uses']
+            for job in workflow['jobs'].values()
+            for step in job['steps']
+            if 'uses' in step
+        ]
+        assert actions
+        assert all(re.fullmatch(r'[\w/-]+@[0-9a-f]{40}', action) for action in actions)
+
+
+PAGES = [REPOSITORY / 'README.md', *sorted((REPOSITORY / 'docs').glob('*.md'))]
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)
+def test_links_of_the_documentation_lead_somewhere(page):
+    text = page.read_text(encoding='utf-8')
+    for target in re.findall(r'\]\(([^)#\s]+)', re.sub(r'```.*?```', '', text, flags=re.DOTALL)):
+        if '://' not in target:
+            assert (page.parent / target).exists(), target
+
+
+def test_the_readme_fits_one_reading():
+    assert len((REPOSITORY / 'README.md').read_text(encoding='utf-8').splitlines()) <= 250
+
+
 def run_set_up(tmp_path, **environment):
     return subprocess.run(
-        ['sh', SET_UP],
+        ['make', '--no-print-directory', 'venv', f'VENV={tmp_path / "venv"}'],
         cwd=REPOSITORY,
-        env={**os.environ, 'VENV': str(tmp_path / 'venv'), **environment},
+        env={**os.environ, **environment},
         capture_output=True,
         text=True,
         timeout=60,
@@ -138,7 +214,7 @@ def run_set_up(tmp_path, **environment):
 )
 def test_set_up_refuses_what_cannot_work(tmp_path, environment, reason):
     result = run_set_up(tmp_path, **environment)
-    assert result.returncode == 1
+    assert result.returncode != 0
     assert reason in result.stderr
     assert not (tmp_path / 'venv').exists()
 
@@ -148,7 +224,7 @@ def test_set_up_does_not_remove_a_folder_that_is_no_environment(tmp_path):
     folder.mkdir()
     (folder / 'thesis.txt').write_text('years of work')
     result = run_set_up(tmp_path, ROS_DISTRO='', PYTHON=sys.executable)
-    assert result.returncode == 1
+    assert result.returncode != 0
     assert 'exists and is no virtual environment' in result.stderr
     assert (folder / 'thesis.txt').exists()
 
@@ -166,14 +242,8 @@ def test_make_lists_its_targets():
         assert f'\n{target} ' in f'\n{told}'
 
 
-def test_continuous_integration_demands_the_recordings():
-    script = REPOSITORY / '.ci/run'
-    assert os.access(script, os.X_OK)
-    assert 'export DG_REQUIRE_SHARED_DATA=1' in script.read_text()
-
-
 def test_an_absent_recording_skips_or_fails(tmp_path, monkeypatch):
-    shared = runpy.run_path(str(REPOSITORY / 'conftest.py'))['SharedData'](tmp_path)
+    shared = runpy.run_path(str(REPOSITORY / 'test/conftest.py'))['SharedData'](tmp_path)
     (tmp_path / 'there').touch()
     assert shared / 'there' == tmp_path / 'there'
     monkeypatch.delenv('DG_REQUIRE_SHARED_DATA', raising=False)

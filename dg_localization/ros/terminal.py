@@ -6,6 +6,8 @@ from importlib.util import find_spec
 import sys
 from typing import Protocol
 
+from dg_localization.ros.optional import install_hint
+
 
 class Progress(Protocol):
     """What is told about the way through the bag."""
@@ -38,7 +40,7 @@ def make_progress(total_s: float) -> Progress:
 
     """
     if find_spec('tqdm') is None:
-        tell('no progress bar without tqdm: pip install tqdm')
+        tell(f'no progress bar without tqdm: {install_hint("tqdm")}')
         return NoProgress()
     from tqdm import tqdm
 

@@ -3,12 +3,13 @@
 import itertools
 
 from hypothesis import given, settings, strategies as st
-import mpmath
 import numpy as np
 import pytest
 from solver_cases import bounds, squared_distances
 
 from dg_localization.solver.contract.coordinates import enclose_coordinates
+
+mpmath = pytest.importorskip('mpmath')
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=150)
 

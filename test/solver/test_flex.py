@@ -1,12 +1,6 @@
 """A curve of placements next to isolated ones (the paper's Figure 7)."""
 
-import numpy as np
-import pytest
-from solver_cases import covers, squared_distances
-
-from dg_localization import SolverOptions, Verdict, solve
-from dg_localization.solver.place.rigidity import is_flexible
-from examples.flex import (
+from flex import (
     SQUARED_M2,
     cover,
     cover_distance_m,
@@ -17,6 +11,12 @@ from examples.flex import (
     unknown_bounds_m,
     unknown_distances_m,
 )
+import numpy as np
+import pytest
+from solver_cases import covers, squared_distances
+
+from dg_localization import SolverOptions, Verdict, solve
+from dg_localization.solver.place.rigidity import is_flexible
 
 RESOLUTION_M = 0.2
 

@@ -5,7 +5,6 @@ import itertools
 import math
 
 from hypothesis import given, settings, strategies as st
-import mpmath
 import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
@@ -17,6 +16,8 @@ from dg_localization.solver.contract.projection import (
     project,
     squared_height,
 )
+
+mpmath = pytest.importorskip('mpmath')
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 SCALES = (1.0, 1e-12, 1e12)

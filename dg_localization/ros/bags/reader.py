@@ -14,6 +14,8 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dg_localization.ros.optional import install_hint
+
 NS_PER_S = 1_000_000_000
 # Where a bag does not hold the definitions of its types, those of a distribution that fit.
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
@@ -258,7 +260,7 @@ def _damage_told(path: Path) -> Iterator[None]:
 def _open(path: Path) -> Any:
     """Return an open reader."""
     if find_spec('rosbags') is None:
-        raise BagError('bags are read with the package rosbags: pip install rosbags')
+        raise BagError(f'bags are read with the package rosbags: {install_hint("rosbags")}')
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 

@@ -42,6 +42,7 @@ from dg_localization.ros.demo.compare import (
 )
 from dg_localization.ros.demo.domain import claim_domain
 from dg_localization.ros.demo.picture import draw
+from dg_localization.ros.optional import install_hint
 from dg_localization.simulation.moving_fleet import ROBOTS
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.markers import marker_scene_from_message
@@ -381,7 +382,7 @@ def demonstrate(seconds: float, picture: Path) -> int:
         run(scenario, seconds)
         print(summary(scenario), flush=True)
     if find_spec('matplotlib') is None:
-        print('No picture without matplotlib: pip install matplotlib')
+        print(f'No picture without matplotlib: {install_hint("matplotlib")}')
     else:
         draw(scenarios, picture)
         print(f'All feasible placements next to the truth: {picture}')

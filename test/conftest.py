@@ -7,7 +7,7 @@ import tempfile
 
 import pytest
 
-REPOSITORY = Path(__file__).parent
+REPOSITORY = Path(__file__).parents[1]
 REQUIRE_SHARED_DATA = 'DG_REQUIRE_SHARED_DATA'
 
 

@@ -8,7 +8,7 @@ they are one, P1 is free to circle around them.
 
 It takes numpy, and matplotlib for the picture::
 
-    python -m examples.flex [docs/flex.png]
+    python docs/flex.py [docs/flex.png]
 """
 
 from __future__ import annotations

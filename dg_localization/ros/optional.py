@@ -1,0 +1,27 @@
+"""What to say where an optional Python package is missing."""
+
+import sys
+
+
+def install_hint(package: str) -> str:
+    """
+    Return the command that installs an optional Python package here.
+
+    The pip of Debian and Ubuntu refuses to install beside the packages of the system (PEP 668), so
+    that outside of a virtual environment the command makes one that sees the sourced ROS.
+
+    Parameters
+    ----------
+    package : str
+        Name of the package on PyPI.
+
+    Returns
+    -------
+    str
+        One line for a message.
+
+    """
+    install = f'pip install {package}'
+    if sys.prefix != sys.base_prefix:
+        return install
+    return f'python3 -m venv --system-site-packages .venv && . .venv/bin/activate && {install}'

@@ -1,1 +1,0 @@
-"""Examples of the solver as a library, each a program of its own."""
