@@ -21,7 +21,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .SHELLFLAGS = -ec
 
 help: ## Print this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
 
 venv: $(ready) ## Set up the virtual environment (needs the network the first time only)
 
@@ -82,6 +82,7 @@ test: $(ready) ## Run all tests
 
 lint: $(ready) ## Check style and types
 	$(run) -m ruff check .
+	$(run) -m ruff format --check .
 	$(run) -m mypy
 
 format: $(ready) ## Let ruff lay out the code

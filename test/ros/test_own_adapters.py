@@ -10,13 +10,13 @@ from std_msgs.msg import Float32
 from dg_localization.ros.node.parameters import check_values, settings_from
 from dg_localization.ros.process import WrongParameterError
 
-README = Path(__file__).parents[2] / 'README.md'
+PAGE = Path(__file__).parents[2] / 'docs/sensors.md'
 CENTIMETRES = {'/tag_a/to_b': 300.0, '/tag_a/to_c': 400.0, '/tag_b/to_c': 500.0}
 
 
 def example(language, word):
-    """Return the block of code of the README that holds a word."""
-    blocks = re.findall(rf'```{language}\n(.*?)```', README.read_text(encoding='utf-8'), re.DOTALL)
+    """Return the block of code of the page that holds a word."""
+    blocks = re.findall(rf'```{language}\n(.*?)```', PAGE.read_text(encoding='utf-8'), re.DOTALL)
     (block,) = [block for block in blocks if word in block]
     return block
 
