@@ -177,21 +177,6 @@ def test_actions_are_pinned_and_may_only_read():
         assert all(re.fullmatch(r'[\w/-]+@[0-9a-f]{40}', action) for action in actions)
 
 
-PAGES = [REPOSITORY / 'README.md', *sorted((REPOSITORY / 'docs').glob('*.md'))]
-
-
-@pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)
-def test_links_of_the_documentation_lead_somewhere(page):
-    text = page.read_text(encoding='utf-8')
-    for target in re.findall(r'\]\(([^)#\s]+)', re.sub(r'```.*?```', '', text, flags=re.DOTALL)):
-        if '://' not in target:
-            assert (page.parent / target).exists(), target
-
-
-def test_the_readme_fits_one_reading():
-    assert len((REPOSITORY / 'README.md').read_text(encoding='utf-8').splitlines()) <= 250
-
-
 def run_set_up(tmp_path, **environment):
     return subprocess.run(
         ['make', '--no-print-directory', 'venv', f'VENV={tmp_path / "venv"}'],

@@ -12,7 +12,7 @@ The step is branch-free and scales exactly with powers of two.
 
 An operation that overflows says only that its exact result is beyond the largest double, which is
 then the bound on the near side. So `down` never returns +inf nor `up` -inf, and sums of bounds are
-never inf - inf (docs/rigour.md).
+never inf - inf (docs/rigor.md).
 """
 
 from __future__ import annotations

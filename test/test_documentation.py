@@ -1,0 +1,62 @@
+"""The documentation: its links lead somewhere, and its examples print what it says."""
+
+from pathlib import Path
+import re
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+README = REPOSITORY / 'README.md'
+PAGES = [README, *sorted((REPOSITORY / 'docs').glob('*.md'))]
+
+
+def name(page):
+    return page.name
+
+
+def without_code(text):
+    return re.sub(r'```.*?```', '', text, flags=re.DOTALL)
+
+
+def anchors(page):
+    """Return the anchors of the headings of a page, as GitHub makes them."""
+    headings = re.findall(
+        r'^#+ (.*)$', without_code(page.read_text(encoding='utf-8')), re.MULTILINE
+    )
+    return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name)
+def test_links_lead_somewhere(page):
+    links = re.findall(r'\]\(([^)\s]+)\)', without_code(page.read_text(encoding='utf-8')))
+    for link in links:
+        if '://' in link:
+            continue
+        path, _, anchor = link.partition('#')
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_every_page_is_reached_from_the_readme():
+    linked = re.findall(r'\]\((docs/\w+\.md)', README.read_text(encoding='utf-8'))
+    assert {page.name for page in PAGES[1:]} <= {Path(link).name for link in linked}
+
+
+def test_the_readme_is_short():
+    assert len(README.read_text(encoding='utf-8').splitlines()) <= 250
+
+
+@pytest.mark.parametrize('page', [README, REPOSITORY / 'docs/solver.md'], ids=name)
+def test_the_example_prints_what_the_page_says(page, capsys):
+    text = page.read_text(encoding='utf-8')
+    ((code, output),) = re.findall(r'```python\n(.*?)```\n\n```text\n(.*?)```', text, re.DOTALL)
+    exec(compile(code, page.name, 'exec'), {})
+    assert capsys.readouterr().out == output
+
+
+def test_the_glossary_is_in_alphabetical_order():
+    text = (REPOSITORY / 'docs/glossary.md').read_text(encoding='utf-8')
+    words = re.findall(r'^\| ([a-z].*?) \|', text, re.MULTILINE)[1:]
+    assert len(words) > 50
+    assert words == sorted(words)
