@@ -12,10 +12,10 @@ ready = $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format bench clean
+.PHONY: help venv demo test lint format parameters bench clean
 
 help: ## Print this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
 
 venv: $(ready) ## Set up the virtual environment (needs the network the first time only)
 
@@ -36,6 +36,9 @@ lint: $(ready) ## Check style and types
 format: $(ready) ## Let ruff lay out the code
 	$(run) -m ruff check --fix .
 	$(run) -m ruff format .
+
+parameters: $(ready) ## Write config/localizer.yaml and docs/parameters.md from the table
+	@$(run) -m dg_localization.ros.interface.parameters
 
 bench: $(ready) ## Run the benchmarks against the peers
 	@$(run) -m pip install --quiet --no-build-isolation --editable '.[peers]'

@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """What is told about the way through the bag."""
+    """Shows how far a bag has been read."""
 
     def update(self, seconds: float) -> object:
         """Go on by some seconds of bag time."""
@@ -21,10 +21,10 @@ class NoProgress:
     """Stands in for the bar where tqdm is not installed."""
 
     def update(self, seconds: float) -> None:
-        """Tell nothing."""
+        """Show nothing."""
 
     def close(self) -> None:
-        """Leave nothing."""
+        """Do nothing."""
 
 
 def make_progress(total_s: float) -> Progress:
@@ -38,7 +38,7 @@ def make_progress(total_s: float) -> Progress:
 
     """
     if find_spec('tqdm') is None:
-        tell('no progress bar without tqdm: pip install tqdm')
+        print_line('no progress bar without tqdm: pip install tqdm')
         return NoProgress()
     from tqdm import tqdm
 
@@ -51,8 +51,8 @@ def make_progress(total_s: float) -> Progress:
     return bar
 
 
-def tell(text: str) -> None:
-    """Write a line for the person at the terminal."""
+def print_line(text: str) -> None:
+    """Print a line for the person at the terminal, apart from what the executable puts out."""
     print(text, file=sys.stderr, flush=True)
 
 

@@ -245,8 +245,7 @@ def test_unknown_type_is_named_with_the_known_ones():
         adapter_for('gps_msgs/msg/Fix')
 
 
-def test_own_type_is_registered_and_looked_up_lazily(monkeypatch):
-    monkeypatch.setattr('msg_adapters.registry._adapters', {})
+def test_own_type_is_registered_and_looked_up_lazily():
     register(Adapter('not_installed_msgs/msg/Thing', dict, vars, print))
     adapter = adapter_for('not_installed_msgs/msg/Thing')
     with pytest.raises(UnknownTypeError, match='install the ROS package not_installed_msgs'):

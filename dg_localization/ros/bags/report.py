@@ -1,4 +1,4 @@
-"""What the localization of a whole bag comes to: counted tick by tick, told in the end."""
+"""The report on a whole bag: its answers are counted tick by tick and summed up at the end."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,8 +9,8 @@ from statistics import median_low
 from typing import Any
 
 from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey
-from dg_localization.ros.node.diagnostics import Malformed
-from dg_localization.ros.node.links import Link
+from dg_localization.ros.interface.diagnostics import Malformed
+from dg_localization.ros.interface.links import Link
 from dg_localization.solver.result import Verdict
 
 
@@ -114,7 +114,7 @@ def _is_contradictory(estimate: Estimate) -> bool:
 @dataclass(frozen=True)
 class BagReport:
     """
-    What is told in the end; nothing in it depends on the machine.
+    The summary of a bag; nothing in it depends on the machine.
 
     Attributes
     ----------

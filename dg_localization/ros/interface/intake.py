@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
-from dg_localization.ros.node.diagnostics import NONE_MALFORMED, Malformed
-from dg_localization.ros.node.links import Link
+from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed
+from dg_localization.ros.interface.links import Link
 from msg_adapters import BearingReading, OdometryReading, PeersReading, RangeReading
 
 Reading = RangeReading | BearingReading | OdometryReading | PeersReading

@@ -12,8 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
-from dg_localization.ros.node.markers import scene
-from dg_localization.ros.node.poses import feasible_poses, unique_pose
+from dg_localization.ros.interface.markers import scene
+from dg_localization.ros.interface.poses import feasible_poses, unique_pose
 from msg_adapters import Diagnostics, adapter_for
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
-from dg_localization.ros.node.links import Link
+from dg_localization.ros.interface.links import Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, LinkState, Placement
-from dg_localization.ros.node.poses import in_space
+from dg_localization.ros.interface.poses import in_space
 from msg_adapters import Marker, MarkerScene, Shape
 
 ROBOT_DIAMETER_M = 0.3
