@@ -175,7 +175,7 @@ def test_identifiers_are_unique_in_each_namespace():
         (True, True, CONTRADICTING_RGBA),
     ],
 )
-def test_links_are_coloured_by_their_state(stale, contradicts, color):
+def test_links_are_colored_by_their_state(stale, contradicts, color):
     link = LinkState(LinkKind.RANGE, 'a', 'b', 3.0, 3.3, 0.1, stale, contradicts)
     markers = scene(estimate(placement(), links=(link,)), 'map').markers
     (links,) = [marker for marker in markers if marker.namespace == 'links']

@@ -224,7 +224,7 @@ def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
     assert report['accepted'] == 7 * 3
 
 
-def test_a_contradiction_is_told_with_its_time(localize, recorder, capsys):
+def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
     recorder.write_triangle(range(10))
     recorder.write_triangle(range(10, 20), {('a', 'b'): 3.0, ('a', 'c'): 9.0, ('b', 'c'): 5.0})
     recorder.write_triangle(range(20, 41))
@@ -298,7 +298,7 @@ def test_links_and_remappings_work_as_for_the_node(localize, recorder):
     assert first.statuses[0].name == 'site/localizer: fleet'
 
 
-def test_what_is_missing_or_of_another_type_is_told(localize, recorder):
+def test_what_is_missing_or_of_another_type_is_reported(localize, recorder):
     recorder.write_triangle(range(11))
     odd = STORE.serialize_cdr(TYPES['strange_msgs/msg/Odd'](1.0), 'strange_msgs/msg/Odd')
     recorder.write('/odd', 0, odd, 'strange_msgs/msg/Odd')
@@ -433,7 +433,7 @@ def test_without_rosbags_the_package_is_named(localize, triangle_bag, capsys, mo
     assert 'pip install rosbags' in capsys.readouterr().err
 
 
-def test_no_clock_of_the_machine_has_a_say():
+def test_no_limit_depends_on_a_clock_of_the_machine():
     fleet = read_task(REPOSITORY / CONFIG, []).settings.fleet
     assert fleet.solver.max_seconds == fleet.max_conflict_seconds == float('inf')
     assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
@@ -497,7 +497,7 @@ def test_a_report_for_a_person(tmp_path, triangle_bag, capsys):
     assert told.startswith(text) and 'times real time' in told and 'real time' not in text
 
 
-def test_unbounded_enclosures_are_told(localize, recorder, capsys):
+def test_unbounded_enclosures_are_reported(localize, recorder, capsys):
     recorder.write_triangle(range(11), {('a', 'b'): 3.0, ('b', 'c'): 5.0})
     _, report = localize(recorder.close())
     assert set(report['median_enclosure_width_m']) == set('abc')

@@ -44,7 +44,7 @@ DIAGNOSTICS_HZ = 1.0
 @dataclass(frozen=True)
 class Task:
     """
-    What the node would do, without the node.
+    What is to be done, as the node would do it.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ def _wrong_with(link: Link, recorded: Mapping[str, str]) -> str:
 
 class BagLocalizer:
     """
-    Does what the node does, whenever it is told what time it is.
+    Does what the node does, at the times that the caller gives.
 
     Parameters
     ----------

@@ -156,7 +156,7 @@ def make_parser() -> argparse.ArgumentParser:
         default=1.0,
         help='seconds of the bag per second (default %(default)s)',
     )
-    parser.add_argument('--loop', action='store_true', help='begin again at the end, for ever')
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument(
         '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
     )

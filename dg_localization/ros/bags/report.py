@@ -38,7 +38,7 @@ class Contradiction:
 
 class Tally:
     """
-    Counts what estimates say.
+    Counts estimates by what they contain.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class BagReport:
     states : mapping of LinkKey to InputState
         What they delivered.
     malformed : mapping of str to Malformed
-        By topic, the messages that said nothing.
+        By topic, the messages that could not be read.
     unreadable : mapping of str to int
         By topic, the messages whose bytes are damaged.
     notices : sequence of str
@@ -233,7 +233,7 @@ def _sorted(counts: Mapping[Any, int]) -> dict[str, int]:
 def as_markdown(report: BagReport) -> str:
     """Return a report for a person."""
     tally = report.tally
-    widths = {robot: _metres(width_m) for robot, width_m in tally.median_widths_m().items()}
+    widths = {robot: _meters(width_m) for robot, width_m in tally.median_widths_m().items()}
     parts = [
         f'# {report.bag}',
         f'{_ticks(tally.ticks)} at {report.rate_hz:g} Hz, from {report.start_s:.1f} to '
@@ -268,7 +268,7 @@ def _ticks(number: int) -> str:
     return '1 tick' if number == 1 else f'{number} ticks'
 
 
-def _metres(width_m: float) -> str:
+def _meters(width_m: float) -> str:
     if math.isnan(width_m):
         return 'no placement'
     return f'{width_m:.2f} m' if math.isfinite(width_m) else 'not bounded'

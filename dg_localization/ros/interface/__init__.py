@@ -1,1 +1,1 @@
-"""What a fleet is told and tells on ROS: parameters, input topics, outputs and diagnostics."""
+"""The interface of a fleet on ROS: parameters, input topics, outputs and diagnostics."""

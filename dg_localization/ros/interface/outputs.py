@@ -1,4 +1,4 @@
-"""The outputs: what an estimate is as messages, and the publishers of the node."""
+"""The outputs: an estimate as messages, and the publishers of the node."""
 
 from collections.abc import Iterator
 import re
@@ -54,7 +54,7 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
 
 def estimate_messages(estimate: Estimate, frame_id: str) -> Iterator[tuple[str, Any]]:
     """
-    Yield what an estimate says on every output, each message with the name of its topic.
+    Yield the messages of an estimate, each with the name of its topic.
 
     One without placements empties the pose arrays and the view, so that no old answer looks new.
 
