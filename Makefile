@@ -15,7 +15,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format bench clean
+.PHONY: help venv demo test lint format parameters bench clean
 # Each recipe is one script that ends at its first error.
 .ONESHELL:
 .SHELLFLAGS = -ec
@@ -88,6 +88,9 @@ lint: $(ready) ## Check style and types
 format: $(ready) ## Let ruff lay out the code
 	$(run) -m ruff check --fix .
 	$(run) -m ruff format .
+
+parameters: $(ready) ## Write config/localizer.yaml and docs/parameters.md from the table
+	@$(run) -m dg_localization.ros.interface.parameters
 
 bench: $(ready) ## Run the benchmarks against the peers
 	@$(run) -m pip install -q --no-build-isolation --editable '.[peers]'

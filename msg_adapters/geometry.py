@@ -12,7 +12,7 @@ def xyz_from_message(message: Any) -> NDArray[np.float64]:
 
 
 def xyzw_from_message(message: Any) -> NDArray[np.float64]:
-    """Return a Quaternion as an array of shape (4,), scalar last, not normalised."""
+    """Return a Quaternion as an array of shape (4,), scalar last, not normalized."""
     return np.array([message.x, message.y, message.z, message.w], dtype=float)
 
 

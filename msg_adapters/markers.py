@@ -35,9 +35,9 @@ class Marker:
     shape : Shape
         What is drawn at `points_m`.
     points_m : ndarray, shape (k, 3)
-        Centres of spheres, ends of lines (two rows each), or the one place of a text, in m.
+        Centers of spheres, ends of lines (two rows each), or the one place of a text, in m.
     colors_rgba : ndarray, shape (k, 4)
-        A colour for each point, 0 to 1.
+        A color for each point, 0 to 1.
     size_m : float
         Diameter of a sphere, width of a line, height of a text, in m.
     text : str
@@ -82,7 +82,7 @@ def marker_scene_to_message(scene: MarkerScene) -> Any:
     Raises
     ------
     ValueError
-        If a marker has not as many colours as points.
+        If a marker has not as many colors as points.
 
     """
     from visualization_msgs import msg as visualization
@@ -120,7 +120,7 @@ def _to_message(marker: Marker, header: Any) -> Any:
     if len(marker.colors_rgba) != len(marker.points_m):
         raise ValueError(
             f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
-            f'and {len(marker.colors_rgba)} colours; give one colour for each point'
+            f'and {len(marker.colors_rgba)} colors; give one color for each point'
         )
     message = visualization.Marker(
         header=header,

@@ -24,7 +24,7 @@ class OdometryReading:
     position_xyz : ndarray, shape (3,)
         Position in the odometry frame in m.
     orientation_xyzw : ndarray, shape (4,)
-        Quaternion, scalar last, as reported: not normalised, not checked.
+        Quaternion, scalar last, as reported: not normalized, not checked.
     frame_id, child_frame_id : str
         Odometry frame and body frame.
 

@@ -68,7 +68,7 @@ def range_to_message(reading: RangeReading) -> Any:
     Write a `sensor_msgs/Range`.
 
     `radiation_type` stays at its default: the message has no value for radio.
-    The fields are 32 bit floats, so a range of 8 m is rounded to 0.5 micrometres.
+    The fields are 32 bit floats, so a range of 8 m is rounded to 0.5 micrometers.
     """
     from sensor_msgs.msg import Range
 

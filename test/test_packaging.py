@@ -227,8 +227,8 @@ def test_make_lists_its_targets():
         assert f'\n{target} ' in f'\n{told}'
 
 
-def test_an_absent_recording_skips_or_fails(tmp_path, monkeypatch):
-    shared = runpy.run_path(str(REPOSITORY / 'test/conftest.py'))['SharedData'](tmp_path)
+def test_an_absent_recording_skips_or_fails(shared, tmp_path, monkeypatch):
+    shared = type(shared)(tmp_path)
     (tmp_path / 'there').touch()
     assert shared / 'there' == tmp_path / 'there'
     monkeypatch.delenv('DG_REQUIRE_SHARED_DATA', raising=False)
@@ -241,7 +241,7 @@ def test_an_absent_recording_skips_or_fails(tmp_path, monkeypatch):
 
 def test_two_processes_never_get_the_same_domain():
     code = (
-        'from dg_localization.ros.demo.domain import claim_domain;'
+        'from dg_localization.ros.domain import claim_domain;'
         'claim = claim_domain(); print(claim.domain_id, flush=True); input()'
     )
     processes = [
@@ -264,7 +264,7 @@ def test_two_processes_never_get_the_same_domain():
 @pytest.mark.skipif(find_spec('rosbags') is None, reason='rosbags is not installed')
 def test_replay_explains_itself():
     told = subprocess.run(
-        [sys.executable, '-m', 'dg_localization.ros.bags.replay', '--help'],
+        [sys.executable, '-m', 'dg_localization.ros', 'replay', '--help'],
         cwd=REPOSITORY,
         check=True,
         capture_output=True,

@@ -1,44 +1,101 @@
 """
-The executables, which end without a traceback on SIGINT and SIGTERM from their first moment on.
+The executables: how each of them starts, fails and ends.
 
-Importing rclpy and the messages is most of a start: it happens here, when the signals are taken
-care of.
+An executable is a module with a function `main`, which takes the command line and raises when it
+cannot go on. This is the one place that makes signals and errors an exit code:
+
+- 0: done; for a node, and for `replay`, also when SIGINT or SIGTERM ends it;
+- 1: it could not go on, for example because of a damaged bag;
+- 2: an argument or a parameter is wrong;
+- 130: SIGINT or SIGTERM came before the work was done.
+
+Importing rclpy and the messages is most of a start, so it happens after the signals are taken
+care of: an executable ends without a traceback from its first moment on.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 import signal
+import sys
 
+from dg_localization.ros.signals import handled_by
+from dg_localization.ros.terminal import print_line
+
+EXIT_FAILED = 1
+EXIT_WRONG_USAGE = 2
 # What a shell makes of SIGINT: half an answer must not look whole to a script.
 EXIT_INTERRUPTED = 130
 
 
-def localizer() -> int:
-    """Run `localizer`; return the exit code."""
-    return _run('node.localizer')
+class ExecutableError(Exception):
+    """An executable cannot go on; the text says why and what to do."""
+
+    exit_code = EXIT_FAILED
 
 
-def simulate_fleet() -> int:
-    """Run `simulate_fleet`; return the exit code."""
-    return _run('demo.simulate_fleet')
+class UsageError(ExecutableError):
+    """An argument or a parameter is wrong; the text says which, and what would be right."""
+
+    exit_code = EXIT_WRONG_USAGE
 
 
-def replay() -> int:
+def localizer(args: Sequence[str] | None = None) -> int:
+    """Run the node `localizer`; return the exit code."""
+    return _run('node.localizer', args)
+
+
+def simulate_fleet(args: Sequence[str] | None = None) -> int:
+    """Run the node `simulate_fleet`; return the exit code."""
+    return _run('simulation.simulate_fleet', args)
+
+
+def replay(args: Sequence[str] | None = None) -> int:
     """Run `replay`; return the exit code."""
-    return _run('bags.replay')
+    return _run('bags.replay', args)
 
 
-def localize_bag() -> int:
+def localize_bag(args: Sequence[str] | None = None) -> int:
     """Run `localize_bag`; return the exit code."""
-    return _run('bags.localize_bag', interrupted=EXIT_INTERRUPTED)
+    return _run('bags.localize_bag', args, interrupted=EXIT_INTERRUPTED)
 
 
-def _run(name: str, interrupted: int = 0) -> int:
-    """Import a module of this room and run its `main`."""
+def demo(args: Sequence[str] | None = None) -> int:
+    """Run the demonstration; return the exit code."""
+    return _run('demo.run', args, interrupted=EXIT_INTERRUPTED)
+
+
+EXECUTABLES = {
+    function.__name__: function
+    for function in (localizer, simulate_fleet, replay, localize_bag, demo)
+}
+
+
+def _run(module: str, args: Sequence[str] | None, interrupted: int = 0) -> int:
+    """
+    Import a module of this room and run its `main`.
+
+    Parameters
+    ----------
+    module : str
+        Its name within this room.
+    args : sequence of str, optional
+        The command line without the name of the executable; that of the process by default.
+    interrupted : int
+        The exit code after SIGINT or SIGTERM.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    """
     try:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.default_int_handler)
-        main: Callable[[], int] = import_module(f'dg_localization.ros.{name}').main
-        return main()
+        with handled_by(signal.default_int_handler):
+            main: Callable[[Sequence[str]], int]
+            main = import_module(f'dg_localization.ros.{module}').main
+            return main(sys.argv[1:] if args is None else args)
+    except ExecutableError as error:
+        print_line(str(error))
+        return error.exit_code
     except KeyboardInterrupt:
         return interrupted

@@ -10,7 +10,7 @@ from dg_localization.ros.optional import install_hint
 
 
 class Progress(Protocol):
-    """What is told about the way through the bag."""
+    """Shows how far a bag has been read."""
 
     def update(self, seconds: float) -> object:
         """Go on by some seconds of bag time."""
@@ -23,10 +23,10 @@ class NoProgress:
     """Stands in for the bar where tqdm is not installed."""
 
     def update(self, seconds: float) -> None:
-        """Tell nothing."""
+        """Show nothing."""
 
     def close(self) -> None:
-        """Leave nothing."""
+        """Do nothing."""
 
 
 def make_progress(total_s: float) -> Progress:
@@ -40,7 +40,7 @@ def make_progress(total_s: float) -> Progress:
 
     """
     if find_spec('tqdm') is None:
-        tell(f'no progress bar without tqdm: {install_hint("tqdm")}')
+        print_line(f'no progress bar without tqdm: {install_hint("tqdm")}')
         return NoProgress()
     from tqdm import tqdm
 
@@ -53,8 +53,8 @@ def make_progress(total_s: float) -> Progress:
     return bar
 
 
-def tell(text: str) -> None:
-    """Write a line for the person at the terminal."""
+def print_line(text: str) -> None:
+    """Print a line for the person at the terminal, apart from what the executable puts out."""
     print(text, file=sys.stderr, flush=True)
 
 

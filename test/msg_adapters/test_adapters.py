@@ -213,9 +213,9 @@ def test_marker_array_of_another_node_is_refused():
         adapter.from_message(adapter.message_class()())
 
 
-def test_marker_needs_a_colour_for_each_point():
+def test_marker_needs_a_color_for_each_point():
     marker = Marker('robots', 4, Shape.SPHERE_LIST, np.zeros((2, 3)), np.zeros((1, 4)), 0.1)
-    with pytest.raises(ValueError, match='robots/4 has 2 points and 1 colours'):
+    with pytest.raises(ValueError, match='robots/4 has 2 points and 1 colors'):
         adapter_for(MARKERS).to_message(MarkerScene(1.0, 'map', (marker,)))
 
 
@@ -223,7 +223,7 @@ def test_marker_needs_a_colour_for_each_point():
     'stamp_s, sec, nanosec',
     [(0.0, 0, 0), (1.5, 1, 500_000_000), (0.9999999999, 1, 0), (-0.25, -1, 750_000_000)],
 )
-def test_stamp_is_rounded_and_normalised(stamp_s, sec, nanosec):
+def test_stamp_is_rounded_and_normalized(stamp_s, sec, nanosec):
     stamp = stamp_to_message(stamp_s)
     assert (stamp.sec, stamp.nanosec) == (sec, nanosec)
     assert stamp_from_message(stamp) == pytest.approx(stamp_s, abs=1e-9)
@@ -245,8 +245,7 @@ def test_unknown_type_is_named_with_the_known_ones():
         adapter_for('gps_msgs/msg/Fix')
 
 
-def test_own_type_is_registered_and_looked_up_lazily(monkeypatch):
-    monkeypatch.setattr('msg_adapters.registry._adapters', {})
+def test_own_type_is_registered_and_looked_up_lazily():
     register(Adapter('not_installed_msgs/msg/Thing', dict, vars, print))
     adapter = adapter_for('not_installed_msgs/msg/Thing')
     with pytest.raises(UnknownTypeError, match='install the ROS package not_installed_msgs'):

@@ -302,10 +302,7 @@ class LocalizerProcess:
 
     def __init__(self, log, *ros_args):
         self._log = log
-        run = (
-            'from dg_localization.ros.executables import localizer; raise SystemExit(localizer())'
-        )
-        command = [sys.executable, '-c', run]
+        command = [sys.executable, '-m', 'dg_localization.ros', 'localizer']
         with open(log, 'w') as output:
             self.process = subprocess.Popen(
                 [*command, *(['--ros-args', *ros_args] if ros_args else [])],

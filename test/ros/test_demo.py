@@ -7,8 +7,10 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.demo import __main__ as demo, compare as demo_compare  # noqa: E402
-from dg_localization.ros.demo.simulate_fleet import quaternions  # noqa: E402
+from dg_localization.ros import executables  # noqa: E402
+from dg_localization.ros.demo import compare as demo_compare  # noqa: E402
+from dg_localization.ros.demo.processes import Executable  # noqa: E402
+from dg_localization.ros.simulation.messages import quaternions  # noqa: E402
 from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion  # noqa: E402
 
 
@@ -110,11 +112,11 @@ def test_yaws_survive_quaternions_and_zero_is_unknown():
     assert np.isnan(demo_compare.yaws_of(np.zeros((1, 4)))).all()
 
 
-def test_a_process_that_ends_early_is_told_with_what_it_wrote():
-    executable = demo.Executable('simulate_fleet', '--ros-args', '-p', 'rate:=-1')
-    executable._process.wait(20)
+def test_a_process_that_ends_early_is_reported_with_what_it_wrote():
+    executable = Executable('simulate_fleet', '--ros-args', '-p', 'rate:=-1')
+    executable.wait(20)
     with pytest.raises(
-        demo_compare.DemoError, match="(?s)simulate_fleet ended with exit code 1.*'rate'"
+        demo_compare.DemoError, match="(?s)simulate_fleet ended with exit code 2.*'rate'"
     ):
         executable.check()
     with pytest.raises(demo_compare.DemoError):
@@ -126,7 +128,7 @@ def test_the_whole_demonstration(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', os.environ['ROS_DOMAIN_ID'])
     pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
     picture = tmp_path / 'demo.png'
-    code = demo.main(['--seconds', '3', '--picture', str(picture)])
+    code = executables.demo(['--seconds', '3', '--picture', str(picture)])
     told = capsys.readouterr()
     assert code == 0, told
     without, _, with_cameras = told.out.partition('With cameras:')

@@ -5,8 +5,8 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.node.discovery import MAX_STRANGERS, TopicFinder  # noqa: E402
-from dg_localization.ros.node.links import Template, parse_link  # noqa: E402
+from dg_localization.ros.interface.discovery import MAX_STRANGERS, TopicFinder  # noqa: E402
+from dg_localization.ros.interface.links import Template, parse_link  # noqa: E402
 
 RANGE, RAY = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'

@@ -18,15 +18,15 @@ from dg_localization.fleet import (  # noqa: E402
     Placement,
     RejectionReason,
 )
-from dg_localization.ros.node.diagnostics import Malformed, Report, statuses  # noqa: E402
-from dg_localization.ros.node.links import Link  # noqa: E402
-from dg_localization.ros.node.markers import (  # noqa: E402
+from dg_localization.ros.interface.diagnostics import Malformed, Report, statuses  # noqa: E402
+from dg_localization.ros.interface.links import Link  # noqa: E402
+from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
     FRESH_RGBA,
     STALE_RGBA,
     scene,
 )
-from dg_localization.ros.node.poses import feasible_poses, unique_pose  # noqa: E402
+from dg_localization.ros.interface.poses import feasible_poses, unique_pose  # noqa: E402
 from msg_adapters import Level, Shape  # noqa: E402
 
 ROBOTS = ('a', 'b')
@@ -175,7 +175,7 @@ def test_identifiers_are_unique_in_each_namespace():
         (True, True, CONTRADICTING_RGBA),
     ],
 )
-def test_links_are_coloured_by_their_state(stale, contradicts, color):
+def test_links_are_colored_by_their_state(stale, contradicts, color):
     link = LinkState(LinkKind.RANGE, 'a', 'b', 3.0, 3.3, 0.1, stale, contradicts)
     markers = scene(estimate(placement(), links=(link,)), 'map').markers
     (links,) = [marker for marker in markers if marker.namespace == 'links']

@@ -34,3 +34,27 @@ def test_signal_during_the_imports_ends_the_process_cleanly(name, code, number):
         timeout=60.0,
     )
     assert (done.returncode, done.stdout, done.stderr) == (code, 'importing\n', '')
+
+
+def run(*arguments):
+    return subprocess.run(
+        [sys.executable, '-m', 'dg_localization.ros', *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+
+
+def test_executable_that_is_not_there_is_named_with_those_that_are():
+    done = run('localiser')
+    assert done.returncode == 2
+    assert "'localiser' is no executable; there are localizer, simulate_fleet" in done.stderr
+
+
+@pytest.mark.parametrize('name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag'])
+def test_unknown_ros_argument_is_named_by_every_executable(name):
+    done = run(name, '--ros-args', '--no-such-argument')
+    assert (done.returncode, done.stderr) == (
+        2,
+        "wrong ROS arguments: ['--no-such-argument']\n",
+    )

@@ -15,7 +15,7 @@ from dg_localization.fleet import (  # noqa: E402
     Localizer,
     RejectionReason,
 )
-from dg_localization.ros.node.intake import add_reading  # noqa: E402
+from dg_localization.ros.interface.intake import add_reading  # noqa: E402
 from msg_adapters import PeersReading  # noqa: E402
 
 KEY = LinkKey(LinkKind.PEERS, 'a', '')

@@ -21,8 +21,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E
 from uwb_recording import CONFIG  # noqa: E402
 
 from dg_localization.ros.bags import reader as bag_module  # noqa: E402
-from dg_localization.ros.bags.localize_bag import main  # noqa: E402
 from dg_localization.ros.bags.offline import Event, read_task, timeline  # noqa: E402
+from dg_localization.ros.executables import localize_bag  # noqa: E402
 from msg_adapters import Level, PeersReading, adapter_for  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
@@ -96,7 +96,7 @@ def localize(tmp_path):
         params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
         report, run.output = folder / 'report.json', folder / 'out'
         paths = ('-o', run.output, '--params', params, '--report', report)
-        code = main([str(text) for text in (bag, *paths, *arguments)])
+        code = localize_bag([str(text) for text in (bag, *paths, *arguments)])
         return code, json.loads(report.read_text()) if report.exists() else None
 
     return run
@@ -176,7 +176,7 @@ def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
         folder.mkdir()
         paths = ['-o', folder / 'out', '--params', params, '--report', folder / 'report.json']
         subprocess.run(
-            [sys.executable, '-m', 'dg_localization.ros.bags.localize_bag', bag, *paths]
+            [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', bag, *paths]
             + ['--storage', storage, '--inputs'],
             cwd=REPOSITORY,
             check=True,
@@ -224,7 +224,7 @@ def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
     assert report['accepted'] == 7 * 3
 
 
-def test_a_contradiction_is_told_with_its_time(localize, recorder, capsys):
+def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
     recorder.write_triangle(range(10))
     recorder.write_triangle(range(10, 20), {('a', 'b'): 3.0, ('a', 'c'): 9.0, ('b', 'c'): 5.0})
     recorder.write_triangle(range(20, 41))
@@ -298,7 +298,7 @@ def test_links_and_remappings_work_as_for_the_node(localize, recorder):
     assert first.statuses[0].name == 'site/localizer: fleet'
 
 
-def test_what_is_missing_or_of_another_type_is_told(localize, recorder):
+def test_what_is_missing_or_of_another_type_is_reported(localize, recorder):
     recorder.write_triangle(range(11))
     odd = STORE.serialize_cdr(TYPES['strange_msgs/msg/Odd'](1.0), 'strange_msgs/msg/Odd')
     recorder.write('/odd', 0, odd, 'strange_msgs/msg/Odd')
@@ -433,7 +433,7 @@ def test_without_rosbags_the_package_is_named(localize, triangle_bag, capsys, mo
     assert 'pip install rosbags' in capsys.readouterr().err
 
 
-def test_no_clock_of_the_machine_has_a_say():
+def test_no_limit_depends_on_a_clock_of_the_machine():
     fleet = read_task(REPOSITORY / CONFIG, []).settings.fleet
     assert fleet.solver.max_seconds == fleet.max_conflict_seconds == float('inf')
     assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
@@ -444,12 +444,12 @@ def test_messages_come_before_a_tick_at_the_same_time():
     events = list(timeline(messages, 0, 2 * 10**9, rate_hz=2.0))
     times_s = [time_ns / 1e9 for time_ns, _, _ in events]
     assert times_s == [0.0, 0.5, 1.0, 1.0, 1.0, 1.5, 2.0, 2.0, 2.0]
-    assert [event for _, event, _ in events[2:5]] == [Event.MESSAGE, Event.TICK, Event.TELL]
+    assert [event for _, event, _ in events[2:5]] == [Event.MESSAGE, Event.TICK, Event.DIAGNOSTICS]
 
 
 def start(*arguments):
     return subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros.bags.localize_bag', *map(str, arguments)],
+        [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *map(str, arguments)],
         cwd=REPOSITORY,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -488,7 +488,7 @@ def test_a_report_for_a_person(tmp_path, triangle_bag, capsys):
     params, report = tmp_path / 'params.yaml', tmp_path / 'report.md'
     params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
     paths = ('-o', tmp_path / 'out', '--params', params, '--report', report)
-    assert main([str(text) for text in (triangle_bag, *paths)]) == 0
+    assert localize_bag([str(text) for text in (triangle_bag, *paths)]) == 0
     text = report.read_text()
     assert '10 ticks at 5 Hz, from 0.0 to 2.0 s of the bag.' in text
     assert '| 2          | 10    |' in text
@@ -497,7 +497,7 @@ def test_a_report_for_a_person(tmp_path, triangle_bag, capsys):
     assert told.startswith(text) and 'times real time' in told and 'real time' not in text
 
 
-def test_unbounded_enclosures_are_told(localize, recorder, capsys):
+def test_unbounded_enclosures_are_reported(localize, recorder, capsys):
     recorder.write_triangle(range(11), {('a', 'b'): 3.0, ('b', 'c'): 5.0})
     _, report = localize(recorder.close())
     assert set(report['median_enclosure_width_m']) == set('abc')
@@ -508,10 +508,7 @@ def test_unbounded_enclosures_are_told(localize, recorder, capsys):
 
 def test_the_true_placement_is_in_every_answer(tmp_path, uwb_recording, capsys):
     paths = ('-o', tmp_path / 'out', '--params', REPOSITORY / CONFIG)
-    began_s = time.monotonic()
-    assert main([str(text) for text in (uwb_recording.path, *paths)]) == 0
-    took_s = time.monotonic() - began_s
+    assert localize_bag([str(text) for text in (uwb_recording.path, *paths)]) == 0
     _, scenes = read(tmp_path / 'out', '/localizer/markers')
     assert uwb_recording.check(scenes) == 75
-    assert took_s < 17.0, 'slower than real time'
     assert '85 ticks at 5 Hz, from 0.0 to 17.2 s of the bag.' in capsys.readouterr().out

@@ -3,17 +3,17 @@
 from functools import partial
 import signal
 from threading import Event
-import time
 
 from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from dg_localization.fleet import Localizer
+from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.node import localizer
 from dg_localization.ros.node.localizer import LocalizerNode
-from dg_localization.ros.process import WrongParameterError
-from msg_adapters import Adapter, Level, RangeReading, register
+from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
 DEADLINE_S = 20.0
 ROBOTS = ['robot_1', 'robot_2', 'robot_3']
@@ -25,9 +25,10 @@ def make_node(bench):
     """Make a localizer that spins beside the bench."""
     made = []
 
-    def make(*cli_args, **parameters):
+    def make(*cli_args, make_localizer=Localizer, **parameters):
         parameters.setdefault('robots', ROBOTS)
         node = LocalizerNode(
+            make_localizer=make_localizer,
             context=bench.context,
             cli_args=['--ros-args', *cli_args],
             parameter_overrides=[
@@ -154,19 +155,26 @@ def test_explicit_link_is_warned_about_while_it_is_silent(bench, make_node):
     assert values['topic'] == '/uwb/a'
 
 
-def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monkeypatch):
+@pytest.fixture
+def replace_adapter():
+    """Register other adapters; those that were there come back after the test."""
+    replaced = []
+
+    def replace(adapter):
+        replaced.append(adapter_for(adapter.type_name))
+        register(adapter)
+
+    yield replace
+    for adapter in reversed(replaced):
+        register(adapter)
+
+
+def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, replace_adapter):
     def refuse(message):
         raise ValueError(f'range {message.range} is not for me')
 
-    monkeypatch.setattr('msg_adapters.registry._adapters', {})
-    register(Adapter('sensor_msgs/msg/Range', RangeReading, refuse, print))
-    make_node(
-        links=['/uwb/a sensor_msgs/msg/Range robot_1 robot_2'],
-        range__topic='',
-        bearing__topic='',
-        odometry__topic='',
-        peers__topic='',
-    )
+    replace_adapter(Adapter('sensor_msgs/msg/Range', RangeReading, refuse, print))
+    make_node(links=['/uwb/a sensor_msgs/msg/Range robot_1 robot_2'], range__topic='')
     bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/uwb/a'))
     bench.until_status('input range robot_1->robot_2', Level.WARN, 'malformed: ValueError')
     values = bench.until_count('input range robot_1->robot_2', 'malformed')
@@ -174,17 +182,21 @@ def test_adapter_that_raises_is_named_in_the_diagnostics(bench, make_node, monke
 
 
 def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
-    node = make_node()
+    class Failing(Localizer):
+        fails = False
+
+        def estimate(self, snapshot, cancel=None):
+            if Failing.fails:
+                raise ArithmeticError('no idea')
+            return super().estimate(snapshot, cancel)
+
+    make_node(make_localizer=Failing)
     play_triangle(bench)
     wait_for_placements(bench, 2)
-
-    def fail(snapshot, cancel):
-        raise ArithmeticError('no idea')
-
-    node._worker._estimate = fail
+    Failing.fails = True
     bench.until_status('fleet', Level.ERROR, 'internal error: ArithmeticError: no idea')
     bench.until(lambda: not bench.heard.fleet[-1].poses, 'an empty array')
-    node._worker._estimate = node._localizer.estimate
+    Failing.fails = False
     bench.until_status('fleet', Level.WARN, 'ambiguous')
 
 
@@ -216,15 +228,15 @@ def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypat
 
 
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
-    node = make_node()
     cancels = []
 
-    def linger(snapshot, cancel):
-        cancels.append(cancel)
-        cancel.wait(timeout=30.0)
-        return node._localizer.estimate(snapshot)
+    class Lingering(Localizer):
+        def estimate(self, snapshot, cancel=None):
+            cancels.append(cancel)
+            cancel.wait(timeout=30.0)
+            return super().estimate(snapshot)
 
-    node._worker._estimate = linger
+    make_node(make_localizer=Lingering)
     bench.until(lambda: cancels, 'a running estimate')
     first = cancels[0]
     assert not first.is_set()
@@ -242,6 +254,19 @@ def test_parameters_come_from_a_file(make_node):
     assert described.description == 'how often the fleet is localized (Hz)'
     assert described.read_only and described.floating_point_range[0].to_value == 1000.0
     assert len(node.get_parameter('links').value) == 6
+
+
+def test_empty_lists_have_the_type_of_the_table(make_node):
+    node = make_node(anchors__names=['p'], anchors__p__position=[0.0, 0.0])
+    for name, kind in (
+        ('links', Parameter.Type.STRING_ARRAY),
+        ('robots', Parameter.Type.STRING_ARRAY),
+        ('adapter_modules', Parameter.Type.STRING_ARRAY),
+        ('anchors.p.position', Parameter.Type.DOUBLE_ARRAY),
+    ):
+        described = node.describe_parameter(name)
+        assert (described.type, described.dynamic_typing) == (kind.value, False)
+        assert node.get_parameter(name).type_ is kind
 
 
 def test_empty_lists_in_a_file_are_empty_lists(make_node):
@@ -309,10 +334,8 @@ def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     # The line is written while the topics are still being made.
     bench.until(lambda: 'compiling the solver' in process.output(), 'the first line of the log')
-    started_s = time.monotonic()
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
-    assert time.monotonic() - started_s < 10.0
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -324,8 +347,6 @@ def test_signal_while_compiling_ends_cleanly(
     bench.clear()
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     bench.until_status('fleet', Level.WARN, 'compiling the solver')
-    started_s = time.monotonic()
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
     assert 'the solver is ready' not in output
-    assert time.monotonic() - started_s < 10.0

@@ -24,7 +24,7 @@ def test_true_placement_is_in_every_answer(bench, start_localizer, uwb_recording
     bench.until_status('fleet', Level.WARN, '/clock', deadline_s=60.0)
     bag = str(uwb_recording.path)
     replay = subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros.bags.replay', bag, '--rate', REPLAY_RATE],
+        [sys.executable, '-m', 'dg_localization.ros', 'replay', bag, '--rate', REPLAY_RATE],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=os.environ,

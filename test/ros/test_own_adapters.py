@@ -7,8 +7,8 @@ import re
 import pytest
 from std_msgs.msg import Float32
 
-from dg_localization.ros.node.parameters import check_values, settings_from
-from dg_localization.ros.process import WrongParameterError
+from dg_localization.ros.interface.parameters.settings import check_values, settings_from
+from dg_localization.ros.interface.parameters.spec import WrongParameterError
 
 PAGE = Path(__file__).parents[2] / 'docs/sensors.md'
 CENTIMETRES = {'/tag_a/to_b': 300.0, '/tag_a/to_c': 400.0, '/tag_b/to_c': 500.0}

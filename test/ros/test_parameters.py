@@ -10,11 +10,18 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 import yaml  # noqa: E402
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.node.links import parse_link  # noqa: E402
-from dg_localization.ros.node.parameters import TABLE, TEMPLATE_TYPES, check_values, settings_from  # noqa: E402
-from dg_localization.ros.process import WrongParameterError  # noqa: E402
+from dg_localization.ros.interface.links import parse_link  # noqa: E402
+from dg_localization.ros.interface.parameters.document import as_markdown, as_yaml  # noqa: E402
+from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
+    TEMPLATE_TYPES,
+    check_values,
+    settings_from,
+)
+from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
+from dg_localization.ros.interface.parameters.table import TABLE, named_specs  # noqa: E402
 
-CONFIG = Path(__file__).parents[2] / 'config'
+REPOSITORY = Path(__file__).parents[2]
+CONFIG = REPOSITORY / 'config'
 ROBOTS = {'robots': ['a', 'b', 'c']}
 
 
@@ -49,6 +56,20 @@ def test_default_is_allowed_and_descriptor_can_be_made(spec):
     assert spec.description in descriptor.description and spec.unit in descriptor.description
 
 
+@pytest.mark.parametrize(
+    'name, written',
+    [('config/localizer.yaml', as_yaml), ('docs/parameters.md', as_markdown)],
+)
+def test_file_and_page_are_those_of_the_table(name, written):
+    assert (REPOSITORY / name).read_text(encoding='utf-8') == written(), 'run `make parameters`'
+
+
+def test_page_names_every_parameter():
+    page = as_markdown()
+    for spec in (*TABLE, *named_specs(['NAME'], ['NAME'])):
+        assert f'| `{spec.name}` |' in page and f'{spec.description[1:]}.' in page
+
+
 def test_commented_file_holds_every_parameter_with_its_default():
     given = given_by('localizer.yaml')
     assert len(given.pop('robots')) == 3
@@ -60,7 +81,7 @@ def test_commented_file_holds_every_parameter_with_its_default():
 
 def test_links_in_the_comments_of_the_file_are_allowed():
     text = (CONFIG / 'localizer.yaml').read_text()
-    examples = re.findall(r"#   - '(.*)'", text)
+    examples = re.findall(r"# +- '(.*)'", text)
     assert len(examples) == 4
     assert [parse_link(example).topic for example in examples]
 
@@ -93,6 +114,8 @@ def test_recording_has_six_links_and_no_templates():
         ('fixed_frame', 3, "'fixed_frame': 3 is not allowed, it must be a string"),
         ('robots', [1, 2], r"'robots': \[1, 2\] is not allowed, it must be a list of strings"),
         ('robots', None, 'robots: .* must name at least one robot'),
+        ('robots', 'abc', "'robots': 'abc' is not allowed, it must be a list of strings"),
+        ('robots', 5, "'robots': 5 is not allowed, it must be a list of strings"),
         ('robots', ['a', 'a'], "'a' is repeated"),
         ('robots', ['a b'], "'robots': 'a b' is not allowed, a name must begin with a letter"),
         ('reference_robot', 'z', "reference_robot: 'z' is not allowed, it must be one of"),
@@ -216,5 +239,5 @@ def test_link_string_is_read_in_any_order_of_overrides():
 
 
 def test_parameters_of_others_are_left_alone():
-    given = {**ROBOTS, 'use_sim_time': True, 'qos_overrides./tf.publisher.depth': 5}
-    assert 'use_sim_time' not in check_values(given, ignored=['use_sim_time'])
+    given = {**ROBOTS, 'qos_overrides./tf.publisher.depth': 5}
+    assert 'qos_overrides./tf.publisher.depth' not in check_values(given)

@@ -21,12 +21,9 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 
-from dg_localization.ros.demo.simulate_fleet import (  # noqa: E402
-    FleetSimulator,
-    SimulatedFleet,
-    quaternions,
-)
-from dg_localization.ros.process import WrongParameterError  # noqa: E402
+from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
+from dg_localization.ros.simulation.messages import SimulatedFleet, quaternions  # noqa: E402
+from dg_localization.ros.simulation.simulate_fleet import FleetSimulator  # noqa: E402
 from dg_localization.simulation import moving_fleet as simulation  # noqa: E402
 from msg_adapters.peers import peers_from_message  # noqa: E402
 
@@ -178,7 +175,7 @@ def test_quaternions_turn_about_z():
 
 def start(*arguments):
     return subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros.demo.simulate_fleet', *arguments],
+        [sys.executable, '-m', 'dg_localization.ros', 'simulate_fleet', *arguments],
         cwd=REPOSITORY,
         env={**os.environ, 'PYTHONUNBUFFERED': '1', 'RCUTILS_LOGGING_USE_STDOUT': '1'},
         stdout=subprocess.PIPE,
@@ -201,6 +198,13 @@ def test_a_signal_ends_the_process_cleanly(number):
 def test_a_wrong_parameter_ends_the_process_with_a_sentence():
     process = start('--ros-args', '-p', 'rate:=-5')
     _, errors = process.communicate(timeout=20)
-    assert process.returncode == 1
+    assert process.returncode == 2
     assert "'rate': -5" in errors and '>= 0.1' in errors
     assert 'Traceback' not in errors
+
+
+def test_an_unknown_ros_argument_ends_the_process_with_a_sentence():
+    process = start('--ros-args', '--help')
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert errors == "wrong ROS arguments: ['--help']\n"

@@ -72,14 +72,17 @@ def test_cancelled_answer_is_never_seen_and_the_next_one_is(make_worker):
 
 
 def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
-    release, warm, done = Event(), Event(), []
+    release, warm, answered, done = Event(), Event(), Event(), []
 
     def warm_up():
         assert release.wait(DEADLINE_S)
         done.append('warm-up')
 
     worker = make_worker(
-        lambda snapshot, cancel: done.append(snapshot), warm_up=warm_up, warm=warm.set
+        lambda snapshot, cancel: done.append(snapshot),
+        answered.set,
+        warm_up=warm_up,
+        warm=warm.set,
     )
     worker.submit('dropped')
     worker.cancel()
@@ -87,7 +90,7 @@ def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
     assert not worker.warm_up.done()
     release.set()
     assert warm.wait(DEADLINE_S)
-    worker._newest.result(DEADLINE_S)
+    assert answered.wait(DEADLINE_S)
     assert done == ['warm-up', 'dropped', 'estimate']
 
 

@@ -5,23 +5,17 @@ The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, an
                  [--report FILE] [--inputs] [--ros-args ...]
 
 It does in the time of the bag what the node does: the same parameters, the same inputs, the same
-estimate at the same rate, the same messages on the same topics. No clock of the machine has a
-say: `solver.max_seconds` and `conflicts.max_seconds` are not used, so that the same bag gives the
-same bytes on every run. `solver.max_boxes` and `conflicts.max_solves` remain.
+estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
+on every run: no limit depends on a clock of the machine. `solver.max_seconds` and
+`conflicts.max_seconds` are not used, `solver.max_boxes` and `conflicts.max_solves` are.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
-import signal
 import sqlite3
-import sys
 import time
-from types import FrameType
-
-from rclpy.exceptions import ParameterException
-from rclpy.utilities import remove_ros_args
 
 from dg_localization.fleet import Estimate, warm_up
 from dg_localization.ros.bags.offline import (
@@ -36,48 +30,16 @@ from dg_localization.ros.bags.offline import (
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
 from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
 from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
-from dg_localization.ros.executables import EXIT_INTERRUPTED
-from dg_localization.ros.process import RCLError, UnknownROSArgsError, WrongParameterError
-from dg_localization.ros.terminal import make_progress, number, tell
+from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
+from dg_localization.ros.signals import StopRequest, stop_request
+from dg_localization.ros.spinning import own_arguments
+from dg_localization.ros.terminal import make_progress, number, print_line
 
 REPORTS = {'.json': as_json, '.md': as_markdown}
-
-EXIT_FAILED = 1
-EXIT_WRONG_ARGUMENTS = 2
 
 
 class InterruptedRun(Exception):
     """SIGINT or SIGTERM came."""
-
-
-class StopRequest:
-    """Set by the first SIGINT or SIGTERM; a second one does not wait for a clean end."""
-
-    def __init__(self) -> None:
-        self._is_set = False
-
-    def is_set(self) -> bool:
-        """Return whether to stop."""
-        return self._is_set
-
-    def handle(self, signal_number: int, frame: FrameType | None) -> None:
-        """Handle a signal."""
-        if self._is_set:
-            raise KeyboardInterrupt
-        self._is_set = True
-
-
-@contextmanager
-def stop_requests() -> Iterator[StopRequest]:
-    """Turn SIGINT and SIGTERM into a request: amid a write an exception would break the bag."""
-    stop = StopRequest()
-    signals = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, stop.handle) for number in signals]
-    try:
-        yield stop
-    finally:
-        for number, handler in zip(signals, before, strict=True):
-            signal.signal(number, handler)
 
 
 def localize_bag(options: argparse.Namespace, task: Task, stop: StopRequest) -> BagReport:
@@ -162,7 +124,9 @@ def _add_copies(bag: Bag, writer: BagWriter) -> frozenset[str]:
         writer.add_copy(topic)
     for topic in bag.topics:
         if topic not in known:
-            tell(f'{topic.name} is not copied: the definition of {topic.type_name} is not known')
+            print_line(
+                f'{topic.name} is not copied: the definition of {topic.type_name} is not known'
+            )
     return frozenset(topic.name for topic in known)
 
 
@@ -175,8 +139,8 @@ def _answers(
     for time_ns, event, message in events:
         if message is not None:
             localizer.take(message)
-        elif event is Event.TELL:
-            localizer.tell(time_ns)
+        elif event is Event.DIAGNOSTICS:
+            localizer.write_diagnostics(time_ns)
         else:
             estimate = localizer.tick(time_ns, stop)
             if estimate is not None:
@@ -241,7 +205,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _tell_report(report: BagReport, path: Path | None, took_s: float) -> None:
+def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
     """Print the report and how long it took, and write the file that was asked for."""
     if path is not None:
         path.write_text(REPORTS[path.suffix](report), encoding='utf-8')
@@ -250,46 +214,39 @@ def _tell_report(report: BagReport, path: Path | None, took_s: float) -> None:
     print(f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real time.')
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: Sequence[str]) -> int:
     """
     Localize a bag until its end, SIGINT or SIGTERM.
 
     Parameters
     ----------
-    args : list of str, optional
-        Command line; that of the process by default.
+    args : sequence of str
+        Command line.
 
     Returns
     -------
     int
         Exit code, see `localize_bag --help`.
 
+    Raises
+    ------
+    ExecutableError
+        If the bag cannot be read or written, or an argument or a parameter is wrong.
+
     """
-    arguments = sys.argv if args is None else ['localize_bag', *args]
+    options = make_parser().parse_args(own_arguments(args))
+    task = read_task(options.params, args)
     try:
-        options = make_parser().parse_args(remove_ros_args(arguments)[1:])
-        task = read_task(options.params, arguments[1:])
         warm_up(task.settings.fleet.dimension)
-        with stop_requests() as stop:
+        with stop_request() as stop:
             began_s = time.perf_counter()
             report = localize_bag(options, task, stop)
-            _tell_report(report, options.report, time.perf_counter() - began_s)
-        if stop.is_set():
-            return EXIT_INTERRUPTED
-        return EXIT_FAILED if report.ending else 0
-    except UnknownROSArgsError as error:
-        tell(f'unknown ROS arguments: {error}')
-        return EXIT_WRONG_ARGUMENTS
-    except (WrongParameterError, ParameterException, RCLError) as error:
-        tell(str(error))
-        return EXIT_WRONG_ARGUMENTS
-    except (BagError, OSError, sqlite3.Error) as error:
-        tell(str(error))
-        return EXIT_FAILED
+            _print_report(report, options.report, time.perf_counter() - began_s)
+    except (OSError, sqlite3.Error) as error:
+        raise ExecutableError(str(error)) from error
     except (InterruptedRun, KeyboardInterrupt):
-        tell('interrupted; nothing is written')
+        print_line('interrupted; nothing is written')
         return EXIT_INTERRUPTED
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    if stop.is_set():
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if report.ending else 0

@@ -1,6 +1,6 @@
 """What the node does, without the node: in the time of a bag, into another bag."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -23,18 +23,19 @@ from dg_localization.fleet import Estimate, Localizer
 from dg_localization.fleet.answers import Cancel
 from dg_localization.ros.bags.reader import NS_PER_S, BagError, BagMessage
 from dg_localization.ros.bags.writer import BagWriter
-from dg_localization.ros.node.diagnostics import Report, statuses
-from dg_localization.ros.node.discovery import TopicFinder
-from dg_localization.ros.node.intake import Intake
-from dg_localization.ros.node.links import Link
-from dg_localization.ros.node.outputs import (
+from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.interface.discovery import TopicFinder
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.outputs import (
     DIAGNOSTICS,
     diagnostics_message,
     estimate_messages,
     estimate_outputs,
     outline,
 )
-from dg_localization.ros.node.parameters import Settings, declare_settings
+from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
+from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status, adapter_for
 
 DIAGNOSTICS_HZ = 1.0
@@ -43,7 +44,7 @@ DIAGNOSTICS_HZ = 1.0
 @dataclass(frozen=True)
 class Task:
     """
-    What the node would do, without the node.
+    What is to be done, as the node would do it.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class Task:
     topics: Mapping[str, str]
 
 
-def read_task(params: Path, arguments: list[str]) -> Task:
+def read_task(params: Path, arguments: Sequence[str]) -> Task:
     """
     Read a file of parameters exactly as the node does.
 
@@ -69,13 +70,13 @@ def read_task(params: Path, arguments: list[str]) -> Task:
     ----------
     params : Path
         The file.
-    arguments : list of str
+    arguments : sequence of str
         A command line that may have `--ros-args`, which win over the file.
 
     Raises
     ------
-    WrongParameterError, ParameterException, RCLError
-        As the node would.
+    UsageError
+        If an argument or a parameter is wrong.
 
     """
     # ROS reads parameters and remappings for nodes only. This one is there for some 20 ms, and
@@ -83,11 +84,13 @@ def read_task(params: Path, arguments: list[str]) -> Task:
     with _environment('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF'):
         context = Context()
         args = ['--ros-args', '--params-file', str(params), '--', *arguments]
-        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+        with ros_arguments_checked():
+            rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = Node(
-            'localizer', context=context, enable_rosout=False, start_parameter_services=False
-        )
+        with ros_arguments_checked():
+            node = Node(
+                'localizer', context=context, enable_rosout=False, start_parameter_services=False
+            )
         try:
             return _task_of(node)
         finally:
@@ -192,7 +195,7 @@ def _wrong_with(link: Link, recorded: Mapping[str, str]) -> str:
 
 class BagLocalizer:
     """
-    Does what the node does, whenever it is told what time it is.
+    Does what the node does, at the times that the caller gives.
 
     Parameters
     ----------
@@ -238,14 +241,14 @@ class BagLocalizer:
             self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
         if outline(diagnostics) != self._outline:
-            self._write_diagnostics(time_ns, diagnostics)
+            self._write(time_ns, diagnostics)
         return estimate
 
-    def tell(self, time_ns: int) -> None:
+    def write_diagnostics(self, time_ns: int) -> None:
         """Write the diagnostics."""
-        self._write_diagnostics(time_ns, self._diagnose(time_ns))
+        self._write(time_ns, self._diagnose(time_ns))
 
-    def _write_diagnostics(self, time_ns: int, diagnostics: Diagnostics) -> None:
+    def _write(self, time_ns: int, diagnostics: Diagnostics) -> None:
         self._outline = outline(diagnostics)
         message = diagnostics_message(diagnostics)
         self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, message)
@@ -286,14 +289,14 @@ class Event(IntEnum):
 
     MESSAGE = 0
     TICK = 1
-    TELL = 2
+    DIAGNOSTICS = 2
 
 
 def timeline(
     messages: Iterable[BagMessage], start_ns: int, end_ns: int, rate_hz: float
 ) -> Iterator[tuple[int, Event, BagMessage | None]]:
     """
-    Yield every message, every tick and every time to tell the diagnostics, in order.
+    Yield every message, every tick and every time for diagnostics, in order.
 
     Parameters
     ----------
@@ -312,10 +315,11 @@ def timeline(
     """
     arrivals = ((message.time_ns, Event.MESSAGE, message) for message in messages)
     ticks = ((time_ns, Event.TICK, None) for time_ns in _beats_ns(start_ns, end_ns, rate_hz))
-    tellings = (
-        (time_ns, Event.TELL, None) for time_ns in _beats_ns(start_ns, end_ns, DIAGNOSTICS_HZ)
+    diagnostics = (
+        (time_ns, Event.DIAGNOSTICS, None)
+        for time_ns in _beats_ns(start_ns, end_ns, DIAGNOSTICS_HZ)
     )
-    return merge(arrivals, ticks, tellings, key=itemgetter(0, 1))
+    return merge(arrivals, ticks, diagnostics, key=itemgetter(0, 1))
 
 
 def _beats_ns(start_ns: int, end_ns: int, rate_hz: float) -> Iterator[int]:

@@ -14,6 +14,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dg_localization.ros.executables import ExecutableError
 from dg_localization.ros.optional import install_hint
 
 NS_PER_S = 1_000_000_000
@@ -21,7 +22,7 @@ NS_PER_S = 1_000_000_000
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 
 
-class BagError(Exception):
+class BagError(ExecutableError):
     """The bag cannot be used; the text says why and what to do."""
 
 
@@ -95,7 +96,7 @@ class Bag:
         self._path = path
         self._reader = _open(path)
         try:
-            with _damage_told(path):
+            with _damage_reported(path):
                 self._choose(topics)
         except BagError:
             self.close()
@@ -204,7 +205,7 @@ class Bag:
         start_ns = self.start_ns + round(start_s * NS_PER_S)
         stop_ns = None if duration_s is None else start_ns + round(duration_s * NS_PER_S)
         recorded = self._reader.messages(self._connections, start=start_ns, stop=stop_ns)
-        with _damage_told(self._path):
+        with _damage_reported(self._path):
             for connection, time_ns, data in recorded:
                 message = self._converted(connection.topic, time_ns, data)
                 if message is not None:
@@ -243,7 +244,7 @@ def recorded_types(path: Path) -> dict[str, str]:
 
 
 @contextmanager
-def _damage_told(path: Path) -> Iterator[None]:
+def _damage_reported(path: Path) -> Iterator[None]:
     """Make a BagError of whatever rosbags stumbles over in damaged bytes."""
     try:
         yield

@@ -8,24 +8,19 @@ Nodes that are to live in the time of the bag set the parameter `use_sim_time`.
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing
 from pathlib import Path
-import signal
-import sys
 import time
-from types import FrameType
 
-import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, Topic
-from dg_localization.ros.terminal import Progress, make_progress, number, tell
+from dg_localization.ros.spinning import own_arguments, rclpy_running
+from dg_localization.ros.terminal import Progress, make_progress, number, print_line
 
 QUEUE_DEPTH = 100
 # Between messages the clock goes on, so that timers in bag time run through a gap.
@@ -95,7 +90,7 @@ class Replayer:
         start_ns : int
             The bag time at which the replay begins.
         progress : Progress
-            Told of the bag time that has passed.
+            Shows the bag time that has passed.
 
         Returns
         -------
@@ -161,7 +156,7 @@ def make_parser() -> argparse.ArgumentParser:
         default=1.0,
         help='seconds of the bag per second (default %(default)s)',
     )
-    parser.add_argument('--loop', action='store_true', help='begin again at the end, for ever')
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument(
         '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
     )
@@ -196,16 +191,16 @@ def replay(node: Node, options: argparse.Namespace) -> None:
     """
     with closing(Bag(options.bag, options.topics)) as bag:
         for notice in bag.notices:
-            tell(notice)
+            print_line(notice)
         left_s = bag.duration_s - options.start
         if left_s < 0.0:
             raise BagError(
                 f'--start {options.start:g} s is after the end: the bag has {bag.duration_s:.1f} s'
             )
         replayer = Replayer(node, bag.topics, options.rate)
-        tell(f'{len(bag.topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
+        print_line(f'{len(bag.topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
         if not replayer.wait_for_subscribers(options.wait):
-            tell(f'nobody subscribed within {options.wait:g} s; playing all the same')
+            print_line(f'nobody subscribed within {options.wait:g} s; playing all the same')
         start_ns = bag.start_ns + round(options.start * NS_PER_S)
         total_s = left_s if options.duration is None else min(left_s, options.duration)
         while True:
@@ -213,57 +208,38 @@ def replay(node: Node, options: argparse.Namespace) -> None:
             with closing(make_progress(total_s)) as progress:
                 count = replayer.play(messages, start_ns, progress)
             replayer.flush()
-            tell(f'{count} messages published')
+            print_line(f'{count} messages published')
             if not options.loop:
                 return
 
 
-def _interrupt(signal_number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
-@contextmanager
-def _replay_node(ros_args: list[str]) -> Iterator[Node]:
-    """Make the node, with both signals raising KeyboardInterrupt wherever the replay is."""
-    # rclpy's own handlers shut the context down under a publisher at work.
-    rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
-    with ExitStack() as stack:
-        stack.callback(rclpy.try_shutdown)
-        # SIGINT as well: a script that starts the replay in the background has it ignored.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            stack.callback(signal.signal, number, signal.signal(number, _interrupt))
-        node = Node('replay')
-        stack.callback(node.destroy_node)
-        yield node
-
-
-def main(args: list[str] | None = None) -> int:
+def main(args: Sequence[str]) -> int:
     """
     Replay a bag until its end, SIGINT or SIGTERM.
 
     Parameters
     ----------
-    args : list of str, optional
-        Command line; that of the process by default.
+    args : sequence of str
+        Command line.
 
     Returns
     -------
     int
-        Exit code: 0, or 1 when the bag cannot be replayed.
+        The exit code, 0.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be replayed.
 
     """
-    arguments = sys.argv if args is None else ['replay', *args]
-    options = make_parser().parse_args(remove_ros_args(arguments)[1:])
-    try:
-        with _replay_node(arguments) as node:
+    options = make_parser().parse_args(own_arguments(args))
+    with rclpy_running(args):
+        node = Node('replay')
+        try:
             replay(node, options)
-    except BagError as error:
-        tell(str(error))
-        return 1
-    except KeyboardInterrupt:
-        tell('interrupted')
+        except KeyboardInterrupt:
+            print_line('interrupted')
+        finally:
+            node.destroy_node()
     return 0
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

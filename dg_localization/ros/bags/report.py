@@ -1,4 +1,4 @@
-"""What the localization of a whole bag comes to: counted tick by tick, told in the end."""
+"""The report on a whole bag: its answers are counted tick by tick and summed up at the end."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,8 +9,8 @@ from statistics import median_low
 from typing import Any
 
 from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey
-from dg_localization.ros.node.diagnostics import Malformed
-from dg_localization.ros.node.links import Link
+from dg_localization.ros.interface.diagnostics import Malformed
+from dg_localization.ros.interface.links import Link
 from dg_localization.solver.result import Verdict
 
 
@@ -38,7 +38,7 @@ class Contradiction:
 
 class Tally:
     """
-    Counts what estimates say.
+    Counts estimates by what they contain.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _is_contradictory(estimate: Estimate) -> bool:
 @dataclass(frozen=True)
 class BagReport:
     """
-    What is told in the end; nothing in it depends on the machine.
+    The summary of a bag; nothing in it depends on the machine.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ class BagReport:
     states : mapping of LinkKey to InputState
         What they delivered.
     malformed : mapping of str to Malformed
-        By topic, the messages that said nothing.
+        By topic, the messages that could not be read.
     unreadable : mapping of str to int
         By topic, the messages whose bytes are damaged.
     notices : sequence of str
@@ -233,7 +233,7 @@ def _sorted(counts: Mapping[Any, int]) -> dict[str, int]:
 def as_markdown(report: BagReport) -> str:
     """Return a report for a person."""
     tally = report.tally
-    widths = {robot: _metres(width_m) for robot, width_m in tally.median_widths_m().items()}
+    widths = {robot: _meters(width_m) for robot, width_m in tally.median_widths_m().items()}
     parts = [
         f'# {report.bag}',
         f'{_ticks(tally.ticks)} at {report.rate_hz:g} Hz, from {report.start_s:.1f} to '
@@ -268,7 +268,7 @@ def _ticks(number: int) -> str:
     return '1 tick' if number == 1 else f'{number} ticks'
 
 
-def _metres(width_m: float) -> str:
+def _meters(width_m: float) -> str:
     if math.isnan(width_m):
         return 'no placement'
     return f'{width_m:.2f} m' if math.isfinite(width_m) else 'not bounded'

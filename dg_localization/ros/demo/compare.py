@@ -1,4 +1,4 @@
-"""What the demonstration sees, held against the truth: in numbers and in words."""
+"""Answers of the localizer compared with the truth: in numbers and in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -7,6 +7,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.ros.executables import ExecutableError
 from dg_localization.simulation.moving_fleet import ROBOTS, rotation
 
 # A robot that defines an axis has an enclosure of no width there, and the truth, when turned into
@@ -16,7 +17,7 @@ ROUNDING_M = 1e-9
 MIRROR_M = 1e-6
 
 
-class DemoError(Exception):
+class DemoError(ExecutableError):
     """The demonstration cannot go on; the text says why."""
 
 
@@ -83,7 +84,7 @@ class Answer:
 
     def holds(self, truth: Truth) -> NDArray[np.bool_]:
         """
-        Tell which enclosures hold which true positions.
+        Return which enclosures hold which true positions.
 
         Parameters
         ----------
@@ -172,7 +173,7 @@ def truth_at(truths: Sequence[Truth], stamp_s: float) -> Truth | None:
 
 
 def count_text(answer: Answer) -> str:
-    """Tell how many hypotheses there are, and when half of them are mirror images of the rest."""
+    """Return the number of hypotheses, and whether half of them mirror the rest, in words."""
     count = len(answer.positions_m)
     mirrored = answer.positions_m * [1.0, -1.0]
     gaps_m = np.abs(answer.positions_m[:, None] - mirrored[None]).max(axis=(2, 3))

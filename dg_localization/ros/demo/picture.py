@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dg_localization.ros.demo.compare import ROUNDING_M, Scenario, count_text
 from dg_localization.simulation.moving_fleet import EDGES, ROBOTS, rotation
 
-# One for each robot, told apart by people of every colour vision (Okabe and Ito).
+# One for each robot, told apart by people of every color vision (Okabe and Ito).
 COLORS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9')
 FEASIBLE_COLOR = '0.8'
 NAME_OFFSET_POINTS = np.array([36.0, 20.0])
@@ -118,20 +118,20 @@ def _draw_heading(panel: Any, start_m: NDArray[np.float64], yaw_rad: float, colo
 
 
 def _legend() -> list[Any]:
-    """Return what the signs mean, in neutral colours."""
+    """Return what the signs mean, in neutral colors."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    grey = '0.45'
+    gray = '0.45'
     return [
         Line2D([], [], label='true position', **TRUTH_STYLE),
         Line2D([], [], color='black', linewidth=1.2, label='measured pair, true'),
-        Line2D([], [], color=grey, marker='o', linestyle='', label='feasible position'),
-        Patch(facecolor='0.9', edgecolor=grey, label='its enclosure'),
+        Line2D([], [], color=gray, marker='o', linestyle='', label='feasible position'),
+        Patch(facecolor='0.9', edgecolor=gray, label='its enclosure'),
         Line2D(
             [],
             [],
-            color=grey,
+            color=gray,
             marker='$\\rightarrow$',
             markersize=14,
             linestyle='',

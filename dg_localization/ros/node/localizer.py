@@ -5,10 +5,9 @@ It converts messages, calls the ROS-free `Localizer`, and publishes what it answ
 are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial, wraps
-import sys
 import time
 import traceback
 from typing import Any
@@ -18,15 +17,15 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from dg_localization.fleet import Estimate, Localizer, warm_up
-from dg_localization.ros.node.diagnostics import Report, statuses
-from dg_localization.ros.node.discovery import TopicFinder
-from dg_localization.ros.node.intake import Intake
-from dg_localization.ros.node.links import Link
-from dg_localization.ros.node.outputs import DiagnosticsPublisher, EstimatePublishers
-from dg_localization.ros.node.parameters import declare_settings
+from dg_localization.fleet import Estimate, FleetConfig, Localizer, warm_up
+from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.interface.discovery import TopicFinder
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.outputs import DiagnosticsPublisher, EstimatePublishers
+from dg_localization.ros.interface.parameters.settings import declare_settings
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
-from dg_localization.ros.process import run_node
+from dg_localization.ros.spinning import spin
 from msg_adapters import Adapter, Diagnostics, adapter_for
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -48,9 +47,7 @@ def transition(method: Callable[['LocalizerNode'], None]) -> Transition:
         try:
             method(node)
         except Exception:
-            # A signal takes the context away in the middle; the executor will tell.
-            if node.context.ok():
-                node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
+            node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
@@ -63,6 +60,8 @@ class LocalizerNode(LifecycleNode):
 
     Parameters
     ----------
+    make_localizer : callable
+        Makes what takes measurements and answers them of the configuration of the fleet.
     **kwargs
         Passed on to `rclpy.node.Node`, such as `context` and `parameter_overrides`.
 
@@ -77,10 +76,12 @@ class LocalizerNode(LifecycleNode):
     _worker: EstimateWorker
     _warm_up_began_s: float
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(
+        self, make_localizer: Callable[[FleetConfig], Localizer] = Localizer, **kwargs: Any
+    ) -> None:
         super().__init__('localizer', **kwargs)
         self.settings = declare_settings(self)
-        self._localizer = Localizer(self.settings.fleet)
+        self._localizer = make_localizer(self.settings.fleet)
         self._intake = Intake(self._localizer, self.settings.use_header_stamp)
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
@@ -211,7 +212,7 @@ class LocalizerNode(LifecycleNode):
             self._worker.submit(self._localizer.snapshot(now_s))
 
     def _on_warm(self) -> None:
-        """Tell how long the solver took to be ready."""
+        """Log how long the solver took to be ready."""
         took_s = time.monotonic() - self._warm_up_began_s
         error = self._worker.warm_up.exception()
         if error is None:
@@ -274,10 +275,8 @@ class LocalizerNode(LifecycleNode):
         self._localizer.reset()
         self._intake.malformed.clear()
         self._failure = ''
-        # On SIGINT and SIGTERM the context is gone before the node is.
-        if self.context.ok():
-            self.get_logger().info(f'{reason}: all measurements are forgotten')
-            self._publish(self._no_estimate(reason))
+        self.get_logger().info(f'{reason}: all measurements are forgotten')
+        self._publish(self._no_estimate(reason))
 
     def _no_estimate(self, reason: str) -> Estimate:
         return Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
@@ -301,10 +300,7 @@ class LocalizerNode(LifecycleNode):
         return now_s if now_s > 0.0 else None
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: Sequence[str]) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    return exit_code_despite_worker(run_node(LocalizerNode, args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    spin(LocalizerNode, args)
+    return exit_code_despite_worker(0)

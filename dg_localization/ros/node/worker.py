@@ -91,7 +91,7 @@ class EstimateWorker:
         return wanted.result()
 
     def cancel(self) -> None:
-        """Tell the running estimate to stop, and drop its answer."""
+        """Ask the running estimate to stop, and drop its answer."""
         with self._lock:
             self._cancel.set()
         self._wanted = None

@@ -1,4 +1,4 @@
-"""The outputs: what an estimate is as messages, and the publishers of the node."""
+"""The outputs: an estimate as messages, and the publishers of the node."""
 
 from collections.abc import Iterator
 import re
@@ -12,8 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
-from dg_localization.ros.node.markers import scene
-from dg_localization.ros.node.poses import feasible_poses, unique_pose
+from dg_localization.ros.interface.markers import scene
+from dg_localization.ros.interface.poses import feasible_poses, unique_pose
 from msg_adapters import Diagnostics, adapter_for
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -54,7 +54,7 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
 
 def estimate_messages(estimate: Estimate, frame_id: str) -> Iterator[tuple[str, Any]]:
     """
-    Yield what an estimate says on every output, each message with the name of its topic.
+    Yield the messages of an estimate, each with the name of its topic.
 
     One without placements empties the pose arrays and the view, so that no old answer looks new.
 

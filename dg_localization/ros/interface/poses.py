@@ -1,4 +1,4 @@
-"""What an estimate says as poses, in the values that the message adapters take."""
+"""An estimate as poses, in the values that the message adapters take."""
 
 import math
 

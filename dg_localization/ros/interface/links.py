@@ -189,11 +189,11 @@ class Template:
 
     def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
         """
-        Return the link a topic of this name is, None when it is none.
+        Return the link that a topic of this name carries, None when it carries none.
 
         Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
-        topic of one point of the fleet and one stranger is a link too: what it delivers will be
-        counted and rejected, which tells of a misspelt or forgotten robot.
+        topic of one point of the fleet and one stranger is a link too: its readings are counted
+        and rejected, so that the diagnostics name a misspelt or forgotten robot.
 
         Parameters
         ----------

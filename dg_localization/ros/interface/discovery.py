@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from dg_localization.ros.node.links import Link, Template
+from dg_localization.ros.interface.links import Link, Template
 
 MAX_STRANGERS = 16
 

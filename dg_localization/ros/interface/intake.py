@@ -1,4 +1,4 @@
-"""From messages to the ROS-free `Localizer`: whatever is wrong with one is counted."""
+"""From messages to the ROS-free `Localizer`; what is wrong with a message is counted."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
-from dg_localization.ros.node.diagnostics import NONE_MALFORMED, Malformed
-from dg_localization.ros.node.links import Link
+from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed
+from dg_localization.ros.interface.links import Link
 from msg_adapters import BearingReading, OdometryReading, PeersReading, RangeReading
 
 Reading = RangeReading | BearingReading | OdometryReading | PeersReading
@@ -15,7 +15,7 @@ Reading = RangeReading | BearingReading | OdometryReading | PeersReading
 
 class Intake:
     """
-    Gives what messages say to a localizer, and keeps count of those that say nothing.
+    Passes readings of messages on to a localizer, and counts messages that cannot be read.
 
     Parameters
     ----------
@@ -42,10 +42,10 @@ class Intake:
         Parameters
         ----------
         link : Link
-            What it came by.
+            The input that it arrived on.
         read : callable
-            Returns what the message says; it may raise anything, the message may be damaged and
-            the adapter that of somebody else's type.
+            Returns the reading. It may raise anything: the message may be damaged, and the
+            adapter may belong to a type of somebody else.
         now_s : float
             When it arrived.
 
@@ -81,7 +81,7 @@ def add_reading(
     ----------
     localizer : Localizer
     key : LinkKey
-        Who measured whom; nothing in the reading itself says so.
+        Who measured whom; the reading itself does not contain it.
     reading : RangeReading, BearingReading, OdometryReading or PeersReading
     stamp_s : float
         When it was measured; the reading's own stamp may be useless.
@@ -91,7 +91,7 @@ def add_reading(
     Returns
     -------
     Rejection or None
-        Why it was not taken; of peers, why the first was not that was not.
+        Why it was not taken; for peers, the first rejection.
 
     """
     match reading:

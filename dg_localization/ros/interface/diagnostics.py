@@ -1,4 +1,4 @@
-"""What an estimate and its inputs say as diagnostics: the fleet, each robot, each input."""
+"""Diagnostics of an estimate and its inputs: the fleet, each robot, each input."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
-from dg_localization.ros.node.links import Link
+from dg_localization.ros.interface.links import Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
@@ -33,7 +33,7 @@ NONE_MALFORMED = Malformed(0, '')
 @dataclass(frozen=True)
 class Report:
     """
-    Everything the diagnostics are made of.
+    Everything that the diagnostics are made from.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
 
 
 def _doubts(estimate: Estimate) -> Iterator[str]:
-    """Yield why placements are not the last word."""
+    """Yield why the placements do not settle where the fleet is."""
     if any(placement.dropped for placement in estimate.placements):
         yield 'contradicting inputs dropped'
     if estimate.n_hypotheses > 1:

@@ -1,4 +1,4 @@
-"""What an estimate looks like in a viewer: one namespace for each thing to switch on and off."""
+"""An estimate as markers for a viewer: one namespace for each thing to switch on and off."""
 
 from collections.abc import Iterator
 from colorsys import hsv_to_rgb
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, LinkState, Placement
-from dg_localization.ros.node.poses import in_space
+from dg_localization.ros.interface.poses import in_space
 from msg_adapters import Marker, MarkerScene, Shape
 
 ROBOT_DIAMETER_M = 0.3
@@ -21,7 +21,7 @@ STALE_RGBA = np.array([0.6, 0.6, 0.6, 0.4])
 CONTRADICTING_RGBA = np.array([0.9, 0.1, 0.1, 1.0])
 LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
 
-# Neighbouring numbers differ by the golden angle, so that few hypotheses are told apart well.
+# Neighboring numbers differ by the golden angle, so that few hypotheses are told apart well.
 HUE_STEP = 0.381966
 
 
@@ -29,7 +29,7 @@ def scene(estimate: Estimate, frame_id: str) -> MarkerScene:
     """
     Return robots, headings, names, enclosures and links of every placement.
 
-    Each placement has a colour of its own; links are green, grey when stale, red when they
+    Each placement has a color of its own; links are green, gray when stale, red when they
     contradict others. What is not known or not bounded is left out.
 
     Parameters
@@ -72,7 +72,7 @@ def _marker(
     groups: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
     size_m: float,
 ) -> Marker:
-    """Join groups of points, one colour each, to one marker."""
+    """Join groups of points, one color each, to one marker."""
     points = [np.reshape(points, (-1, 3)) for points, _ in groups]
     colors = [np.tile(color, (len(p), 1)) for p, (_, color) in zip(points, groups, strict=True)]
     return Marker(

@@ -1,0 +1,23 @@
+"""
+The executables where their scripts are not installed.
+
+    python -m dg_localization.ros NAME [ARGUMENT ...]
+"""
+
+import sys
+
+from dg_localization.ros.executables import EXECUTABLES, EXIT_WRONG_USAGE
+from dg_localization.ros.terminal import print_line
+
+
+def main() -> int:
+    """Run the executable that the command line names; return the exit code."""
+    name = sys.argv[1] if len(sys.argv) > 1 else ''
+    if name not in EXECUTABLES:
+        print_line(f"'{name}' is no executable; there are {', '.join(EXECUTABLES)}")
+        return EXIT_WRONG_USAGE
+    return EXECUTABLES[name](sys.argv[2:])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

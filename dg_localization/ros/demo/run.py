@@ -1,0 +1,199 @@
+"""
+The demonstration: `simulate_fleet` and `localizer` as two processes, looked at as a user would.
+
+First the robots measure ranges only, then they also see each other. For both, every feasible
+placement that arrives on the topics of the localizer is compared with the simulated truth; the
+last ones are printed and drawn. The exit code is 1 when the truth was in no hypothesis of some
+answer.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import sys
+import time
+
+import rclpy
+
+from dg_localization.ros.demo.compare import DemoError, Scenario, count_text, summary
+from dg_localization.ros.demo.picture import draw
+from dg_localization.ros.demo.processes import Executable, find_config, running
+from dg_localization.ros.demo.spectator import Spectator
+from dg_localization.ros.domain import claim_domain
+from dg_localization.ros.optional import install_hint
+from dg_localization.ros.spinning import rclpy_running
+from dg_localization.ros.terminal import print_line
+
+# Without compiled kernels in its cache the localizer compiles them before its first answer.
+FIRST_ANSWER_S = 600.0
+
+
+class ProgressLine:
+    """One line that is written again and again; where it cannot be, every few seconds."""
+
+    PERIOD_S = 5.0
+
+    def __init__(self) -> None:
+        self._start_s = time.monotonic()
+        self._live = sys.stdout.isatty()
+        self._printed_s = 0.0
+        self._width = 0
+
+    def show(self, share: float, text: str, *, last: bool = False) -> None:
+        """Show how much is done, from 0 to 1, and a text."""
+        now_s = time.monotonic()
+        if not (self._live or last or now_s - self._printed_s >= self.PERIOD_S):
+            return
+        self._printed_s = now_s
+        filled = round(20 * min(1.0, share))
+        bar = '#' * filled + '.' * (20 - filled)
+        line = f'  [{bar}] {now_s - self._start_s:5.1f} s  {text}'
+        padded = line.ljust(self._width)
+        self._width = len(line)
+        if self._live:
+            print(f'\r{padded}', end='\n' if last else '', flush=True)
+        else:
+            print(line, flush=True)
+
+
+def run(scenario: Scenario, seconds: float) -> None:
+    """
+    Run a scenario and fill in what came out of it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What to run.
+    seconds : float
+        How long, from the first answer.
+
+    Raises
+    ------
+    DemoError
+        If a process ends or no answer comes.
+
+    """
+    print(f'{scenario.title}:')
+    spectator = Spectator()
+    executables = (
+        Executable(
+            'simulate_fleet', '--ros-args', '-p', f'cameras:={str(scenario.cameras).lower()}'
+        ),
+        Executable('localizer', '--ros-args', '--params-file', str(find_config())),
+    )
+    scenario.compared = spectator.compared
+    line = ProgressLine()
+    try:
+        with running(*executables):
+            first_s = _spin_until(
+                spectator, executables, lambda: bool(spectator.compared), FIRST_ANSWER_S, line
+            )
+            if not spectator.compared:
+                raise DemoError(f'no answer within {first_s:.0f} s: {spectator.status}')
+            spectator.compared.clear()
+            _spin_until(spectator, executables, lambda: False, seconds, line)
+            line.show(1.0, _state(spectator), last=True)
+    finally:
+        spectator.destroy_node()
+
+
+def _spin_until(
+    spectator: Spectator,
+    executables: Sequence[Executable],
+    done: Callable[[], bool],
+    limit_s: float,
+    line: ProgressLine,
+) -> float:
+    """Spin, with a live line, until it is done or time is up; return the time it took."""
+    start_s = time.monotonic()
+    while (passed_s := time.monotonic() - start_s) < limit_s and not done():
+        rclpy.spin_once(spectator, timeout_sec=0.1)
+        for executable in executables:
+            executable.check()
+        line.show(passed_s / limit_s if spectator.compared else 0.0, _state(spectator))
+    return passed_s
+
+
+def _state(spectator: Spectator) -> str:
+    """Return the newest answer in a few words."""
+    if not spectator.compared:
+        return 'waiting for the first answer (the very first run compiles the solver: a minute)'
+    held = sum(len(compared.held_by) > 0 for compared in spectator.compared)
+    return (
+        f'{count_text(spectator.compared[-1].answer)}; '
+        f'truth held in {held} of {len(spectator.compared)} answers'
+    )
+
+
+def main(args: Sequence[str]) -> int:
+    """
+    Run both scenarios.
+
+    Parameters
+    ----------
+    args : sequence of str
+        Command line.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 when an answer did not hold the truth.
+
+    Raises
+    ------
+    DemoError
+        If a process ends or no answer comes.
+
+    """
+    parser = argparse.ArgumentParser(prog='demo', description='Localize a simulated fleet.')
+    parser.add_argument('--seconds', type=float, default=8.0, help='length of each of two runs')
+    parser.add_argument('--picture', type=Path, default=Path('demo.png'), help='file to write')
+    options = parser.parse_args(args)
+    claim = claim_domain()
+    os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    print(f'Six robots measure nine ranges to +-3 % (ROS_DOMAIN_ID={claim.domain_id}).')
+    try:
+        with rclpy_running([]):
+            return demonstrate(options.seconds, options.picture)
+    except KeyboardInterrupt:
+        print_line('\ninterrupted')
+        raise
+    finally:
+        claim.release()
+
+
+def demonstrate(seconds: float, picture: Path) -> int:
+    """
+    Run both scenarios, print what came out, and draw it.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of each.
+    picture : Path
+        The picture to write.
+
+    Returns
+    -------
+    int
+        0, or 1 when an answer did not hold the truth.
+
+    Raises
+    ------
+    DemoError
+        If a process ends or no answer comes.
+
+    """
+    scenarios = [Scenario('Without cameras', False), Scenario('With cameras', True)]
+    for scenario in scenarios:
+        run(scenario, seconds)
+        print(summary(scenario), flush=True)
+    if find_spec('matplotlib') is None:
+        print(f'no picture without matplotlib: {install_hint("matplotlib")}')
+    else:
+        draw(scenarios, picture)
+        print(f'All feasible placements next to the truth: {picture}')
+    return int(any(scenario.n_held < len(scenario.compared) for scenario in scenarios))

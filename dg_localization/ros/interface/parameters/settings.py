@@ -1,0 +1,291 @@
+"""The settings that the parameters stand for: checked one by one, then together."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from importlib import import_module
+import re
+from typing import Any
+
+from rclpy.node import Node
+
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    LinkKind,
+    LinkOverride,
+    RangeErrorModel,
+)
+from dg_localization.ros.interface.links import Link, Template, parse_link
+from dg_localization.ros.interface.parameters.spec import (
+    WrongParameterError,
+    declare,
+    given_values,
+)
+from dg_localization.ros.interface.parameters.table import TABLE, named_specs
+from dg_localization.solver.result import SolverOptions
+
+TEMPLATE_TYPES = {
+    'range.topic': 'sensor_msgs/msg/Range',
+    'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
+    'odometry.topic': 'nav_msgs/msg/Odometry',
+    'peers.topic': 'sensor_msgs/msg/PointCloud2',
+}
+NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    The checked parameters.
+
+    Attributes
+    ----------
+    fleet : FleetConfig
+        What the ROS-free part is told.
+    links : tuple of Link
+        The inputs named one by one.
+    templates : tuple of Template
+        What the topics of all others are named like.
+    fixed_frame : str
+        frame_id of everything that is published.
+    rate_hz : float
+        How often the fleet is localized.
+    use_header_stamp : bool
+        Whether a measurement's time is its header's, not that of its arrival.
+    autostart : bool
+        Whether to configure and activate at once.
+
+    """
+
+    fleet: FleetConfig
+    links: tuple[Link, ...]
+    templates: tuple[Template, ...]
+    fixed_frame: str
+    rate_hz: float
+    use_header_stamp: bool
+    autostart: bool
+
+
+def declare_settings(node: Node) -> Settings:
+    """
+    Declare every parameter of the table and return the settings.
+
+    Raises
+    ------
+    WrongParameterError
+        If a parameter is unknown or has a value it cannot have. The message names it, the
+        value and the allowed values.
+
+    """
+    values = check_values(given_values(node))
+    settings = settings_from(values)
+    named = named_specs(values['robots'], values['anchors.names'])
+    declare(node, (*TABLE, *named), values)
+    return settings
+
+
+def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return the value of every parameter of the table, given or default.
+
+    Parameters
+    ----------
+    given : mapping of str to object
+        What the user sets.
+
+    Raises
+    ------
+    WrongParameterError
+        If a name is not in the table or a value is not allowed.
+
+    """
+    values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in TABLE}
+    for spec in named_specs(values['robots'], values['anchors.names']):
+        values[spec.name] = spec.check(given.get(spec.name, spec.default))
+    for name in given:
+        # The QoS of every topic is set by parameters that rclpy declares.
+        if name not in values and not name.startswith('qos_overrides.'):
+            raise WrongParameterError(f"parameter '{name}' is unknown{_suggestion(name, values)}")
+    return values
+
+
+def _suggestion(name: str, known: Iterable[str]) -> str:
+    if name.startswith('anchors.'):
+        wanted = 'anchors.NAME.position or anchors.NAME.bound'
+        return f"; name the anchor in 'anchors.names' and set {wanted}"
+    if name.startswith('robot_max_speed.'):
+        return "; name the robot in 'robots'"
+    close = get_close_matches(name, list(known), n=1)
+    return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def settings_from(values: Mapping[str, Any]) -> Settings:
+    """
+    Return the settings that checked `values` stand for, with all adapters at hand.
+
+    Raises
+    ------
+    WrongParameterError
+        If values do not go together.
+
+    """
+    for name in ('robots', 'anchors.names'):
+        _check_names(name, values[name])
+    _import_adapters(values['adapter_modules'])
+    explicit = _parse_links(values['links'])
+    try:
+        fleet = _fleet_config(values, explicit)
+    except ValueError as error:
+        raise WrongParameterError(f'parameters: {error}') from None
+    return Settings(
+        fleet=fleet,
+        links=explicit,
+        templates=_templates(values),
+        fixed_frame=values['fixed_frame'],
+        rate_hz=values['rate'],
+        use_header_stamp=values['stamp_source'] == 'header',
+        autostart=values['autostart'],
+    )
+
+
+def _import_adapters(modules: Iterable[str]) -> None:
+    for name in filter(None, modules):
+        try:
+            import_module(name)
+        except Exception as error:  # a module of somebody else may raise anything
+            raise WrongParameterError(
+                f"parameter 'adapter_modules': '{name}' cannot be imported "
+                f'({type(error).__name__}: {error}); it must be a Python module that is installed '
+                'or in a folder of PYTHONPATH'
+            ) from error
+
+
+def _parse_links(texts: Iterable[str]) -> tuple[Link, ...]:
+    links = []
+    # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
+    for text in filter(None, texts):
+        try:
+            links.append(parse_link(text))
+        except ValueError as error:
+            raise WrongParameterError(
+                f"parameter 'links': '{text}' is not allowed: {error}"
+            ) from None
+    topics = [link.topic for link in links]
+    for topic in topics:
+        if topics.count(topic) > 1:
+            raise WrongParameterError(
+                f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
+            )
+    return tuple(links)
+
+
+def _templates(values: Mapping[str, Any]) -> tuple[Template, ...]:
+    templates: dict[str, Template] = {}
+    for name, type_name in TEMPLATE_TYPES.items():
+        template = Template(values[name], type_name)
+        try:
+            template.check()
+            if template.text in templates:
+                raise ValueError('each kind of measurement needs topics of its own')
+        except ValueError as error:
+            raise WrongParameterError(
+                f"parameter '{name}': '{template.text}' is not allowed, {error}"
+            ) from None
+        if template.text:
+            templates[template.text] = template
+    return tuple(templates.values())
+
+
+def _check_names(parameter: str, names: Iterable[str]) -> None:
+    for name in names:
+        if not NAME.match(name):
+            raise WrongParameterError(
+                f"parameter '{parameter}': '{name}' is not allowed, a name must begin with a "
+                'letter and go on with letters, digits and underscores: it is part of topic names'
+            )
+
+
+def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetConfig:
+    anchors = {name: _anchor(name, values) for name in values['anchors.names']}
+    points = {*values['robots'], *anchors}
+    return FleetConfig(
+        robots=tuple(values['robots']),
+        dimension=values['dimension'],
+        reference_robot=values['reference_robot'],
+        max_age_s=values['max_age'],
+        max_future_s=values['max_future'],
+        max_repeats=values['max_repeats'],
+        range_error=_range_error(values),
+        bearing_half_width_rad=values['bearing.half_width'],
+        # A link may name a robot that is not in the fleet today: its readings are counted and
+        # rejected, its bounds concern nobody.
+        links=_overrides((link for link in explicit if _ends(link) <= points), values),
+        anchors=anchors,
+        max_speed_m_s=values['max_speed'],
+        robot_max_speed_m_s=_robot_speeds_m_s(values),
+        max_turn_rate_rad_s=values['max_turn_rate'],
+        min_separation_m=values['min_separation'],
+        odometry_relative_error=values['odometry.relative_error'],
+        max_hypotheses=values['max_hypotheses'],
+        max_outliers=values['max_outliers'],
+        max_conflict_solves=values['conflicts.max_solves'],
+        max_conflict_seconds=values['conflicts.max_seconds'],
+        solver=SolverOptions(
+            resolution=values['solver.resolution'],
+            max_boxes=values['solver.max_boxes'],
+            max_seconds=values['solver.max_seconds'],
+            tighten_slices=values['solver.tighten_slices'],
+        ),
+    )
+
+
+def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
+    speeds = {name: values[f'robot_max_speed.{name}'] for name in values['robots']}
+    return {name: speed for name, speed in speeds.items() if speed >= 0.0}
+
+
+def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorModel:
+    names = (
+        'min_error',
+        'max_error',
+        'min_error_relative',
+        'max_error_relative',
+        'sigma_factor',
+    )
+    bounds = {name: overrides.get(name, values[f'range.{name}']) for name in names}
+    return RangeErrorModel(
+        min_error_m=bounds['min_error'],
+        max_error_m=bounds['max_error'],
+        min_error_relative=bounds['min_error_relative'],
+        max_error_relative=bounds['max_error_relative'],
+        sigma_factor=bounds['sigma_factor'],
+        beyond_max_is_far=values['range.beyond_max_is_far'],
+    )
+
+
+def _overrides(links: Iterable[Link], values: Mapping[str, Any]) -> tuple[LinkOverride, ...]:
+    """Gather the bounds of ranges and of bearings between the same two points."""
+    gathered: dict[tuple[str, str], LinkOverride] = {}
+    for link in links:
+        names = (link.key.observer, link.key.target)
+        if link.key.kind is LinkKind.BEARING and link.overrides:
+            bounds: dict[str, Any] = {'bearing_half_width_rad': link.overrides['half_width']}
+        elif link.key.kind is LinkKind.RANGE and link.overrides:
+            bounds = {'range_error': _range_error(values, **link.overrides)}
+        else:
+            continue
+        gathered[names] = replace(gathered.get(names, LinkOverride(*names)), **bounds)
+    return tuple(gathered.values())
+
+
+def _ends(link: Link) -> set[str]:
+    return {link.key.observer, link.key.target}
+
+
+def _anchor(name: str, values: Mapping[str, Any]) -> Anchor:
+    bound = values[f'anchors.{name}.bound']
+    return Anchor(
+        coordinates_m=tuple(values[f'anchors.{name}.position']),
+        bound_m=bound if bound >= 0.0 else values['anchors.bound'],
+    )

@@ -1,0 +1,397 @@
+"""The parameters of the node `localizer`, in the order of the commented file."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+import math
+
+from dg_localization.ros.interface.parameters.spec import (
+    BOOL,
+    DOUBLE,
+    DOUBLES,
+    INTEGER,
+    STRING,
+    STRINGS,
+    Spec,
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Parameters that belong together: a title, what they have in common, and their rows."""
+
+    title: str
+    text: str
+    specs: tuple[Spec, ...]
+
+
+FLEET = Section(
+    'Fleet',
+    '',
+    (
+        Spec(
+            'robots',
+            STRINGS,
+            [],
+            'names of the robots; their order is the order of all outputs',
+            details='At least one must be named.',
+            shown=['robot_1', 'robot_2', 'robot_3'],
+        ),
+        Spec(
+            'dimension',
+            INTEGER,
+            2,
+            'dimension of the space the robots move in',
+            at_least=2,
+            at_most=3,
+        ),
+        Spec('fixed_frame', STRING, 'map', 'frame of everything that is published'),
+        Spec(
+            'reference_robot',
+            STRING,
+            '',
+            'robot at the origin when the anchors do not fix the frame; empty for the first',
+            details='The x axis of the frame is the heading of this robot when its bearings fix '
+            'that, else it points towards the next robot of the list.',
+        ),
+    ),
+)
+
+NODE = Section(
+    'Node',
+    '',
+    (
+        Spec('rate', DOUBLE, 5.0, 'how often the fleet is localized', 'Hz', 0.01, 1000.0),
+        Spec(
+            'autostart',
+            BOOL,
+            True,
+            'configure and activate at start',
+            details='Set it to false under a lifecycle manager.',
+        ),
+    ),
+)
+
+TIME = Section(
+    'Time',
+    '',
+    (
+        Spec(
+            'stamp_source',
+            STRING,
+            'header',
+            'time of a measurement: its header, or its arrival',
+            choices=('header', 'receive'),
+            details="'receive' serves drivers that leave the header empty or run on another "
+            'clock.',
+        ),
+        Spec('max_age', DOUBLE, 1.0, 'older measurements are not used', 's', 0.0),
+        Spec('max_future', DOUBLE, 0.1, 'how far a stamp may lie ahead of the clock', 's', 0.0),
+        Spec(
+            'max_repeats',
+            INTEGER,
+            8,
+            'newest readings of one input that are kept and intersected',
+            at_least=1,
+        ),
+    ),
+)
+
+
+def robot_spec(name: str) -> Spec:
+    """Return the parameter of one robot; a negative speed stands for `max_speed`."""
+    return Spec(
+        f'robot_max_speed.{name}',
+        DOUBLE,
+        -1.0,
+        'this robot moves no faster; negative for max_speed',
+        'm/s',
+    )
+
+
+MOTION = Section(
+    'Motion',
+    'A measurement taken dt ago holds now within what the robots can have moved since.',
+    (
+        Spec(
+            'max_speed',
+            DOUBLE,
+            1.0,
+            'no robot moves faster',
+            'm/s',
+            0.0,
+            details='A robot may have a limit of its own, robot_max_speed.NAME.',
+            examples=('robot_max_speed: {robot_3: 0.3}',),
+        ),
+        Spec('max_turn_rate', DOUBLE, 1.0, 'no robot turns faster', 'rad/s', 0.0),
+        Spec(
+            'min_separation',
+            DOUBLE,
+            0.0,
+            'no two robots come nearer than this',
+            'm',
+            0.0,
+            details='The size of a robot, for example. Moving robots that are only seen, never '
+            'ranged, need it: seen from very near, anything may turn at once.',
+        ),
+    ),
+)
+
+RANGES = Section(
+    'Ranges',
+    'Messages of type sensor_msgs/Range. The error of a reading r is r minus the true distance. '
+    'It lies between min_error + min_error_relative * r and max_error + max_error_relative * r, '
+    'widened on both sides by sigma_factor standard deviations when the message carries a '
+    'variance.',
+    (
+        Spec(
+            'range.topic',
+            STRING,
+            '/{observer}/range/{target}',
+            'template of the topics; empty for none',
+            details='Ranges may also be named one by one under links.',
+        ),
+        Spec('range.min_error', DOUBLE, 0.0, 'least error of a range', 'm'),
+        Spec(
+            'range.max_error',
+            DOUBLE,
+            0.0,
+            'greatest error of a range',
+            'm',
+            details='Ultra-wideband reads too long, rarely too short: 0.4 to 1.3 m is common.',
+        ),
+        Spec(
+            'range.min_error_relative',
+            DOUBLE,
+            -0.03,
+            'least error as a fraction of the reading',
+        ),
+        Spec(
+            'range.max_error_relative',
+            DOUBLE,
+            0.03,
+            'greatest error as a fraction of the reading',
+            at_most=1.0,
+        ),
+        Spec(
+            'range.sigma_factor',
+            DOUBLE,
+            0.0,
+            'standard deviations (of Range.variance) added on both sides; 0 ignores the variance',
+            at_least=0.0,
+        ),
+        Spec(
+            'range.beyond_max_is_far',
+            BOOL,
+            False,
+            'whether +inf (REP-117) proves that the target is farther than max_range',
+            details='It does not where readings simply get lost.',
+        ),
+    ),
+)
+
+BEARINGS = Section(
+    'Bearings',
+    'Messages of type geometry_msgs/Vector3Stamped: a ray of any length in the body frame of the '
+    'observer, x forward, y left, z up.',
+    (
+        Spec(
+            'bearing.topic',
+            STRING,
+            '/{observer}/bearing/{target}',
+            'template of the topics; empty for none',
+        ),
+        Spec(
+            'bearing.half_width',
+            DOUBLE,
+            0.05,
+            'greatest angle between a ray and the true direction',
+            'rad',
+            0.0,
+            math.pi,
+        ),
+    ),
+)
+
+ODOMETRY = Section(
+    'Odometry',
+    'Messages of type nav_msgs/Odometry. They are optional and keep older measurements sharp.',
+    (
+        Spec('odometry.topic', STRING, '/{robot}/odom', 'template of the topics; empty for none'),
+        Spec(
+            'odometry.relative_error',
+            DOUBLE,
+            0.05,
+            'greatest error of odometry as a fraction of the way and the turn at full speed',
+            at_least=0.0,
+            details='The way and the turn are those that the robot can make at full speed between '
+            'the two stamps.',
+        ),
+    ),
+)
+
+PEERS = Section(
+    'Peers',
+    'All that one robot measures in one message of type sensor_msgs/PointCloud2, for fleets of so '
+    'many pairs that a topic for each costs too much. A point stands for a peer. Its fields are '
+    '`peer`, an integer: the index into robots, followed by the anchors that are no robots; '
+    '`range` (m); and `x`, `y`, `z`, the ray in the body frame. Range or ray may be missing, or '
+    'NaN.',
+    (Spec('peers.topic', STRING, '/{observer}/peers', 'template of the topics; empty for none'),),
+)
+
+LINKS = Section(
+    'Links',
+    '',
+    (
+        Spec(
+            'links',
+            STRINGS,
+            [],
+            "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
+            'each replaces what the templates give for the same measurement',
+            details='NAME overrides min_error, max_error, min_error_relative, max_error_relative '
+            'or sigma_factor of a range, and half_width of a bearing. Odometry and peers have no '
+            'TARGET and nothing to override. A link to a robot that is not in robots is allowed: '
+            'its readings are counted and rejected.',
+            examples=(
+                'links:',
+                "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",
+                "  - '/cam1/seen_2 geometry_msgs/msg/Vector3Stamped robot_1 robot_2 "
+                "half_width=0.12'",
+                "  - '/base_3/odom nav_msgs/msg/Odometry robot_3'",
+                "  - '/base_3/seen sensor_msgs/msg/PointCloud2 robot_3'",
+            ),
+        ),
+        Spec(
+            'adapter_modules',
+            STRINGS,
+            [],
+            'Python modules to import at start, which register adapters of message types',
+            examples=("adapter_modules: ['tag_adapter']",),
+        ),
+    ),
+)
+
+
+def anchor_specs(name: str) -> tuple[Spec, Spec]:
+    """Return the parameters of one anchor; a negative bound stands for `anchors.bound`."""
+    return (
+        Spec(f'anchors.{name}.position', DOUBLES, [], 'coordinates in the fixed frame', 'm'),
+        Spec(
+            f'anchors.{name}.bound',
+            DOUBLE,
+            -1.0,
+            'how far it may be from there; negative for anchors.bound',
+            'm',
+        ),
+    )
+
+
+ANCHORS = Section(
+    'Anchors',
+    'Points whose coordinates in the fixed frame are known: beacons, or parked robots. Each name '
+    'has a position, and a bound of its own where it needs one.',
+    (
+        Spec(
+            'anchors.names',
+            STRINGS,
+            [],
+            'points whose coordinates are known',
+            examples=(
+                "names: ['beacon_1', 'beacon_2']",
+                'beacon_1: {position: [0.0, 0.0]}',
+                'beacon_2: {position: [8.0, 0.0], bound: 0.2}',
+            ),
+        ),
+        Spec(
+            'anchors.bound', DOUBLE, 0.0, 'how far an anchor may be from its coordinates', 'm', 0.0
+        ),
+    ),
+)
+
+CONTRADICTIONS = Section(
+    'Contradictions',
+    '',
+    (
+        Spec(
+            'max_outliers',
+            INTEGER,
+            0,
+            'how many contradicting inputs may be dropped to get an answer',
+            at_least=0,
+        ),
+        Spec(
+            'conflicts.max_solves',
+            INTEGER,
+            200,
+            'problems solved at most to explain one contradiction; 0 explains none',
+            at_least=0,
+        ),
+        Spec(
+            'conflicts.max_seconds',
+            DOUBLE,
+            2.0,
+            'longest time to explain a contradiction',
+            's',
+            0.0,
+        ),
+    ),
+)
+
+SOLVER = Section(
+    'Solver',
+    'When a limit is met the answer is wider, never wrong.',
+    (
+        Spec(
+            'max_hypotheses',
+            INTEGER,
+            64,
+            'how many placements are published',
+            at_least=1,
+            details='The diagnostics give the number that there are.',
+        ),
+        Spec(
+            'solver.resolution',
+            DOUBLE,
+            0.05,
+            'width of a distance that is not split further',
+            'm',
+            1e-6,
+            1e6,
+        ),
+        Spec('solver.max_boxes', INTEGER, 2000, 'boxes processed at most', at_least=1),
+        Spec('solver.max_seconds', DOUBLE, 1.0, 'longest time of one solve', 's', 0.001),
+        Spec(
+            'solver.tighten_slices',
+            INTEGER,
+            20,
+            'slices examined of each finished box, to tighten it',
+            at_least=0,
+            details='More slices give narrower bounds and take longer; 0 skips the tightening.',
+        ),
+    ),
+)
+
+SECTIONS = (
+    FLEET,
+    NODE,
+    TIME,
+    MOTION,
+    RANGES,
+    BEARINGS,
+    ODOMETRY,
+    PEERS,
+    LINKS,
+    ANCHORS,
+    CONTRADICTIONS,
+    SOLVER,
+)
+
+TABLE = tuple(spec for section in SECTIONS for spec in section.specs)
+
+
+def named_specs(robots: Iterable[str], anchors: Iterable[str]) -> Iterator[Spec]:
+    """Yield the parameters that each robot and each anchor has of its own."""
+    yield from (robot_spec(name) for name in robots)
+    for name in anchors:
+        yield from anchor_specs(name)

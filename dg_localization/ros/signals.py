@@ -1,0 +1,75 @@
+"""SIGINT and SIGTERM, which are handled alike everywhere."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import signal
+import socket
+from threading import Thread
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def handled_by(handler: Handler) -> Iterator[None]:
+    """Have both signals handled, also where a script had SIGINT ignored."""
+    before = [signal.signal(number, handler) for number in SIGNALS]
+    try:
+        yield
+    finally:
+        for number, former in zip(SIGNALS, before, strict=True):
+            signal.signal(number, former)
+
+
+class StopRequest:
+    """Set by the first SIGINT or SIGTERM; a second one does not wait for a clean end."""
+
+    def __init__(self) -> None:
+        self._is_set = False
+
+    def is_set(self) -> bool:
+        """Return whether to stop."""
+        return self._is_set
+
+    def handle(self, signal_number: int, frame: FrameType | None) -> None:
+        """Handle a signal."""
+        if self._is_set:
+            raise KeyboardInterrupt
+        self._is_set = True
+
+
+@contextmanager
+def stop_request() -> Iterator[StopRequest]:
+    """Turn the signals into a request, where an exception would break what is being written."""
+    stop = StopRequest()
+    with handled_by(stop.handle):
+        yield stop
+
+
+@contextmanager
+def waking(wake: Callable[[], object]) -> Iterator[None]:
+    """
+    Have a thread call `wake` when a signal comes.
+
+    Python runs its handlers in the main thread between two instructions, and that thread may be
+    waiting in a library. The interpreter writes to a file descriptor at once.
+    """
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+
+    def wait() -> None:
+        while reader.recv(1):
+            wake()
+
+    thread = Thread(target=wait, name='signals', daemon=True)
+    thread.start()
+    before = signal.set_wakeup_fd(writer.fileno())
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        writer.close()
+        thread.join()
+        reader.close()

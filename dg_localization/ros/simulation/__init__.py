@@ -1,0 +1,1 @@
+"""The simulated fleet on real topics."""

@@ -1,0 +1,100 @@
+"""What the executables share of rclpy: its arguments, its start and end, and spinning a node."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from dg_localization.ros.executables import UsageError
+from dg_localization.ros.signals import StopRequest, stop_request, waking
+
+
+@contextmanager
+def ros_arguments_checked() -> Iterator[None]:
+    """Make a UsageError of what rclpy raises about a command line or a file of parameters."""
+    try:
+        yield
+    except ParameterException as error:
+        raise UsageError(str(error)) from error
+    except RuntimeError as error:
+        # rclpy has no public class for wrong arguments; what it raises derives from this one.
+        raise UsageError(f'wrong ROS arguments: {error}') from error
+
+
+def own_arguments(args: Sequence[str]) -> list[str]:
+    """
+    Return a command line without its ROS arguments.
+
+    Raises
+    ------
+    UsageError
+        If a ROS argument is wrong.
+
+    """
+    with ros_arguments_checked():
+        return list(remove_ros_args(['executable', *args])[1:])
+
+
+@contextmanager
+def rclpy_running(args: Sequence[str]) -> Iterator[None]:
+    """
+    Keep rclpy initialized, with signals left to the caller.
+
+    The handlers of rclpy shut the context down at once, in the middle of a callback, and leave no
+    time to take back what was published.
+
+    Raises
+    ------
+    UsageError
+        If a ROS argument, or a file of parameters that one names, is wrong.
+
+    """
+    with ros_arguments_checked():
+        rclpy.init(args=['executable', *args], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()
+
+
+def spin(make_node: Callable[[], Node], args: Sequence[str]) -> None:
+    """
+    Make a node and spin it until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    make_node : callable
+        Called without arguments once rclpy is initialized.
+    args : sequence of str
+        Command line.
+
+    Raises
+    ------
+    UsageError
+        If an argument or a parameter is wrong.
+
+    """
+    with rclpy_running(args), stop_request() as stop:
+        try:
+            node = make_node()
+        except ParameterException as error:
+            raise UsageError(str(error)) from error
+        try:
+            _spin_until(stop, node)
+        finally:
+            node.destroy_node()
+
+
+def _spin_until(stop: StopRequest, node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    # The executor returns from its wait when a callback of the node is due.
+    guard = node.create_guard_condition(lambda: None)
+    with waking(guard.trigger):
+        while not stop.is_set():
+            executor.spin_once()
