@@ -1,141 +1,27 @@
-"""What the fleet room answers: placements, the state of every input, and the reason."""
+"""What the fleet room answers: every placement of a fleet, or the reason why there is none."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, StrEnum
-from typing import TypeAlias
+from enum import StrEnum
 
 import numpy as np
 
+from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.solver.result import Statistics, Verdict
 
 
-class LinkKind(StrEnum):
-    """
-    What a link measures.
+class FrameKind(StrEnum):
+    """What defines the axes of a fixed frame."""
 
-    Peers are ranges and bearings of one robot that come together. Each is also counted, and used,
-    as the range or bearing that it is.
-    """
+    ANCHORS = 'anchors'
+    """The coordinates of the anchors."""
 
-    RANGE = 'range'
-    BEARING = 'bearing'
-    ODOMETRY = 'odometry'
-    PEERS = 'peers'
+    HEADING = 'heading'
+    """The body frame of the reference robot, which its bearings fix."""
 
-
-@dataclass(frozen=True, order=True)
-class LinkKey:
-    """
-    One source of measurements: who measures what of whom.
-
-    `target` is empty for odometry, which a robot measures of itself, and for peers.
-    """
-
-    kind: LinkKind
-    observer: str
-    target: str
-
-    def __str__(self) -> str:
-        arrow = f'{self.observer}->{self.target}' if self.target else self.observer
-        return f'{self.kind} {arrow}'
-
-
-class RejectionReason(Enum):
-    """Why a measurement was not taken."""
-
-    NAN = 'nan'
-    NEGATIVE = 'negative'
-    ABOVE_MAX = 'above_max'
-    BELOW_MIN = 'below_min'
-    NOTHING_IN_RANGE = 'nothing_in_range'
-    TOO_CLOSE = 'too_close'
-    INVALID_VARIANCE = 'invalid_variance'
-    UNKNOWN_ROBOT = 'unknown_robot'
-    SAME_ROBOT = 'same_robot'
-    TOO_OLD = 'too_old'
-    FUTURE = 'future'
-    ZERO_STAMP = 'zero_stamp'
-    INVALID_STAMP = 'invalid_stamp'
-    ZERO_RAY = 'zero_ray'
-    INVALID_RAY = 'invalid_ray'
-    INVALID_ODOMETRY = 'invalid_odometry'
-
-
-@dataclass(frozen=True)
-class Rejection:
-    """A measurement that was not taken: the reason, and a sentence with the value."""
-
-    reason: RejectionReason
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
-
-
-@dataclass(frozen=True)
-class InputState:
-    """
-    What has arrived on one input since the start or the last reset.
-
-    Parameters
-    ----------
-    kind : LinkKind
-    observer, target : str
-        As in the measurements; `target` is empty for odometry.
-    accepted : int
-        Measurements taken.
-    rejected : dict of RejectionReason to int
-        Measurements not taken, by reason.
-    last_reason_text : str
-        The sentence of the last rejection; empty when there was none.
-    age_s : float
-        Age of the newest measurement taken; inf when there is none.
-    in_use : bool
-        Whether a measurement of this input is young enough to count.
-
-    """
-
-    kind: LinkKind
-    observer: str
-    target: str
-    accepted: int
-    rejected: dict[RejectionReason, int]
-    last_reason_text: str
-    age_s: float
-    in_use: bool
-
-
-@dataclass(frozen=True)
-class LinkState:
-    """
-    What one link of ranges or bearings says at the time of a snapshot.
-
-    Parameters
-    ----------
-    kind : LinkKind
-    observer, target : str
-    lower_m, upper_m : float
-        Bounds of the distance at that time, in m, after ageing. A bearing says nothing about
-        the distance: [0, inf].
-    age_s : float
-        Age of the newest measurement.
-    stale : bool
-        Whether all its measurements are too old, so that it was not used.
-    contradicts : bool
-        Whether it is part of a contradiction that was found.
-
-    """
-
-    kind: LinkKind
-    observer: str
-    target: str
-    lower_m: float
-    upper_m: float
-    age_s: float
-    stale: bool
-    contradicts: bool = False
+    ROBOTS = 'robots'
+    """The directions from the reference robot to other robots."""
 
 
 @dataclass(frozen=True)
@@ -145,9 +31,7 @@ class FixedFrame:
 
     Parameters
     ----------
-    kind : {'anchors', 'heading', 'robots'}
-        Whether the coordinates of the anchors, the body frame of the reference robot as its
-        bearings fix it, or the direction from it to another robot define the axes.
+    kind : FrameKind
     points : tuple of str
         The anchors, the reference robot alone, or the reference robot and the robots that define
         the axes: the second lies on the positive x axis (dimension 3: the third in the half plane
@@ -155,13 +39,13 @@ class FixedFrame:
 
     """
 
-    kind: str
+    kind: FrameKind
     points: tuple[str, ...]
 
     def __str__(self) -> str:
-        if self.kind == 'anchors':
+        if self.kind == FrameKind.ANCHORS:
             return f'coordinates of the anchors {", ".join(self.points)}'
-        if self.kind == 'heading':
+        if self.kind == FrameKind.HEADING:
             return f'body frame of {self.points[0]}'
         text = f'origin at {self.points[0]}'
         if len(self.points) > 1:
@@ -174,7 +58,7 @@ class FixedFrame:
 @dataclass(frozen=True)
 class Placement:
     """
-    One placement of the fleet that agrees with the measurements, and how far it may move.
+    One placement of the fleet that agrees with the measurements, and bounds around it.
 
     Rows are the robots in parameter order.
 
@@ -183,7 +67,7 @@ class Placement:
     positions_m : numpy.ndarray, shape (n, q)
         A placement in the fixed frame; NaN where no position is known.
     enclosure_m : numpy.ndarray, shape (n, 2, q)
-        Lower and upper coordinates, rounded outward, of everything this placement stands for;
+        Lower and upper coordinates, rounded outward, of all placements this one represents;
         infinite where the measurements do not bound them.
     orientations_xyzw : numpy.ndarray, shape (n, 4)
         Unit quaternions from body to fixed frame; NaN where the heading is unknown.
@@ -194,12 +78,12 @@ class Placement:
     proved : bool
         Whether the placement was checked to meet every constraint of the solver.
     flexible : bool
-        Whether robots could move on without any measurement changing.
+        Whether robots could move without any measurement changing.
     mirrored : bool
         Whether this is the mirror image of the placement before it, which the measurements
         cannot tell from it.
     dropped : tuple of LinkKey
-        The contradicting links this placement does without; empty when all agree.
+        The contradicting links that are left out here; empty when all agree.
     landmarks_m : numpy.ndarray, shape (m, q)
         Positions of the anchors that are not robots.
     landmark_enclosure_m : numpy.ndarray, shape (m, 2, q)
@@ -220,9 +104,6 @@ class Placement:
     dropped: tuple[LinkKey, ...] = ()
 
 
-Conflict: TypeAlias = tuple[LinkKey, ...]
-
-
 @dataclass(frozen=True)
 class Estimate:
     """
@@ -241,7 +122,7 @@ class Estimate:
     placements : tuple of Placement
         At most `max_hypotheses` of them.
     n_hypotheses : int
-        How many there are in full; those not listed are not checked against the headings.
+        How many there are in all; those not listed are not checked against the headings.
     statistics : Statistics or None
         Work of the solver.
     links : tuple of LinkState

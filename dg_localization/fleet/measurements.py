@@ -1,8 +1,8 @@
 """
 The measurements that have arrived: checked, counted, and kept while they are young.
 
-A measurement that cannot be used is never an exception: it is a `Rejection`, counted by reason
-on the input it came in by.
+A measurement that cannot be used never raises an exception: it becomes a `Rejection`, counted by
+reason on its input.
 """
 
 from __future__ import annotations
@@ -18,40 +18,25 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.error_models import interpret_range, interpret_ray
-from dg_localization.fleet.estimate import (
+from dg_localization.fleet.motion import OdometryTrack, rotation_of_quaternion
+from dg_localization.fleet.vocabulary import (
+    DistanceReading,
     InputState,
     LinkKey,
     LinkKind,
+    OdometryReading,
+    RayReading,
     Rejection,
     RejectionReason,
 )
-from dg_localization.fleet.motion import OdometrySample, OdometryTrack, rotation_of_quaternion
 
-PeerReading: TypeAlias = tuple[str, float | np.ndarray]
+PeerMeasurement: TypeAlias = tuple[str, float | ArrayLike]
 """The target, and its distance in m or the ray to it."""
-
-
-@dataclass(frozen=True)
-class DistanceReading:
-    """Bounds in m of the distance of two points at the time of the stamp."""
-
-    stamp_s: float
-    lower_m: float
-    upper_m: float
-
-
-@dataclass(frozen=True)
-class RayReading:
-    """A unit vector in the body frame of the observer at the time of the stamp."""
-
-    stamp_s: float
-    ray: np.ndarray
-    half_width_rad: float
 
 
 @dataclass
 class _Input:
-    """What has come in by one input: the young readings, oldest first, and the counts."""
+    """What has arrived on one input: the newest readings, oldest first, and the counts."""
 
     readings: list[DistanceReading | RayReading] = field(default_factory=list)
     newest_stamp_s: float = -math.inf
@@ -60,12 +45,12 @@ class _Input:
     last_reason_text: str = ''
 
     def count_accepted(self, stamp_s: float) -> None:
-        """Note that a measurement was taken."""
+        """Count an accepted measurement."""
         self.accepted += 1
         self.newest_stamp_s = max(self.newest_stamp_s, stamp_s)
 
     def keep(self, reading: DistanceReading | RayReading, most: int) -> None:
-        """Add a reading and forget all but the newest `most`."""
+        """Add a reading and forget all but the newest `most` of them."""
         self.readings.append(reading)
         self.readings.sort(key=lambda kept: kept.stamp_s)
         del self.readings[:-most]
@@ -97,7 +82,7 @@ class MeasurementStore:
         max_range_m: float | None,
         variance_m2: float | None,
     ) -> Rejection | None:
-        """Take a range, or return why not."""
+        """Accept a range, or return why not."""
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
@@ -105,21 +90,21 @@ class MeasurementStore:
         bounds = interpret_range(model, range_m, min_range_m, max_range_m, variance_m2)
         if isinstance(bounds, Rejection):
             return self._reject(key, bounds)
-        self._keep(key, DistanceReading(stamp_s, *bounds))
+        self._keep(DistanceReading(key, stamp_s, *bounds))
         return None
 
     def add_bearing(
         self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
     ) -> Rejection | None:
-        """Take a ray, or return why not."""
+        """Accept a ray, or return why not."""
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        ray = interpret_ray(ray_xyz, self._config.dimension)
-        if isinstance(ray, Rejection):
-            return self._reject(key, ray)
+        direction = interpret_ray(ray_xyz, self._config.dimension)
+        if isinstance(direction, Rejection):
+            return self._reject(key, direction)
         half_width_rad = self._config.bearing_half_width_of(key.observer, key.target)
-        self._keep(key, RayReading(stamp_s, ray, half_width_rad))
+        self._keep(RayReading(key, stamp_s, direction, half_width_rad))
         return None
 
     def add_odometry(
@@ -130,7 +115,7 @@ class MeasurementStore:
         stamp_s: float,
         now_s: float,
     ) -> Rejection | None:
-        """Take an odometry pose, or return why not."""
+        """Accept an odometry pose, or return why not."""
         rejection = self._check_names(key.observer) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
@@ -140,29 +125,29 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
-        self._track(key.observer).append(stamp_s, position, rotation)
+        self._track(key.observer).append(OdometryReading(stamp_s, position, rotation))
         self._input(key).count_accepted(stamp_s)
         return None
 
     def add_peers(
-        self, observer: str, readings: Iterable[PeerReading], stamp_s: float, now_s: float
+        self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
     ) -> list[Rejection]:
-        """Take ranges and rays of one robot, all of one time, or return why not."""
+        """Accept ranges and rays that one robot measured at one time; return why not."""
         together = LinkKey(LinkKind.PEERS, observer, '')
         rejection = self._check_names(observer) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return [self._reject(together, rejection)]
         source = self._input(together)
-        # Whoever sees nobody delivers all the same.
+        # A robot that measures nobody still delivers.
         source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         rejections = []
-        for target, reading in readings:
-            if isinstance(reading, (int, float)):
+        for target, value in readings:
+            if np.ndim(value) == 0:
                 key = LinkKey(LinkKind.RANGE, observer, target)
-                rejection = self.add_range(key, reading, stamp_s, now_s, None, None, None)
+                rejection = self.add_range(key, value, stamp_s, now_s, None, None, None)
             else:
                 key = LinkKey(LinkKind.BEARING, observer, target)
-                rejection = self.add_bearing(key, reading, stamp_s, now_s)
+                rejection = self.add_bearing(key, value, stamp_s, now_s)
             if rejection:
                 rejections.append(self._reject(together, rejection))
             else:
@@ -170,7 +155,7 @@ class MeasurementStore:
         return rejections
 
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
-        """Return the readings of every range and bearing that count at `now_s`, in fixed order."""
+        """Return what counts at `now_s` of every range and bearing, in the order of the keys."""
         return {
             key: [r for r in self._inputs[key].readings if self._is_young(r.stamp_s, now_s)]
             for key in sorted(self._inputs)
@@ -181,17 +166,15 @@ class MeasurementStore:
         """Return the stamp of the newest measurement of an input; -inf when there is none."""
         return self._inputs[key].newest_stamp_s
 
-    def odometry_samples(self) -> dict[str, tuple[OdometrySample, ...]]:
-        """Return the odometry of every robot that has some."""
-        return {robot: track.samples for robot, track in self._tracks.items()}
+    def odometry_readings(self) -> dict[str, tuple[OdometryReading, ...]]:
+        """Return the odometry of every robot that has some, oldest first."""
+        return {robot: track.readings for robot, track in self._tracks.items()}
 
     def input_states(self, now_s: float) -> list[InputState]:
-        """Return what every input has delivered, in fixed order."""
+        """Return what every input has delivered, in the order of the keys."""
         return [
             InputState(
-                kind=key.kind,
-                observer=key.observer,
-                target=key.target,
+                key=key,
                 accepted=source.accepted,
                 rejected=dict(source.rejected),
                 last_reason_text=source.last_reason_text,
@@ -221,9 +204,9 @@ class MeasurementStore:
             )
         return self._tracks[robot]
 
-    def _keep(self, key: LinkKey, reading: DistanceReading | RayReading) -> None:
+    def _keep(self, reading: DistanceReading | RayReading) -> None:
         """Store a reading and count it."""
-        source = self._input(key)
+        source = self._input(reading.key)
         source.keep(reading, self._config.max_repeats)
         source.count_accepted(reading.stamp_s)
 
@@ -250,7 +233,7 @@ class MeasurementStore:
         return self._check_names(key.observer, key.target)
 
     def _check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
-        """Return a rejection when a stamp is none, or too far from now."""
+        """Return a rejection when a stamp is not a time, or too far from now."""
         if not math.isfinite(stamp_s):
             text = f'stamp {stamp_s} s is not a finite number'
             return Rejection(RejectionReason.INVALID_STAMP, text)
@@ -270,7 +253,7 @@ class MeasurementStore:
         return None
 
     def _check_order(self, key: LinkKey, stamp_s: float) -> Rejection | None:
-        """Return a rejection when odometry is not newer than the odometry before it."""
+        """Return a rejection when odometry is not newer than the last one."""
         newest = self._input(key).newest_stamp_s
         if stamp_s > newest:
             return None

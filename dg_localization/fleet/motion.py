@@ -9,26 +9,8 @@ import math
 
 import numpy as np
 
+from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.arrays import ROUNDING_RAD
-
-
-@dataclass(frozen=True)
-class OdometrySample:
-    """
-    One pose of a robot in its own odometry frame.
-
-    Parameters
-    ----------
-    stamp_s : float
-    position_m : numpy.ndarray, shape (3,)
-    rotation : numpy.ndarray, shape (3, 3)
-        From body to odometry frame.
-
-    """
-
-    stamp_s: float
-    position_m: np.ndarray
-    rotation: np.ndarray
 
 
 def rotation_of_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
@@ -59,7 +41,7 @@ def elapsed_s(first_s: float, second_s: float) -> float:
     """
     Return an upper bound of the time between two stamps.
 
-    A stamp of nanoseconds since 1970 does not fit a double: each may be half a unit off.
+    Nanoseconds since 1970 do not fit a double: each stamp may be half a unit off.
     """
     if first_s == second_s:
         return math.ulp(first_s)
@@ -75,9 +57,9 @@ class OdometryTrack:
     max_speed_m_s, max_turn_rate_rad_s : float
         Limits of the robot.
     relative_error : float
-        Greatest error of odometry as a fraction of the way and the turn at full speed.
+        Greatest error of odometry as a fraction of the path and the turn at full speed.
     keep_s : float
-        For how long samples are kept.
+        How long readings are kept.
 
     """
 
@@ -92,28 +74,28 @@ class OdometryTrack:
         self._max_turn_rate_rad_s = max_turn_rate_rad_s
         self._tolerance = 1.0 + relative_error + 1e-9
         self._keep_s = keep_s
-        self._samples: list[OdometrySample] = []
+        self._readings: list[OdometryReading] = []
 
     @property
-    def samples(self) -> tuple[OdometrySample, ...]:
-        """The samples kept."""
-        return tuple(self._samples)
+    def readings(self) -> tuple[OdometryReading, ...]:
+        """The readings that are kept."""
+        return tuple(self._readings)
 
-    def append(self, stamp_s: float, position_m: np.ndarray, rotation: np.ndarray) -> None:
+    def append(self, reading: OdometryReading) -> None:
         """
-        Add a pose, which must be newer than the last one.
+        Add a reading, which must be newer than the last one.
 
-        A step or a turn that is faster than the robot can be is a restart of the odometry, which
-        says nothing about the way before it: the older samples are forgotten.
+        A step or a turn that is faster than the robot can be is a restart of the odometry. It
+        says nothing about the motion before it, so the older readings are forgotten.
         """
-        if self._samples:
-            last = self._samples[-1]
-            step_m = float(np.linalg.norm(position_m - last.position_m))
-            turn_rad = rotation_angle_rad(last.rotation.T @ rotation)
-            if self._restarted(step_m, turn_rad, elapsed_s(stamp_s, last.stamp_s)):
-                self._samples.clear()
-        self._samples.append(OdometrySample(stamp_s, position_m, rotation))
-        self._forget_before(stamp_s - self._keep_s)
+        if self._readings:
+            last = self._readings[-1]
+            step_m = float(np.linalg.norm(reading.position_m - last.position_m))
+            turn_rad = rotation_angle_rad(last.rotation.T @ reading.rotation)
+            if self._restarted(step_m, turn_rad, elapsed_s(reading.stamp_s, last.stamp_s)):
+                self._readings.clear()
+        self._readings.append(reading)
+        self._forget_before(reading.stamp_s - self._keep_s)
 
     def _restarted(self, step_m: float, turn_rad: float, seconds: float) -> bool:
         """Return whether a step or a turn is more than the robot can do in that time."""
@@ -124,15 +106,15 @@ class OdometryTrack:
         )
 
     def _forget_before(self, stamp_s: float) -> None:
-        """Drop samples older than `stamp_s`, but keep the last one of them."""
-        first_kept = bisect_left(self._samples, stamp_s, key=lambda sample: sample.stamp_s)
-        del self._samples[: max(0, first_kept - 1)]
+        """Drop readings older than `stamp_s`, except the last of them."""
+        first_kept = bisect_left(self._readings, stamp_s, key=lambda reading: reading.stamp_s)
+        del self._readings[: max(0, first_kept - 1)]
 
 
 @dataclass(frozen=True)
 class Motion:
     """
-    What every point can have done between two times.
+    Bounds of how far every point can have moved and turned between two times.
 
     Parameters
     ----------
@@ -140,9 +122,9 @@ class Motion:
         By point.
     max_turn_rate_rad_s : float
     relative_error : float
-        Of odometry, as a fraction of the way and the turn at full speed. The way itself is not
+        Of odometry, as a fraction of the path and the turn at full speed. The path itself is not
         known: between two poses a robot may have gone back and forth.
-    tracks : mapping of str to tuple of OdometrySample
+    odometry : mapping of str to tuple of OdometryReading
         By robot, oldest first.
 
     """
@@ -150,13 +132,13 @@ class Motion:
     max_speed_m_s: Mapping[str, float]
     max_turn_rate_rad_s: float
     relative_error: float
-    tracks: Mapping[str, tuple[OdometrySample, ...]]
+    odometry: Mapping[str, tuple[OdometryReading, ...]]
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of how far `point` moved between two times."""
         speed = self.max_speed_m_s[point]
         limit = speed * elapsed_s(first_s, second_s)
-        track = self.tracks.get(point)
+        track = self.odometry.get(point)
         if track:
             start, end = _nearest(track, first_s), _nearest(track, second_s)
             gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
@@ -184,7 +166,7 @@ class Motion:
         """
         rate = self.max_turn_rate_rad_s
         blind_rad = rate * elapsed_s(first_s, second_s)
-        track = self.tracks.get(point)
+        track = self.odometry.get(point)
         if track:
             start, end = _nearest(track, first_s), _nearest(track, second_s)
             gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
@@ -198,8 +180,8 @@ class Motion:
         return np.eye(3), blind_rad * (1.0 + 1e-14)
 
 
-def _nearest(track: tuple[OdometrySample, ...], stamp_s: float) -> OdometrySample:
-    """Return the sample whose stamp is nearest."""
-    after = bisect_left(track, stamp_s, key=lambda sample: sample.stamp_s)
+def _nearest(track: tuple[OdometryReading, ...], stamp_s: float) -> OdometryReading:
+    """Return the reading whose stamp is nearest."""
+    after = bisect_left(track, stamp_s, key=lambda reading: reading.stamp_s)
     around = track[max(0, after - 1) : after + 1]
-    return min(around, key=lambda sample: abs(sample.stamp_s - stamp_s))
+    return min(around, key=lambda reading: abs(reading.stamp_s - stamp_s))

@@ -1,11 +1,15 @@
-"""Compiled kernels: coordinate boxes from distances, and distances from angles."""
+"""
+Contraction by angles: the law of cosines in triangles with a known angle.
+
+A point that sees two others knows the angle between them. With bounds of that angle, bounds of two
+sides bound the third.
+"""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import (
@@ -18,85 +22,14 @@ from dg_localization.interval.rounding import (
     square_up,
     up,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from dg_localization.solver.box import FloatArray, IntArray
 
 ANGLE_SWEEPS = 3
-"""Passes over all angles: what one tightens, another may use."""
+"""Passes over all angles: one may use what another has contracted."""
 
 
 @kernel
-def contract_boxes(
-    low: FloatArray, high: FloatArray, near: FloatArray, far: FloatArray, sweeps: int
-) -> bool:
-    """
-    Shrink boxes of coordinates to what the distances between them allow, in place.
-
-    Along one axis, the squared distance leaves between ``near - most`` and ``far - least`` for
-    the gap of two points, where `least` and `most` bound what the other axes contribute.
-
-    Parameters
-    ----------
-    low, high : ndarray, shape (n, q)
-        Bounds of the coordinates in m; may be infinite.
-    near, far : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2.
-    sweeps : int
-        Most passes over all pairs; fewer when nothing changes.
-
-    Returns
-    -------
-    bool
-        False when some box is left without any point.
-
-    """
-    n_points, dimension = low.shape
-    for _ in range(sweeps):
-        gained = False
-        for i in range(n_points):
-            for j in range(n_points):
-                if i == j or (math.isinf(far[i, j]) and near[i, j] <= 0.0):
-                    continue
-                for axis in range(dimension):
-                    least = 0.0
-                    most = 0.0
-                    for other in range(dimension):
-                        if other == axis:
-                            continue
-                        gap_low = down(low[i, other] - high[j, other])
-                        gap_high = up(high[i, other] - low[j, other])
-                        nearest = max(0.0, max(gap_low, -gap_high))
-                        least = max(0.0, down(least + square_down(nearest)))
-                        most = up(most + square_up(max(abs(gap_low), abs(gap_high))))
-                    room = up(far[i, j] - least)
-                    if room < 0.0:
-                        return False
-                    reach = sqrt_up(room)
-                    new_low = max(low[i, axis], down(low[j, axis] - reach))
-                    new_high = min(high[i, axis], up(high[j, axis] + reach))
-                    gap = sqrt_down(down(near[i, j] - most))
-                    if gap > 0.0:
-                        left = up(high[j, axis] - gap)
-                        right = down(low[j, axis] + gap)
-                        if left < new_low and new_low < right:
-                            new_low = right
-                        if left < new_high and new_high < right:
-                            new_high = left
-                    if new_low > new_high:
-                        return False
-                    width = high[i, axis] - low[i, axis]
-                    if new_high - new_low < 0.99 * width:
-                        gained = True
-                    low[i, axis] = new_low
-                    high[i, axis] = new_high
-        if not gained:
-            break
-    return True
-
-
-@kernel
-def tighten_opposite_side(
+def contract_opposite_side(
     lower: FloatArray,
     upper: FloatArray,
     a: int,
@@ -106,7 +39,7 @@ def tighten_opposite_side(
     high_cosine: float,
 ) -> None:
     """
-    Tighten the side of a triangle opposite to a known angle, in place.
+    Contract the side of a triangle opposite to a known angle, in place.
 
     The law of cosines, s_bc = x^2 + y^2 - 2 x y cosine, is convex in the two other sides. Its
     maximum over a box is at a corner. It is zero only where both sides are, or on the diagonal
@@ -151,7 +84,7 @@ def tighten_opposite_side(
 
 
 @kernel
-def tighten_adjacent_side(
+def contract_adjacent_side(
     lower: FloatArray,
     upper: FloatArray,
     a: int,
@@ -161,7 +94,7 @@ def tighten_adjacent_side(
     high_cosine: float,
 ) -> None:
     """
-    Tighten the side ab of a triangle with a known angle at a, in place.
+    Contract the side ab of a triangle with a known angle at a, in place.
 
     The law of cosines solved for x = d_ab, with y = d_ac: x = y cosine +- sqrt(s_bc - y^2 sine^2).
 
@@ -177,7 +110,7 @@ def tighten_adjacent_side(
     """
     if math.isinf(upper[b, c]) or lower[a, c] > upper[a, c]:
         return
-    near, far = sqrt_down(lower[a, c]), sqrt_up(upper[a, c])
+    d_lower_m, d_upper_m = sqrt_down(lower[a, c]), sqrt_up(upper[a, c])
     largest_cosine = max(abs(low_cosine), abs(high_cosine))
     squared_sine = max(0.0, down(1.0 - square_up(largest_cosine)))
     room = up(upper[b, c] - max(0.0, down(lower[a, c] * squared_sine)))
@@ -185,22 +118,22 @@ def tighten_adjacent_side(
         upper[a, b] = upper[b, a] = -1.0
         return
     root = sqrt_up(room)
-    if high_cosine <= 0.0 or not math.isinf(far):
-        longest = up(up((far if high_cosine > 0.0 else near) * high_cosine) + root)
+    if high_cosine <= 0.0 or not math.isinf(d_upper_m):
+        longest = up(up((d_upper_m if high_cosine > 0.0 else d_lower_m) * high_cosine) + root)
         reach = square_up(longest) if longest >= 0.0 else -1.0
         upper[a, b] = upper[b, a] = min(upper[a, b], reach)
-    if low_cosine >= 0.0 or not math.isinf(far):
-        shortest = down(down((near if low_cosine > 0.0 else far) * low_cosine) - root)
+    if low_cosine >= 0.0 or not math.isinf(d_upper_m):
+        shortest = down(down((d_lower_m if low_cosine > 0.0 else d_upper_m) * low_cosine) - root)
         if shortest > 0.0:
             lower[a, b] = lower[b, a] = max(lower[a, b], square_down(shortest))
 
 
 @kernel
-def tighten_by_angles(
+def contract_by_angles(
     lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray, sweeps: int
 ) -> None:
     """
-    Tighten the sides of triangles with known angles, in place.
+    Contract the sides of triangles with known angles, in place.
 
     Parameters
     ----------
@@ -218,7 +151,7 @@ def tighten_by_angles(
         for row in range(len(corners)):
             a, b, c = corners[row]
             low, high = cosines[row, 0], cosines[row, 1]
-            tighten_opposite_side(lower, upper, a, b, c, low, high)
+            contract_opposite_side(lower, upper, a, b, c, low, high)
             if lower[b, c] <= upper[b, c]:
-                tighten_adjacent_side(lower, upper, a, b, c, low, high)
-                tighten_adjacent_side(lower, upper, a, c, b, low, high)
+                contract_adjacent_side(lower, upper, a, b, c, low, high)
+                contract_adjacent_side(lower, upper, a, c, b, low, high)

@@ -1,0 +1,1 @@
+"""From the hypotheses of the solver to placements in the fixed frame."""

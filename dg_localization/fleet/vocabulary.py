@@ -1,0 +1,207 @@
+"""
+What goes into the fleet room: links, readings, and what became of each input.
+
+A reading is made once, when a measurement is accepted. From there to the problem it is carried
+with its key; ageing and turning change its numbers, not its type.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+from typing import TypeAlias
+
+import numpy as np
+
+
+class LinkKind(StrEnum):
+    """
+    What a link measures.
+
+    Peers are ranges and bearings that one robot sends together. Each of them is also counted, and
+    used, as a range or a bearing.
+    """
+
+    RANGE = 'range'
+    BEARING = 'bearing'
+    ODOMETRY = 'odometry'
+    PEERS = 'peers'
+
+
+@dataclass(frozen=True, order=True)
+class LinkKey:
+    """
+    One source of measurements: who measures what of whom.
+
+    `target` is empty for odometry, which a robot measures of itself, and for peers.
+    """
+
+    kind: LinkKind
+    observer: str
+    target: str
+
+    def __str__(self) -> str:
+        arrow = f'{self.observer}->{self.target}' if self.target else self.observer
+        return f'{self.kind} {arrow}'
+
+
+Conflict: TypeAlias = tuple[LinkKey, ...]
+"""Links that contradict each other."""
+
+
+@dataclass(frozen=True)
+class DistanceReading:
+    """
+    Bounds of the distance of two points at one time.
+
+    Parameters
+    ----------
+    key : LinkKey
+        Its observer and its target are the two points.
+    stamp_s : float
+        The time at which the bounds hold.
+    lower_m, upper_m : float
+        Rounded outward. ``lower_m > upper_m`` when no distance agrees with what was measured.
+
+    """
+
+    key: LinkKey
+    stamp_s: float
+    lower_m: float
+    upper_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class RayReading:
+    """
+    The direction from one point to another, in the body frame of the observer.
+
+    Parameters
+    ----------
+    key : LinkKey
+        Who sees whom.
+    stamp_s : float
+        The time of the body frame.
+    direction : numpy.ndarray, shape (3,)
+        Unit vector.
+    half_width_rad : float
+        Greatest angle to the true direction.
+    displacement_m : float
+        How far both ends together can have moved since the direction was measured. It is not yet
+        part of the half width.
+
+    """
+
+    key: LinkKey
+    stamp_s: float
+    direction: np.ndarray
+    half_width_rad: float
+    displacement_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryReading:
+    """
+    One pose of a robot in its own odometry frame.
+
+    Parameters
+    ----------
+    stamp_s : float
+    position_m : numpy.ndarray, shape (3,)
+    rotation : numpy.ndarray, shape (3, 3)
+        From body to odometry frame.
+
+    """
+
+    stamp_s: float
+    position_m: np.ndarray
+    rotation: np.ndarray
+
+
+class RejectionReason(Enum):
+    """Why a measurement was not accepted."""
+
+    NAN = 'nan'
+    NEGATIVE = 'negative'
+    ABOVE_MAX = 'above_max'
+    BELOW_MIN = 'below_min'
+    NOTHING_IN_RANGE = 'nothing_in_range'
+    TOO_CLOSE = 'too_close'
+    INVALID_VARIANCE = 'invalid_variance'
+    UNKNOWN_ROBOT = 'unknown_robot'
+    SAME_ROBOT = 'same_robot'
+    TOO_OLD = 'too_old'
+    FUTURE = 'future'
+    ZERO_STAMP = 'zero_stamp'
+    INVALID_STAMP = 'invalid_stamp'
+    ZERO_RAY = 'zero_ray'
+    INVALID_RAY = 'invalid_ray'
+    INVALID_ODOMETRY = 'invalid_odometry'
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """A measurement that was not accepted: the reason, and a sentence with the value."""
+
+    reason: RejectionReason
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
+class InputState:
+    """
+    What has arrived on one input since the start or the last reset.
+
+    Parameters
+    ----------
+    key : LinkKey
+    accepted : int
+        Number of accepted measurements.
+    rejected : dict of RejectionReason to int
+        Number of rejected measurements, by reason.
+    last_reason_text : str
+        The sentence of the last rejection; empty when there was none.
+    age_s : float
+        Age of the newest accepted measurement; inf when there is none.
+    in_use : bool
+        Whether a measurement of this input is young enough to count.
+
+    """
+
+    key: LinkKey
+    accepted: int
+    rejected: dict[RejectionReason, int]
+    last_reason_text: str
+    age_s: float
+    in_use: bool
+
+
+@dataclass(frozen=True)
+class LinkState:
+    """
+    What one link of ranges or bearings says at the time of a snapshot.
+
+    Parameters
+    ----------
+    key : LinkKey
+    lower_m, upper_m : float
+        Bounds of the distance at that time, in m, after ageing. A bearing says nothing about
+        the distance: [0, inf].
+    age_s : float
+        Age of the newest measurement.
+    stale : bool
+        Whether all its measurements are too old, so that it was not used.
+    contradicts : bool
+        Whether it is part of a contradiction that was found.
+
+    """
+
+    key: LinkKey
+    lower_m: float
+    upper_m: float
+    age_s: float
+    stale: bool
+    contradicts: bool = False
