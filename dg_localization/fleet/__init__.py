@@ -1,8 +1,8 @@
 """
 The fleet room: from measurements to every placement that agrees with them, free of ROS.
 
-`Localizer` takes ranges, bearings and odometry as plain numbers, freezes them into a `Snapshot`
-at a time, and answers it with an `Estimate`.
+`Localizer` accepts ranges, bearings and odometry as plain numbers. A `Snapshot` is what they say
+at one time, an `Estimate` is the answer to it.
 """
 
 from dg_localization.fleet.config import (
@@ -12,20 +12,18 @@ from dg_localization.fleet.config import (
     LinkOverride,
     RangeErrorModel,
 )
-from dg_localization.fleet.estimate import (
+from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Placement
+from dg_localization.fleet.localizer import Localizer
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import (
     Conflict,
-    Estimate,
-    FixedFrame,
     InputState,
     LinkKey,
     LinkKind,
     LinkState,
-    Placement,
     Rejection,
     RejectionReason,
 )
-from dg_localization.fleet.localizer import Localizer
-from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.warm_up import warm_up
 
 __all__ = [
@@ -35,6 +33,7 @@ __all__ = [
     'Estimate',
     'FixedFrame',
     'FleetConfig',
+    'FrameKind',
     'InputState',
     'LinkKey',
     'LinkKind',

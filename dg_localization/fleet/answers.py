@@ -1,29 +1,24 @@
-"""From one reading of a snapshot to its placements: constraints, frame, solver, coordinates."""
+"""From the constraints of a snapshot to placements: solve, and place the hypotheses in a frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
-from dg_localization.fleet.constraints import Constraints
-from dg_localization.fleet.estimate import LinkKey, Placement
-from dg_localization.fleet.frames import FramePlan, Placer
+from dg_localization.fleet.constraints.constrain import Constraints
+from dg_localization.fleet.estimate import Placement
+from dg_localization.fleet.frames.placer import Placer
+from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.solver.result import SolverOptions, Statistics, Verdict
+from dg_localization.solver.search.branch_and_prune import Cancel
 from dg_localization.solver.solve import solve
-
-
-class Cancel(Protocol):
-    """Something that can be set to stop a computation, such as `threading.Event`."""
-
-    def is_set(self) -> bool:
-        """Return whether to stop."""
 
 
 @dataclass(frozen=True)
 class Answer:
     """
-    What one choice of links gives.
+    What the solver found for one choice of links.
 
     Parameters
     ----------
@@ -77,7 +72,7 @@ def answer(
     elsewhere = check_elsewhere(constraints, plan.points, options, cancel)
     if elsewhere.verdict is Verdict.INFEASIBLE:
         return elsewhere
-    result = solve(constraints.problem(plan.held), options, cancel)
+    result = solve(constraints.of(plan.solved).problem(), options, cancel)
     statistics = add_statistics(elsewhere.statistics, result.statistics)
     placer = Placer(snapshot, constraints, plan, dropped)
     placements: list[Placement] = []
@@ -87,7 +82,7 @@ def answer(
             placements += placer.placements(hypothesis)
         else:
             n_unlisted += placer.most_placements(hypothesis)
-    # A hypothesis whose headings contradict the rays is no placement after all.
+    # A hypothesis whose headings contradict the rays has no placement.
     verdict = result.verdict if placements else Verdict.INFEASIBLE
     return Answer(verdict, tuple(placements), len(placements) + n_unlisted, statistics)
 
@@ -99,34 +94,34 @@ def check_elsewhere(
     cancel: Cancel | None = None,
 ) -> Answer:
     """
-    Return whether the parts of the fleet that some points do not belong to contradict themselves.
+    Check the components of the fleet other than one for contradictions.
 
     Parameters
     ----------
     constraints : Constraints
     points : tuple of int
-        One connected part, or nothing.
+        The component that is not checked; may be empty.
     options : SolverOptions
     cancel : Cancel, optional
 
     Returns
     -------
     Answer
-        Without placements: those parts have no place in the fixed frame.
+        Without placements: those components have no place in the fixed frame.
 
     """
     if constraints.contradictory:
         return CONTRADICTION
-    done = set(points)
+    visited = set(points)
     statistics = NO_WORK
-    for point in range(len(constraints.lower)):
-        if point in done:
+    for point in range(len(constraints.points)):
+        if point in visited:
             continue
         component = constraints.component_of(point)
-        done |= set(component)
+        visited.update(component)
         if len(component) < 3:
             continue
-        result = solve(constraints.problem(component), options, cancel)
+        result = solve(constraints.of(component).problem(), options, cancel)
         statistics = add_statistics(statistics, result.statistics)
         if result.verdict is Verdict.INFEASIBLE:
             return replace(CONTRADICTION, statistics=statistics)

@@ -1,4 +1,9 @@
-"""What the coordinates of the anchors say: it never changes, so it is worked out once."""
+"""
+Bodies: points whose mutual distances and chirality are known without any measurement.
+
+The anchors are the body of the world. What their coordinates say never changes, so it is computed
+once.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +29,11 @@ class AnchorGeometry:
     Parameters
     ----------
     boxes : dict of int to Interval
-        Coordinates within the bound of each.
+        Bounds of the coordinates of each, in m.
     distances : tuple of (int, int, float, float)
         All pairs with bounds of their squared distance in m^2.
     chiralities : tuple of Chirality
-        One handedness, when it is certain: the distances fix the others.
+        One, when its sign is certain: the distances fix the others.
     cores : tuple of tuple of int
         Sets of q anchors that certainly span a hyperplane, the largest first.
 
@@ -66,7 +71,7 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
 
 
 def squared_bounds(lower_m: float, upper_m: float) -> tuple[float, float]:
-    """Return bounds of the square of a distance; below zero there is none."""
+    """Return bounds in m^2 of the square of a distance; reversed when `upper_m` is negative."""
     low = math.nextafter(lower_m * lower_m, -math.inf) if lower_m > 0.0 else 0.0
     if upper_m < 0.0:
         # No distance is negative. An empty interval that starts at the least possible number.
@@ -74,9 +79,9 @@ def squared_bounds(lower_m: float, upper_m: float) -> tuple[float, float]:
     return max(0.0, low), math.nextafter(upper_m * upper_m, math.inf)
 
 
-def _squared_distance(gap: Interval, slack_m: float) -> tuple[float, float]:
-    """Return bounds of the squared length of a vector whose ends may be off by the slack."""
-    squares = gap.square()
+def _squared_distance(vector: Interval, slack_m: float) -> tuple[float, float]:
+    """Return bounds in m^2 of the squared length of a vector that is known within a slack."""
+    squares = vector.square()
     total = squares[0]
     for axis in range(1, len(squares.lower)):
         total = total + squares[axis]
@@ -90,7 +95,7 @@ def _squared_distance(gap: Interval, slack_m: float) -> tuple[float, float]:
 
 
 def _chiralities(boxes: dict[int, Interval], dimension: int) -> tuple[Chirality, ...]:
-    """Return the handedness of the q + 1 anchors that span most, when it is certain."""
+    """Return the chirality of the q + 1 anchors that span most, when it is certain."""
     best, found = 0.0, None
     for points in combinations(boxes, dimension + 1):
         edges = [boxes[point] - boxes[points[0]] for point in points[1:]]

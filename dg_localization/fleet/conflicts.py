@@ -1,10 +1,11 @@
 """
-Which measurements contradict each other, and what to drop to be rid of it.
+Which measurements contradict each other, and which to drop so that the rest agree.
 
-A conflict is a set of links that no placement agrees with; it is minimal when every proper
-subset has one. A correction is a set of links without which the rest agree. Every correction
-meets every conflict, so the minimal corrections are found by branching on the links of one
-conflict after the other (Reiter, A theory of diagnosis from first principles, 1987).
+A conflict is a set of links that no placement agrees with; it is minimal when some placement
+agrees with every proper subset. A correction is a set of links without which the rest agree.
+Every correction shares a link with every conflict, so the minimal corrections are found by
+branching on the links of one conflict after the other (Reiter, A theory of diagnosis from first
+principles, 1987).
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import time
 
-from dg_localization.fleet.answers import Cancel
-from dg_localization.fleet.estimate import Conflict, LinkKey
+from dg_localization.fleet.vocabulary import Conflict, LinkKey
+from dg_localization.solver.search.branch_and_prune import Cancel
 
 Links = frozenset[LinkKey]
 
@@ -45,7 +46,7 @@ class _BudgetExceededError(Exception):
 
 
 class _Oracle:
-    """Answers whether links contradict each other, counts its work, and remembers."""
+    """Answers whether links contradict each other, within a budget; remembers its answers."""
 
     def __init__(
         self,
@@ -74,7 +75,7 @@ class _Oracle:
         return self._known[links, thorough]
 
     def _spend(self) -> None:
-        """Take one question off the budget; raise when there is none left."""
+        """Charge one question to the budget; raise when it is used up."""
         late = time.monotonic() > self._deadline_s
         if self._left <= 0 or late or self._cancelled():
             raise _BudgetExceededError
@@ -102,8 +103,8 @@ def explain(
         Links that contradict each other.
     is_contradiction : callable
         Whether some of the links alone contradict each other. True must be a proof; False may
-        also mean that it could not be decided. The second argument asks for every effort, which
-        corrections get: what is wrongly taken for one hides the larger ones.
+        also mean that it could not be decided. The second argument asks for a thorough search,
+        as corrections need it: a set that is wrongly called one hides the larger ones.
     max_outliers : int
         Greatest size of a correction.
     max_solves : int
@@ -142,7 +143,7 @@ def _find_corrections(
     conflicts: list[Links],
     corrections: list[Links],
 ) -> None:
-    """Append all minimal corrections of up to `max_outliers` links, and the conflicts met."""
+    """Append all minimal corrections of up to `max_outliers` links, and the conflicts found."""
     level: list[Links] = [frozenset()]
     for _ in range(max_outliers):
         following: set[Links] = set()
@@ -153,14 +154,14 @@ def _find_corrections(
             else:
                 following |= {dropped | {link} for link in conflict}
         level = sorted(following, key=sorted)
-    # Larger ones are not asked for, so there is no need to know why these fail.
+    # No larger corrections are wanted, so the conflicts that rule these out do not matter.
     for dropped in _not_covered(level, corrections):
         if all(conflict & dropped for conflict in conflicts) and not oracle(links - dropped, True):
             corrections.append(dropped)
 
 
 def _not_covered(level: list[Links], corrections: list[Links]) -> Iterator[Links]:
-    """Yield what does not contain a correction already known when it is its turn."""
+    """Yield the sets that contain none of the corrections known by the time they are reached."""
     for dropped in level:
         if not any(correction <= dropped for correction in corrections):
             yield dropped
@@ -182,7 +183,7 @@ def _conflict_without(
 
 
 def _find_disjoint_conflicts(links: Links, oracle: _Oracle, conflicts: list[Links]) -> None:
-    """Append conflicts that share no link with those known, until the rest agree."""
+    """Append conflicts that share no link with the known ones, until the rest agree."""
     rest = links.difference(*conflicts)
     while oracle(rest):
         conflict = _minimize(rest, oracle)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.config import RangeErrorModel
-from dg_localization.fleet.estimate import Rejection, RejectionReason
+from dg_localization.fleet.vocabulary import Rejection, RejectionReason
 
 
 def _up(value: float) -> float:

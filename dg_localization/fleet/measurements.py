@@ -142,7 +142,7 @@ class MeasurementStore:
         source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         rejections = []
         for target, value in readings:
-            if np.ndim(value) == 0:
+            if isinstance(value, (int, float)):
                 key = LinkKey(LinkKind.RANGE, observer, target)
                 rejection = self.add_range(key, value, stamp_s, now_s, None, None, None)
             else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,7 +50,7 @@ class SideConstraint:
 @dataclass(frozen=True)
 class Chirality:
     """
-    The handedness of q + 1 points: the sign of det[p2 - p1, ..., p(q+1) - p1].
+    The chirality of q + 1 points: the sign of det[p2 - p1, ..., p(q+1) - p1].
 
     Points in one hyperplane satisfy both signs.
 
@@ -64,6 +65,12 @@ class Chirality:
 
     points: tuple[int, ...]
     sign: int
+
+    def sign_of(self, points: Sequence[int]) -> int:
+        """Return the sign of the same points in another order."""
+        places = [self.points.index(point) for point in points]
+        inversions = sum(a > b for a, b in combinations(places, 2))
+        return -self.sign if inversions % 2 else self.sign
 
 
 def _square_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:

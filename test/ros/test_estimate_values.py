@@ -64,7 +64,7 @@ def estimate(*placements, **changes):
         reason='as measured',
         placements=placements,
         n_hypotheses=len(placements),
-        links=(LinkState(LinkKind.RANGE, 'a', 'b', 3.0, 3.3, 0.1, stale=False),),
+        links=(LinkState(AB, 3.0, 3.3, 0.1, stale=False),),
     )
     return replace(made, **changes)
 
@@ -84,7 +84,7 @@ def report(made, **changes):
 
 
 def input_state(**changes):
-    return replace(InputState(LinkKind.RANGE, 'a', 'b', 5, {}, '', 0.1, True), **changes)
+    return replace(InputState(AB, 5, {}, '', 0.1, True), **changes)
 
 
 def status(part, made, **changes):
@@ -176,7 +176,7 @@ def test_identifiers_are_unique_in_each_namespace():
     ],
 )
 def test_links_are_colored_by_their_state(stale, contradicts, color):
-    link = LinkState(LinkKind.RANGE, 'a', 'b', 3.0, 3.3, 0.1, stale, contradicts)
+    link = LinkState(AB, 3.0, 3.3, 0.1, stale, contradicts)
     markers = scene(estimate(placement(), links=(link,)), 'map').markers
     (links,) = [marker for marker in markers if marker.namespace == 'links']
     assert links.colors_rgba.tolist() == [color.tolist()] * 2
@@ -294,7 +294,7 @@ def test_silent_input_of_a_template_needs_no_status_an_explicit_one_does():
 
 def test_peers_have_a_status_together_and_one_each():
     state = input_state(accepted=3, rejected={RejectionReason.NAN: 1}, age_s=0.4, in_use=False)
-    together = input_state(kind=LinkKind.PEERS, target='', accepted=8)
+    together = input_state(key=PEERS, accepted=8)
     changes = {
         'links': (Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),),
         'inputs': {AB: state, replace(AB, kind=LinkKind.BEARING): input_state(), PEERS: together},

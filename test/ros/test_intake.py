@@ -41,13 +41,13 @@ def add(localizer, *rows, stamp_s=NOW_S):
 
 def taken(localizer):
     """Return the kind and target of every range and bearing, and how many were accepted."""
-    states = [s for s in localizer.input_states(NOW_S) if s.kind is not LinkKind.PEERS]
-    return {(s.kind.value, s.target): s.accepted for s in states}
+    states = [s for s in localizer.input_states(NOW_S) if s.key.kind is not LinkKind.PEERS]
+    return {(s.key.kind.value, s.key.target): s.accepted for s in states}
 
 
 def together(localizer):
     """Return what is counted of the messages."""
-    (state,) = [s for s in localizer.input_states(NOW_S) if s.kind is LinkKind.PEERS]
+    (state,) = [s for s in localizer.input_states(NOW_S) if s.key.kind is LinkKind.PEERS]
     return state
 
 
@@ -82,8 +82,8 @@ def test_row_is_a_range_or_a_bearing_or_both(localizer, row, expected):
 def test_wrong_row_is_rejected_and_the_next_one_is_not(localizer, row, reason, target):
     rejection = add(localizer, row, (2, 5.0, NO_RAY))
     assert rejection.reason is reason
-    (wrong,) = [s for s in localizer.input_states(NOW_S) if s.rejected and s.target]
-    assert (wrong.target, wrong.rejected) == (target, {reason: 1})
+    (wrong,) = [s for s in localizer.input_states(NOW_S) if s.rejected and s.key.target]
+    assert (wrong.key.target, wrong.rejected) == (target, {reason: 1})
     assert taken(localizer)['range', 'beacon'] == 1
     found = together(localizer)
     assert (found.accepted, found.rejected, found.in_use) == (1, {reason: 1}, True)

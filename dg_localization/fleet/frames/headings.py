@@ -1,12 +1,13 @@
 """
-Headings: how a robot is turned, from the rays it has measured and where its targets are.
+Headings: how a robot is turned, from its rays and the enclosures of their targets.
 
-Each ray says how the body is turned, up to its own error and up to what the enclosures of both
-ends leave open of the direction between them.
+Each ray bounds the rotation of the body: by its own error, and by what the enclosures of both ends
+leave open of the direction between them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 import math
@@ -14,7 +15,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.constraints import Ray, angles_rad
+from dg_localization.fleet.directions import angles_rad, best_rotation, unit_vectors
+from dg_localization.fleet.vocabulary import RayReading
 from dg_localization.interval.arrays import ROUNDING_RAD, Interval, down, up
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +44,10 @@ class Heading:
     half_width_rad: float
 
 
+NO_TURN = Heading(np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
+"""The heading of a robot whose body frame is the fixed frame."""
+
+
 @dataclass(frozen=True)
 class _Sights:
     """
@@ -66,17 +72,20 @@ class _Sights:
 
 
 def estimate_heading(
-    observer: int, rays: list[Ray], positions: FloatArray, enclosure: Interval
+    rows: Mapping[str, int],
+    rays: Sequence[RayReading],
+    positions: FloatArray,
+    enclosure: Interval,
 ) -> Heading | None:
     """
     Return how a robot is turned.
 
     Parameters
     ----------
-    observer : int
-        The row of the robot.
-    rays : list of Ray
-        What it sees; targets are rows.
+    rows : mapping of str to int
+        The row of each point.
+    rays : sequence of RayReading
+        All rays of the robot, in its body frame now.
     positions : numpy.ndarray, shape (n, q)
         One placement; the heading is made to fit it.
     enclosure : Interval, shape (n, q)
@@ -93,62 +102,41 @@ def estimate_heading(
         If no heading agrees with all rays.
 
     """
-    sights = _sights(observer, rays, positions, enclosure)
+    if not rays:
+        return None
+    sights = _sights(rows, rays, positions, enclosure)
     _check_angles(sights)
     if positions.shape[1] == 2:
         return _planar_heading(sights)
     return _spatial_heading(sights)
 
 
-def best_rotation(
-    start: FloatArray, end: FloatArray, weights: FloatArray | None = None
-) -> FloatArray:
-    """
-    Return the rotation that takes vectors closest to others, by least squares.
-
-    Parameters
-    ----------
-    start, end : numpy.ndarray, shape (m, q)
-    weights : numpy.ndarray, shape (m,), optional
-
-    Returns
-    -------
-    numpy.ndarray, shape (q, q)
-
-    """
-    scaled = end if weights is None else end * weights[:, None]
-    left, _, right = np.linalg.svd(scaled.T @ start)
-    signs = np.ones(start.shape[1])
-    signs[-1] = np.linalg.det(left @ right)
-    return np.asarray(left @ np.diag(signs) @ right)
-
-
-def _sights(observer: int, rays: list[Ray], positions: FloatArray, enclosure: Interval) -> _Sights:
-    """Return the rays whose targets lie in some direction, as opposed to any."""
+def _sights(
+    rows: Mapping[str, int],
+    rays: Sequence[RayReading],
+    positions: FloatArray,
+    enclosure: Interval,
+) -> _Sights:
+    """Return the rays whose targets lie within less than a right angle of some direction."""
     dimension = positions.shape[1]
-    targets = [ray.target for ray in rays]
+    observer = rows[rays[0].key.observer]
+    targets = [rows[ray.key.target] for ray in rays]
     low = down(enclosure.lower[targets] - enclosure.upper[observer])
     high = up(enclosure.upper[targets] - enclosure.lower[observer])
     bounded = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
     low, high = np.where(bounded[:, None], low, -1.0), np.where(bounded[:, None], high, 1.0)
-    directions = _unit((low + high) / 2.0)
+    directions = unit_vectors((low + high) / 2.0)
     choices = np.array(list(product((False, True), repeat=dimension)))
     corners = np.where(choices[None], high[:, None], low[:, None])
     # A cone of less than a right angle is convex: it holds the box when it holds the corners.
     # A corner or a middle in the origin itself counts as a right angle.
-    spreads = angles_rad(_unit(corners), directions[:, None]).max(axis=1) + ROUNDING_RAD
+    spreads = angles_rad(unit_vectors(corners), directions[:, None]).max(axis=1) + ROUNDING_RAD
     placed = positions[targets] - positions[observer]
     placed = np.where(np.isfinite(placed).all(axis=1)[:, None], placed, directions)
     widths = spreads + np.array([ray.half_width_rad for ray in rays]) + ROUNDING_RAD
     seen = np.array([ray.direction[:dimension] for ray in rays]).reshape(-1, dimension)
     order = [i for i in np.argsort(widths, kind='stable') if spreads[i] < math.pi / 2]
-    return _Sights(seen[order], directions[order], _unit(placed)[order], widths[order])
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    """Return the vectors along the last axis scaled to length 1; a zero vector stays."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
+    return _Sights(seen[order], directions[order], unit_vectors(placed)[order], widths[order])
 
 
 def _check_angles(sights: _Sights) -> None:
@@ -161,7 +149,7 @@ def _check_angles(sights: _Sights) -> None:
 
 
 def _planar_heading(sights: _Sights) -> Heading | None:
-    """Return the common part of the arcs that the sights allow; the narrowest comes first."""
+    """Return the intersection of the arcs that the sights allow; the narrowest comes first."""
     yaws = _yaws(sights.directions, sights.rays)
     widths = sights.half_widths_rad
     if not len(widths) or widths[0] >= math.pi:
@@ -190,7 +178,7 @@ def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
 
 
 def _fitted_yaw(sights: _Sights) -> float:
-    """Return the heading that fits the placement best."""
+    """Return the yaw that fits the placement best."""
     yaws = _yaws(sights.placed, sights.rays)
     weights = 1.0 / (sights.half_widths_rad + 1e-6)
     return math.atan2(float(weights @ np.sin(yaws)), float(weights @ np.cos(yaws)))
@@ -213,10 +201,10 @@ def _spatial_heading(sights: _Sights) -> Heading | None:
     errors = np.minimum(sights.half_widths_rad + residuals, math.pi)
     alphas = angles_rad(sights.rays[:, None], sights.rays[None])
     levers = np.minimum(np.sin(alphas / 2.0), np.cos(alphas / 2.0))
-    moves = np.sin(np.maximum(errors[:, None], errors[None]) / 2.0)
+    chords = np.sin(np.maximum(errors[:, None], errors[None]) / 2.0)
     # A ray with itself has no lever, and one with almost itself none worth its rounding.
     usable = levers > 1e-6
-    least = float(np.where(usable, moves / np.where(usable, levers, 1.0), np.inf).min())
+    least = float(np.where(usable, chords / np.where(usable, levers, 1.0), np.inf).min())
     if least >= 1.0:
         return None
     half_width_rad = 2.0 * math.asin(least) + 1e-9

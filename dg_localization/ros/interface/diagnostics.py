@@ -177,7 +177,7 @@ def _ends_of(conflicts: Iterable[Conflict]) -> set[str]:
 
 def _is_measured(estimate: Estimate, robot: str) -> bool:
     fresh = [link for link in estimate.links if not link.stale]
-    return any(robot in (link.observer, link.target) for link in fresh)
+    return any(robot in (link.key.observer, link.key.target) for link in fresh)
 
 
 def _input_statuses(report: Report) -> Iterator[Status]:
@@ -227,11 +227,7 @@ def _input_status(
 def _contradicting(estimate: Estimate | None) -> set[LinkKey]:
     if estimate is None:
         return set()
-    in_links = {
-        LinkKey(link.kind, link.observer, link.target)
-        for link in estimate.links
-        if link.contradicts
-    }
+    in_links = {link.key for link in estimate.links if link.contradicts}
     return in_links.union(*estimate.conflicts)
 
 

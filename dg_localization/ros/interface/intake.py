@@ -67,8 +67,7 @@ class Intake:
 
     def states(self, now_s: float) -> dict[LinkKey, InputState]:
         """Return what has arrived, by input."""
-        states = self._localizer.input_states(now_s)
-        return {LinkKey(state.kind, state.observer, state.target): state for state in states}
+        return {state.key: state for state in self._localizer.input_states(now_s)}
 
 
 def add_reading(

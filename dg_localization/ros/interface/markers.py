@@ -138,9 +138,10 @@ def _links(estimate: Estimate) -> Marker:
     for placement in estimate.placements:
         points = _points(placement)
         for link in estimate.links:
-            if link.observer not in row or link.target not in row:
+            key = link.key
+            if key.observer not in row or key.target not in row:
                 continue
-            segment = points[[row[link.observer], row[link.target]]]
+            segment = points[[row[key.observer], row[key.target]]]
             if np.isfinite(segment).all():
                 groups.append((segment, _link_color(link)))
     return _marker('links', Shape.LINE_LIST, groups, LINE_WIDTH_M)

@@ -19,14 +19,6 @@ from dg_localization.solver.problem import Problem
 _CHIRALITY_GROUP = 0
 
 
-def _permutation_sign(points: tuple[int, ...]) -> int:
-    """Return the sign of the permutation that sorts `points`."""
-    inversions = sum(
-        points[i] > points[j] for i in range(len(points)) for j in range(i + 1, len(points))
-    )
-    return -1 if inversions % 2 else 1
-
-
 def _rows(problem: Problem) -> list[tuple[tuple[int, ...], int, int, int]]:
     """List (sorted face, group, apex, sign) of every known apex."""
     rows = []
@@ -38,7 +30,7 @@ def _rows(problem: Problem) -> list[tuple[tuple[int, ...], int, int, int]]:
     known = set()
     for chirality in problem.chiralities:
         points = tuple(sorted(chirality.points))
-        sign = chirality.sign * _permutation_sign(chirality.points)
+        sign = chirality.sign_of(points)
         for position, apex in enumerate(points):
             face = points[:position] + points[position + 1 :]
             # Moving the apex behind the face takes this many transpositions.

@@ -1,0 +1,67 @@
+"""Distances that are given: measured, between anchors, and by the size of the robots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.bodies import squared_bounds
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import LinkKey
+
+FloatArray = NDArray[np.float64]
+
+
+def given_distances(
+    snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return bounds of all squared distances, from everything but the rays.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    dropped : frozenset of LinkKey
+        Links that do not count.
+    rows : mapping of str to int
+        The row of each point.
+
+    Returns
+    -------
+    lower, upper : numpy.ndarray, shape (n, n)
+        In m^2; reversed where the measurements of a pair contradict each other.
+
+    """
+    lower = np.zeros((len(rows), len(rows)))
+    upper = np.full((len(rows), len(rows)), np.inf)
+    np.fill_diagonal(upper, 0.0)
+    for i, j, s_lower_m2, s_upper_m2 in _bounds_of_pairs(snapshot, dropped, rows):
+        intersect_pair(lower, upper, i, j, s_lower_m2, s_upper_m2)
+    return lower, upper
+
+
+def intersect_pair(
+    lower: FloatArray, upper: FloatArray, i: int, j: int, s_lower_m2: float, s_upper_m2: float
+) -> None:
+    """Intersect the bounds of one squared distance with others, in place."""
+    lower[i, j] = lower[j, i] = max(lower[i, j], s_lower_m2)
+    upper[i, j] = upper[j, i] = min(upper[i, j], s_upper_m2)
+
+
+def _bounds_of_pairs(
+    snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
+) -> Iterator[tuple[int, int, float, float]]:
+    """Yield pairs of points with bounds of their squared distance."""
+    for reading in snapshot.distances:
+        if reading.key not in dropped:
+            ends = rows[reading.key.observer], rows[reading.key.target]
+            yield (*ends, *squared_bounds(reading.lower_m, reading.upper_m))
+    yield from snapshot.anchors.distances
+    separation_m2 = squared_bounds(snapshot.config.min_separation_m, math.inf)
+    if separation_m2[0] > 0.0:
+        for i, j in combinations(range(len(snapshot.config.robots)), 2):
+            yield i, j, *separation_m2

@@ -1,0 +1,71 @@
+"""Triangulation: distances to points that are seen but not ranged, by the law of sines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.bodies import squared_bounds
+from dg_localization.fleet.constraints.angles import Angles
+from dg_localization.fleet.constraints.distances import intersect_pair
+from dg_localization.interval.arrays import ROUNDING_RAD
+
+FloatArray = NDArray[np.float64]
+
+
+def triangulate(lower: FloatArray, upper: FloatArray, angles: Angles) -> None:
+    """
+    Bound the distances to points that are seen from both ends of a known distance, in place.
+
+    With the angles A at a and B at b, the third is pi - A - B, and the sides are as the sines:
+    d_ac = d_ab sin B / sin(A + B).
+
+    Parameters
+    ----------
+    lower, upper : numpy.ndarray, shape (n, n)
+        Bounds of the squared distances in m^2.
+    angles : Angles
+
+    """
+    unranged = np.isinf(upper)
+    if not unranged.any():
+        return
+    known = {
+        (corner[0], frozenset(corner[1:])): (low, high)
+        for corner, low, high in zip(
+            angles.corners.tolist(), angles.low_rad.tolist(), angles.high_rad.tolist(), strict=True
+        )
+    }
+    for (a, ends), at_a in known.items():
+        for b in ends:
+            (c,) = ends - {b}
+            if not unranged[a, c] or unranged[a, b] or lower[a, b] > upper[a, b]:
+                continue
+            at_b = known.get((b, frozenset((a, c))))
+            if at_b is None:
+                continue
+            base_m = (math.sqrt(lower[a, b]), math.sqrt(upper[a, b]))
+            intersect_pair(lower, upper, a, c, *_third_side_m2(base_m, at_a, at_b))
+
+
+def _third_side_m2(
+    base_m: tuple[float, float], at_a: tuple[float, float], at_b: tuple[float, float]
+) -> tuple[float, float]:
+    """Return bounds of the square of d_ac from d_ab and the angles at a and b."""
+    low_sum, high_sum = at_a[0] + at_b[0], min(math.pi, at_a[1] + at_b[1])
+    low_b, high_b = _sine_bounds(*at_b)
+    low_c, high_c = _sine_bounds(min(low_sum, math.pi), high_sum)
+    # A handful of roundings, each below 1.2e-16 of its result, besides those of the sines.
+    low_m = base_m[0] * low_b / high_c * (1.0 - 1e-14)
+    high_m = base_m[1] * high_b / low_c * (1.0 + 1e-14) if low_c > 0.0 else math.inf
+    return squared_bounds(low_m, high_m)
+
+
+def _sine_bounds(low_rad: float, high_rad: float) -> tuple[float, float]:
+    """Return bounds of the sine over a part of [0, pi]."""
+    ends = (math.sin(low_rad), math.sin(high_rad))
+    low = max(0.0, min(ends) - ROUNDING_RAD)
+    high = 1.0 if low_rad <= math.pi / 2 <= high_rad else max(ends) + ROUNDING_RAD
+    return low, high

@@ -1,0 +1,204 @@
+"""From a snapshot to an estimate: solve it, and explain it when it contradicts itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dg_localization.fleet.answers import Answer, add_statistics, answer, check_elsewhere
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.conflicts import Explanation, Links, explain
+from dg_localization.fleet.constraints.constrain import Constraints, constrain
+from dg_localization.fleet.estimate import Estimate
+from dg_localization.fleet.frames.plan import FramePlan, plan_frames
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
+from dg_localization.interval.environment import default_environment
+from dg_localization.solver.result import SolverOptions, Statistics, Verdict
+from dg_localization.solver.search.branch_and_prune import Cancel
+
+EXPLANATION_BOXES = 32
+"""Most boxes of one problem of an explanation: a contradiction shows early or hardly ever."""
+
+_WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
+
+
+@default_environment()
+def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
+    """Return every placement that agrees with a snapshot, or the reason why there is none."""
+    if not snapshot.keys:
+        return _without_placements(snapshot, None, _no_data_reason(snapshot))
+    constraints = constrain(snapshot)
+    found, plan = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
+    if found.verdict is Verdict.INFEASIBLE:
+        return _explained(snapshot, constraints, found.statistics, cancel)
+    if isinstance(plan, str):
+        return _without_placements(snapshot, None, plan)
+    return _with_placements(snapshot, found, plan)
+
+
+def _solve(
+    snapshot: Snapshot,
+    constraints: Constraints,
+    options: SolverOptions,
+    dropped: frozenset[LinkKey] = frozenset(),
+    cancel: Cancel | None = None,
+) -> tuple[Answer, FramePlan | str]:
+    """Return the answer in a frame of its own, and that frame or why there is none."""
+    plans = plan_frames(snapshot, constraints, [constraints])
+    if isinstance(plans, str):
+        return check_elsewhere(constraints, (), options, cancel), plans
+    return answer(snapshot, constraints, plans[0], options, dropped, cancel), plans[0]
+
+
+def _no_data_reason(snapshot: Snapshot) -> str:
+    """Return why there is nothing to solve."""
+    if not snapshot.links:
+        return 'no usable measurement has arrived yet'
+    youngest_s = min(link.age_s for link in snapshot.links)
+    return (
+        f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
+        f'max_age is {snapshot.config.max_age_s:g} s'
+    )
+
+
+def _without_placements(
+    snapshot: Snapshot,
+    verdict: Verdict | None,
+    reason: str,
+    statistics: Statistics | None = None,
+    conflicts: tuple[Conflict, ...] = (),
+) -> Estimate:
+    """Return an estimate that is empty, for a reason."""
+    return Estimate(
+        stamp_s=snapshot.stamp_s,
+        robots=snapshot.config.robots,
+        verdict=verdict,
+        reason=reason,
+        statistics=statistics,
+        links=_marked_links(snapshot, conflicts),
+        conflicts=conflicts,
+        landmarks=snapshot.config.landmarks,
+    )
+
+
+def _with_placements(
+    snapshot: Snapshot, found: Answer, plan: FramePlan, conflicts: tuple[Conflict, ...] = ()
+) -> Estimate:
+    """Return an estimate with placements, as many as may be listed."""
+    config = snapshot.config
+    return Estimate(
+        stamp_s=snapshot.stamp_s,
+        robots=config.robots,
+        verdict=found.verdict,
+        reason=_reason(snapshot, found, plan),
+        placements=found.placements[: config.max_hypotheses],
+        n_hypotheses=found.n_hypotheses,
+        statistics=found.statistics,
+        links=_marked_links(snapshot, conflicts),
+        conflicts=conflicts,
+        landmarks=config.landmarks,
+        frame=plan.frame,
+    )
+
+
+def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
+    """Return the links of a snapshot, those in a conflict marked."""
+    guilty = {key for conflict in conflicts for key in conflict}
+    return tuple(replace(link, contradicts=link.key in guilty) for link in snapshot.links)
+
+
+def _reason(snapshot: Snapshot, found: Answer, plan: FramePlan) -> str:
+    """Return a sentence on what the placements are."""
+    config = snapshot.config
+    count = found.n_hypotheses
+    parts = ['1 placement' if count == 1 else f'{count} placements']
+    if found.verdict is Verdict.OUT_OF_BUDGET:
+        parts.append('the search stopped at its budget; what it left open is included')
+    if count > config.max_hypotheses:
+        parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
+    if any(placement.flexible for placement in found.placements):
+        parts.append('the fleet can still move without any measurement changing')
+    dropped = sorted({str(key) for place in found.placements for key in place.dropped})
+    if dropped:
+        parts.append(f'contradicting links are left out: {", ".join(dropped)}')
+    lost = [robot for i, robot in enumerate(config.robots) if i not in plan.points]
+    if lost:
+        parts.append(f'not connected: {", ".join(lost)}')
+    stale = sum(link.stale for link in snapshot.links)
+    if stale:
+        parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
+    return '; '.join(parts)
+
+
+def _explained(
+    snapshot: Snapshot, constraints: Constraints, statistics: Statistics, cancel: Cancel | None
+) -> Estimate:
+    """Return the estimate when no placement agrees with all measurements."""
+    config = snapshot.config
+    explanation = _explanation(snapshot, cancel)
+    corrections = explanation.corrections if explanation.complete else ()
+    alternatives = [constrain(snapshot, dropped) for dropped in corrections]
+    plans = plan_frames(snapshot, constraints, alternatives) if alternatives else ''
+    if isinstance(plans, str):
+        reason = _contradiction_reason(config, explanation, plans)
+        return _without_placements(
+            snapshot, Verdict.INFEASIBLE, reason, statistics, explanation.conflicts
+        )
+    answers = [
+        answer(snapshot, alternative, plan, config.solver, dropped, cancel)
+        for alternative, plan, dropped in zip(alternatives, plans, corrections, strict=True)
+    ]
+    union = _union(answers, statistics)
+    return _with_placements(snapshot, union, plans[0], explanation.conflicts)
+
+
+def _union(answers: list[Answer], statistics: Statistics) -> Answer:
+    """Return all answers together, with their work added to `statistics`."""
+    for found in answers:
+        statistics = add_statistics(statistics, found.statistics)
+    verdicts = {found.verdict for found in answers}
+    return Answer(
+        verdict=next(verdict for verdict in _WORST_FIRST if verdict in verdicts),
+        placements=tuple(place for found in answers for place in found.placements),
+        n_hypotheses=sum(found.n_hypotheses for found in answers),
+        statistics=statistics,
+    )
+
+
+def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
+    """Return which links of a snapshot contradict each other."""
+    config = snapshot.config
+    everything = frozenset(snapshot.keys)
+    boxes = min(EXPLANATION_BOXES, config.solver.max_boxes)
+    brief = replace(config.solver, max_boxes=boxes, tighten_slices=0)
+
+    def is_contradiction(links: Links, thorough: bool) -> bool:
+        dropped = everything - links
+        options = config.solver if thorough else brief
+        found, _ = _solve(snapshot, constrain(snapshot, dropped), options, dropped, cancel)
+        return found.verdict is Verdict.INFEASIBLE
+
+    return explain(
+        snapshot.keys,
+        is_contradiction,
+        config.max_outliers,
+        config.max_conflict_solves,
+        config.max_conflict_seconds,
+        cancel,
+    )
+
+
+def _contradiction_reason(config: FleetConfig, explanation: Explanation, frame: str) -> str:
+    """Return why a contradiction leaves no placements."""
+    text = 'the measurements contradict each other'
+    if explanation.conflicts:
+        text += ': ' + '; '.join(
+            ', '.join(str(key) for key in conflict) for conflict in explanation.conflicts
+        )
+    if not explanation.complete:
+        text += ' (the search for the cause stopped at its budget)'
+    elif frame:
+        text += f'; without them, {frame}'
+    elif config.max_outliers:
+        text += f'; no {config.max_outliers} links can be dropped to make the rest agree'
+    return text

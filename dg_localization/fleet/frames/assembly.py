@@ -1,0 +1,78 @@
+"""Assembly: from the points of a plan to a placement with one row for each point of the fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.estimate import Placement
+from dg_localization.fleet.frames.headings import Heading
+from dg_localization.fleet.vocabulary import LinkKey
+from dg_localization.interval.arrays import Interval
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlacedPoints:
+    """
+    Some points of the fleet in the fixed frame.
+
+    Parameters
+    ----------
+    points : tuple of int
+        Their indices into the points of the fleet.
+    positions_m : numpy.ndarray, shape (k, q)
+    enclosure : Interval, shape (k, q)
+        In m.
+    headings : mapping of int to Heading
+        By index into the points of the fleet, as far as they are known.
+
+    """
+
+    points: tuple[int, ...]
+    positions_m: FloatArray
+    enclosure: Interval
+    headings: Mapping[int, Heading]
+
+
+def assemble(
+    config: FleetConfig,
+    placed: PlacedPoints,
+    *,
+    proved: bool,
+    flexible: bool,
+    mirrored: bool,
+    dropped: frozenset[LinkKey],
+) -> Placement:
+    """Return a placement of the whole fleet, unknown where the points are not among those."""
+    n_points, n_robots = len(config.points), len(config.robots)
+    points = list(placed.points)
+    positions = np.full((n_points, config.dimension), np.nan)
+    positions[points] = placed.positions_m
+    boxes = np.empty((n_points, 2, config.dimension))
+    boxes[:, 0], boxes[:, 1] = -np.inf, np.inf
+    boxes[points, 0], boxes[points, 1] = placed.enclosure.lower, placed.enclosure.upper
+    orientations = np.full((n_robots, 4), np.nan)
+    half_widths = np.full(n_robots, np.pi)
+    for point, heading in placed.headings.items():
+        if point < n_robots:
+            orientations[point] = heading.orientation_xyzw
+            half_widths[point] = heading.half_width_rad
+    return Placement(
+        positions_m=positions[:n_robots],
+        enclosure_m=boxes[:n_robots],
+        orientations_xyzw=orientations,
+        heading_known=~np.isnan(orientations[:, 0]),
+        heading_half_width_rad=half_widths,
+        proved=proved,
+        flexible=flexible,
+        mirrored=mirrored,
+        landmarks_m=positions[n_robots:],
+        landmark_enclosure_m=boxes[n_robots:],
+        dropped=tuple(sorted(dropped)),
+    )

@@ -1,0 +1,154 @@
+"""
+Registration: from the frame of a core to the fixed frame.
+
+What is known of a core in the fixed frame, by the coordinates of anchors or by the rays of the
+reference robot, is the rotation and the translation between the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.constraints.constrain import Constraints
+from dg_localization.fleet.directions import best_rotation, unit_vectors
+from dg_localization.fleet.estimate import FrameKind
+from dg_localization.interval.arrays import Interval, cross, normalized, rotate, rotation_2d
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CorePose:
+    """
+    Where the axes of a core lie in the fixed frame.
+
+    Parameters
+    ----------
+    axes : Interval, shape (q, q), or None
+        Its columns are the axes; None when they are those of the fixed frame.
+    origin : Interval, shape (q,), or None
+        None when it is that of the fixed frame.
+
+    """
+
+    axes: Interval | None = None
+    origin: Interval | None = None
+
+    def to_fixed(self, local: Interval) -> Interval:
+        """Return coordinates along the axes of the core as coordinates in the fixed frame."""
+        turned = local if self.axes is None else rotate(self.axes, local)
+        return turned if self.origin is None else turned + self.origin[None, :]
+
+
+class Registration:
+    """
+    The fixed frame as the solved points know it.
+
+    Parameters
+    ----------
+    kind : FrameKind
+    solved : Constraints
+        Of the solved points.
+    cores : tuple of tuple of int
+        The cores of the plan by the rows of `solved`, best first.
+    anchors : mapping of int to Interval
+        Coordinates of the anchors by the rows of `solved`.
+
+    """
+
+    def __init__(
+        self,
+        kind: FrameKind,
+        solved: Constraints,
+        cores: tuple[tuple[int, ...], ...],
+        anchors: Mapping[int, Interval],
+    ) -> None:
+        self.kind = kind
+        self.cores = cores
+        self.anchors = anchors
+        self._dimension = solved.dimension
+        self._rows = solved.rows
+        # Only a heading needs them.
+        self._rays = solved.rays.get(solved.points[cores[0][0]], ())
+
+    def pose_of(self, core: tuple[int, ...]) -> CorePose:
+        """Return what is known of the axes of a core."""
+        if self.kind == FrameKind.ROBOTS:
+            return CorePose()
+        if self.kind == FrameKind.ANCHORS:
+            origin = self.anchors[core[0]]
+            edges = [self.anchors[point] - origin for point in core[1:]]
+            return CorePose(_axes_along(edges), origin)
+        rays = {self._rows[ray.key.target]: ray for ray in self._rays}
+        chosen = [rays[point] for point in core[1:]]
+        if self._dimension == 2:
+            x, y = chosen[0].direction[:2]
+            return CorePose(rotation_2d(math.atan2(y, x), chosen[0].half_width_rad))
+        edges = [
+            Interval.around(ray.direction, 2.0 * math.sin(ray.half_width_rad / 2.0) + 1e-15)
+            for ray in chosen
+        ]
+        return CorePose(_axes_along(edges))
+
+    def moved(self, positions: FloatArray) -> FloatArray:
+        """
+        Return positions of the solved points in the fixed frame, by the best fit.
+
+        Parameters
+        ----------
+        positions : numpy.ndarray, shape (n, q)
+            In any frame of the right chirality, in m.
+
+        Returns
+        -------
+        numpy.ndarray, shape (n, q)
+
+        """
+        if self.kind == FrameKind.ANCHORS:
+            return self._moved_to_anchors(positions)
+        core = self.cores[0]
+        local = positions - positions[core[0]]
+        if self.kind == FrameKind.HEADING:
+            rotation = self._rotation_to_rays(local)
+        else:
+            rotation = _rotation_to_axes(local[list(core[1:])])
+        return local @ rotation.T
+
+    def _moved_to_anchors(self, positions: FloatArray) -> FloatArray:
+        """Return positions after the translation and rotation that fit the anchors best."""
+        points = list(self.anchors)
+        targets = np.array([(box.lower + box.upper) / 2.0 for box in self.anchors.values()])
+        center = positions[points].mean(axis=0)
+        rotation = best_rotation(positions[points] - center, targets - targets.mean(axis=0))
+        return (positions - center) @ rotation.T + targets.mean(axis=0)
+
+    def _rotation_to_rays(self, local: FloatArray) -> FloatArray:
+        """Return the rotation that fits the rays of the reference robot best."""
+        directions = unit_vectors(local[[self._rows[ray.key.target] for ray in self._rays]])
+        weights = [1.0 / (ray.half_width_rad + 1e-6) for ray in self._rays]
+        seen = np.array([ray.direction[: self._dimension] for ray in self._rays])
+        return best_rotation(directions, seen, np.array(weights))
+
+
+def _axes_along(edges: list[Interval]) -> Interval:
+    """Return the matrix whose columns are the axes that q - 1 edges from the origin make."""
+    first = normalized(edges[0])
+    if len(edges) == 1:
+        x, y = first[0], first[1]
+        return Interval.stack([Interval.stack([x, -y]), Interval.stack([y, x])], axis=0)
+    third = normalized(cross(first, edges[1]))
+    return Interval.stack([first, cross(third, first), third])
+
+
+def _rotation_to_axes(edges: FloatArray) -> FloatArray:
+    """Return the rotation that takes the first edge to +x, the second to the xy plane, y >= 0."""
+    basis, triangle = np.linalg.qr(edges.T, mode='complete')
+    basis[:, : len(edges)] *= np.where(np.diagonal(triangle) < 0.0, -1.0, 1.0)
+    if np.linalg.det(basis) < 0.0:
+        basis[:, -1] *= -1.0
+    return np.asarray(basis.T)
