@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-import math
 
 import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.interval.arrays import Interval, cross, determinant
+from dg_localization.interval.arrays import Interval, cross, determinant, squared_norm
+from dg_localization.interval.bounds import squared_distance, sum_down, sum_up
 from dg_localization.solver.problem import Chirality
 
 MAX_CORES = 6
@@ -55,14 +55,14 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
         for name, anchor in config.anchors.items()
     }
     bounds_m = {index[name]: anchor.bound_m for name, anchor in config.anchors.items()}
-    centres = {
+    centers = {
         index[name]: Interval.point(anchor.coordinates_m)
         for name, anchor in config.anchors.items()
     }
     return AnchorGeometry(
         boxes=boxes,
         distances=tuple(
-            (a, b, *_squared_distance(centres[a] - centres[b], bounds_m[a] + bounds_m[b]))
+            (a, b, *_squared_distance(centers[a] - centers[b], bounds_m[a], bounds_m[b]))
             for a, b in combinations(boxes, 2)
         ),
         chiralities=_chiralities(boxes, config.dimension),
@@ -70,28 +70,18 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     )
 
 
-def squared_bounds(lower_m: float, upper_m: float) -> tuple[float, float]:
-    """Return bounds in m^2 of the square of a distance; reversed when `upper_m` is negative."""
-    low = math.nextafter(lower_m * lower_m, -math.inf) if lower_m > 0.0 else 0.0
-    if upper_m < 0.0:
-        # No distance is negative. An empty interval that starts at the least possible number.
-        return max(low, math.ulp(0.0)), 0.0
-    return max(0.0, low), math.nextafter(upper_m * upper_m, math.inf)
-
-
-def _squared_distance(vector: Interval, slack_m: float) -> tuple[float, float]:
-    """Return bounds in m^2 of the squared length of a vector that is known within a slack."""
-    squares = vector.square()
-    total = squares[0]
-    for axis in range(1, len(squares.lower)):
-        total = total + squares[axis]
-    if slack_m == 0.0:
-        return max(0.0, float(total.lower)), float(total.upper)
-    slack_m = math.nextafter(slack_m, math.inf)
-    distance = total.sqrt()
-    lower_m = math.nextafter(float(distance.lower) - slack_m, -math.inf)
-    upper_m = math.nextafter(float(distance.upper) + slack_m, math.inf)
-    return squared_bounds(lower_m, upper_m)
+def _squared_distance(
+    difference: Interval, first_bound_m: float, second_bound_m: float
+) -> tuple[float, float]:
+    """Return bounds in m^2 of the squared distance of two anchors from that of their centers."""
+    squared = squared_norm(difference)
+    if first_bound_m == second_bound_m == 0.0:
+        return max(0.0, float(squared.lower)), float(squared.upper)
+    distance = squared.sqrt()
+    return squared_distance(
+        sum_down(float(distance.lower), -first_bound_m, -second_bound_m),
+        sum_up(float(distance.upper), first_bound_m, second_bound_m),
+    )
 
 
 def _chiralities(boxes: dict[int, Interval], dimension: int) -> tuple[Chirality, ...]:

@@ -1,7 +1,7 @@
 """
 From a reading to bounds: ranges (REP-117 included) and rays.
 
-Bounds are rounded outward. The reading itself is taken as the exact number it is.
+Bounds are rounded outward. The reading itself counts as an exact number.
 """
 
 from __future__ import annotations
@@ -13,16 +13,7 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.config import RangeErrorModel
 from dg_localization.fleet.vocabulary import Rejection, RejectionReason
-
-
-def _up(value: float) -> float:
-    """Return the next number above `value`."""
-    return math.nextafter(value, math.inf)
-
-
-def _down(value: float) -> float:
-    """Return the next number below `value`."""
-    return math.nextafter(value, -math.inf)
+from dg_localization.interval.bounds import product_down, product_up, sqrt_up, sum_down, sum_up
 
 
 def distance_bounds_m(
@@ -45,12 +36,12 @@ def distance_bounds_m(
         In m. The upper one is below zero when no distance could give the reading.
 
     """
-    spread = 0.0
+    spread_m = 0.0
     if model.sigma_factor > 0.0:
-        spread = _up(model.sigma_factor * _up(math.sqrt(variance_m2)))
-    high = _up(_up(model.max_error_m + _up(model.max_error_relative * range_m)) + spread)
-    low = _down(_down(model.min_error_m + _down(model.min_error_relative * range_m)) - spread)
-    return max(0.0, _down(range_m - high)), _up(range_m - low)
+        spread_m = product_up(model.sigma_factor, sqrt_up(variance_m2))
+    high_m = sum_up(model.max_error_m, product_up(model.max_error_relative, range_m), spread_m)
+    low_m = sum_down(model.min_error_m, product_down(model.min_error_relative, range_m), -spread_m)
+    return max(0.0, sum_down(range_m, -high_m)), sum_up(range_m, -low_m)
 
 
 def interpret_range(

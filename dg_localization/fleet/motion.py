@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from dg_localization.fleet.vocabulary import OdometryReading
-from dg_localization.interval.arrays import ROUNDING_RAD
+from dg_localization.interval.angles import angle_up
+from dg_localization.interval.bounds import elapsed_up, product_up, sqrt_up, square_up, sum_up
 
 
 def rotation_of_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
@@ -35,17 +36,6 @@ def rotation_angle_rad(rotation: np.ndarray) -> float:
         ]
     )
     return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
-
-
-def elapsed_s(first_s: float, second_s: float) -> float:
-    """
-    Return an upper bound of the time between two stamps.
-
-    Nanoseconds since 1970 do not fit a double: each stamp may be half a unit off.
-    """
-    if first_s == second_s:
-        return math.ulp(first_s)
-    return abs(first_s - second_s) + 2.0 * math.ulp(max(abs(first_s), abs(second_s)))
 
 
 class OdometryTrack:
@@ -92,7 +82,7 @@ class OdometryTrack:
             last = self._readings[-1]
             step_m = float(np.linalg.norm(reading.position_m - last.position_m))
             turn_rad = rotation_angle_rad(last.rotation.T @ reading.rotation)
-            if self._restarted(step_m, turn_rad, elapsed_s(reading.stamp_s, last.stamp_s)):
+            if self._restarted(step_m, turn_rad, elapsed_up(reading.stamp_s, last.stamp_s)):
                 self._readings.clear()
         self._readings.append(reading)
         self._forget_before(reading.stamp_s - self._keep_s)
@@ -100,9 +90,8 @@ class OdometryTrack:
     def _restarted(self, step_m: float, turn_rad: float, seconds: float) -> bool:
         """Return whether a step or a turn is more than the robot can do in that time."""
         span = seconds * self._tolerance
-        return (
-            step_m > self._max_speed_m_s * span
-            or turn_rad > self._max_turn_rate_rad_s * span + ROUNDING_RAD
+        return step_m > self._max_speed_m_s * span or turn_rad > angle_up(
+            self._max_turn_rate_rad_s * span
         )
 
     def _forget_before(self, stamp_s: float) -> None:
@@ -136,20 +125,17 @@ class Motion:
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of how far `point` moved between two times."""
-        speed = self.max_speed_m_s[point]
-        limit = speed * elapsed_s(first_s, second_s)
+        speed_m_s = self.max_speed_m_s[point]
+        by_speed_m = product_up(speed_m_s, elapsed_up(first_s, second_s))
         track = self.odometry.get(point)
-        if track:
-            start, end = _nearest(track, first_s), _nearest(track, second_s)
-            gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
-            limit = min(
-                limit,
-                float(np.linalg.norm(end.position_m - start.position_m))
-                + self.relative_error * speed * elapsed_s(start.stamp_s, end.stamp_s)
-                + speed * gaps_s,
-            )
-        # A handful of roundings, each below 1.2e-16 of the result.
-        return limit * (1.0 + 1e-14)
+        if not track:
+            return by_speed_m
+        start, end = _nearest(track, first_s), _nearest(track, second_s)
+        by_odometry_m = sum_up(
+            _distance_up_m(start.position_m, end.position_m),
+            product_up(speed_m_s, self._unknown_up_s(start, end, first_s, second_s)),
+        )
+        return min(by_speed_m, by_odometry_m)
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
         """
@@ -164,20 +150,37 @@ class Motion:
             Greatest angle by which that may be wrong.
 
         """
-        rate = self.max_turn_rate_rad_s
-        blind_rad = rate * elapsed_s(first_s, second_s)
+        rate_rad_s = self.max_turn_rate_rad_s
+        by_rate_rad = product_up(rate_rad_s, elapsed_up(first_s, second_s))
         track = self.odometry.get(point)
         if track:
             start, end = _nearest(track, first_s), _nearest(track, second_s)
-            gaps_s = elapsed_s(start.stamp_s, first_s) + elapsed_s(end.stamp_s, second_s)
-            error_rad = (
-                self.relative_error * rate * elapsed_s(start.stamp_s, end.stamp_s)
-                + rate * gaps_s
-                + ROUNDING_RAD
-            )
-            if error_rad < blind_rad:
+            unknown_s = self._unknown_up_s(start, end, first_s, second_s)
+            error_rad = angle_up(product_up(rate_rad_s, unknown_s))
+            if error_rad < by_rate_rad:
                 return end.rotation.T @ start.rotation, error_rad
-        return np.eye(3), blind_rad * (1.0 + 1e-14)
+        return np.eye(3), by_rate_rad
+
+    def _unknown_up_s(
+        self, start: OdometryReading, end: OdometryReading, first_s: float, second_s: float
+    ) -> float:
+        """
+        Return for how long at full speed the motion between two times is unknown.
+
+        That is the time beyond the two readings, and the error of odometry between them.
+        """
+        return sum_up(
+            product_up(self.relative_error, elapsed_up(start.stamp_s, end.stamp_s)),
+            elapsed_up(start.stamp_s, first_s),
+            elapsed_up(end.stamp_s, second_s),
+        )
+
+
+def _distance_up_m(first: np.ndarray, second: np.ndarray) -> float:
+    """Return an upper bound of the distance of two positions."""
+    pairs = zip(first.tolist(), second.tolist(), strict=True)
+    differences = [max(sum_up(x, -y), sum_up(y, -x)) for x, y in pairs]
+    return sqrt_up(sum_up(*(square_up(difference) for difference in differences)))
 
 
 def _nearest(track: tuple[OdometryReading, ...], stamp_s: float) -> OdometryReading:

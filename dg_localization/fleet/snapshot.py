@@ -15,6 +15,7 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
+from dg_localization.interval.bounds import sum_down, sum_up
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,14 @@ def _distance_at(
     lower_m, upper_m = 0.0, math.inf
     for reading in readings:
         moved_m = _displacement_m(key, reading.stamp_s, motion, now_s)
-        lower_m = max(lower_m, math.nextafter(reading.lower_m - moved_m, -math.inf))
-        upper_m = min(upper_m, math.nextafter(reading.upper_m + moved_m, math.inf))
+        lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))
+        upper_m = min(upper_m, sum_up(reading.upper_m, moved_m))
     return DistanceReading(key, now_s, lower_m, upper_m)
 
 
 def _displacement_m(key: LinkKey, stamp_s: float, motion: Motion, now_s: float) -> float:
     """Return how far both ends of a link together can have moved since `stamp_s`."""
-    ends = (key.observer, key.target)
-    total = sum(motion.displacement_m(point, stamp_s, now_s) for point in ends)
-    return math.nextafter(total, math.inf) if total > 0.0 else 0.0
+    moved_m = [
+        motion.displacement_m(point, stamp_s, now_s) for point in (key.observer, key.target)
+    ]
+    return sum_up(*moved_m) if any(moved_m) else 0.0

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.rays import RayPairs
-from dg_localization.interval.arrays import ROUNDING_RAD
+from dg_localization.interval.angles import cosine
+from dg_localization.interval.arrays import Interval
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,13 +37,8 @@ class Angles:
 
     def cosines(self) -> FloatArray:
         """Return bounds of the cosines, shape (m, 2)."""
-        return np.stack(
-            [
-                np.maximum(np.cos(self.high_rad) - ROUNDING_RAD, -1.0),
-                np.minimum(np.cos(self.low_rad) + ROUNDING_RAD, 1.0),
-            ],
-            axis=1,
-        )
+        bounds = cosine(Interval(self.low_rad, self.high_rad))
+        return np.stack([bounds.lower, bounds.upper], axis=1)
 
     def of(self, points: Sequence[int], n_points: int) -> Angles:
         """Return the angles between some of the `n_points` points, renumbered as listed."""

@@ -14,7 +14,7 @@ import numpy as np
 from dg_localization.fleet.constraints.rays import RayBundle, RayPairs
 from dg_localization.fleet.directions import angles_rad
 from dg_localization.fleet.vocabulary import RayReading
-from dg_localization.interval.arrays import ROUNDING_RAD
+from dg_localization.interval.angles import angle_up
 from dg_localization.solver.problem import Chirality
 
 
@@ -54,7 +54,8 @@ def _spatial_sign(rays: Sequence[RayReading]) -> int:
         + 2.0 * math.sin(e_w / 2.0) * _greatest_sine(uv, e_u + e_v)
     )
     volume = float(np.linalg.det(np.stack([u, v, w])))
-    if abs(volume) <= change + ROUNDING_RAD:
+    # The determinant of unit vectors is as exact as an angle.
+    if abs(volume) <= angle_up(change):
         return 0
     return 1 if volume > 0.0 else -1
 

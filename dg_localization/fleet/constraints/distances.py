@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.bodies import squared_bounds
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
+from dg_localization.interval.bounds import squared_distance
 
 FloatArray = NDArray[np.float64]
 
@@ -59,9 +59,9 @@ def _bounds_of_pairs(
     for reading in snapshot.distances:
         if reading.key not in dropped:
             ends = rows[reading.key.observer], rows[reading.key.target]
-            yield (*ends, *squared_bounds(reading.lower_m, reading.upper_m))
+            yield (*ends, *squared_distance(reading.lower_m, reading.upper_m))
     yield from snapshot.anchors.distances
-    separation_m2 = squared_bounds(snapshot.config.min_separation_m, math.inf)
+    separation_m2 = squared_distance(snapshot.config.min_separation_m, math.inf)
     if separation_m2[0] > 0.0:
         for i, j in combinations(range(len(snapshot.config.robots)), 2):
             yield i, j, *separation_m2

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from dg_localization.fleet.directions import angles_rad
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.vocabulary import RayReading
-from dg_localization.interval.arrays import ROUNDING_RAD
+from dg_localization.interval.angles import angle_up, arcsine_up
+from dg_localization.interval.bounds import quotient_up, sqrt_down, sum_up
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -69,7 +70,7 @@ def include_displacement(ray: RayReading, s_lower_m2: float) -> RayReading:
 
     """
     turn_rad = _turn_by_displacement_rad(ray.displacement_m, s_lower_m2)
-    half_width_rad = ray.half_width_rad + turn_rad + ROUNDING_RAD
+    half_width_rad = angle_up(sum_up(ray.half_width_rad, turn_rad))
     return replace(ray, half_width_rad=half_width_rad, displacement_m=0.0)
 
 
@@ -77,10 +78,10 @@ def _turn_by_displacement_rad(displacement_m: float, s_lower_m2: float) -> float
     """Return by how much a displacement can turn the line between two points."""
     if displacement_m == 0.0:
         return 0.0
-    d_lower_m = math.nextafter(math.sqrt(s_lower_m2), 0.0)
+    d_lower_m = sqrt_down(s_lower_m2)
     if displacement_m >= d_lower_m:
         return math.pi
-    return math.asin(min(1.0, math.nextafter(displacement_m / d_lower_m, 2.0))) + ROUNDING_RAD
+    return arcsine_up(quotient_up(displacement_m, d_lower_m))
 
 
 class RayBundle:
@@ -129,7 +130,7 @@ class RayBundle:
             turns_left = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
             angles = np.where(turns_left < 0.0, -angles, angles)
         corner_rows = np.array(corners, dtype=np.int64).reshape(-1, 3)
-        return RayPairs(corner_rows, angles, widths + ROUNDING_RAD)
+        return RayPairs(corner_rows, angles, angle_up(widths))
 
     def triples(self) -> Iterator[tuple[RayReading, ...]]:
         """Yield all triples of rays, each in one body frame."""
@@ -166,5 +167,5 @@ class RayBundle:
             ray,
             stamp_s=stamp_s,
             direction=direction / length,
-            half_width_rad=ray.half_width_rad + error_rad,
+            half_width_rad=sum_up(ray.half_width_rad, error_rad),
         )

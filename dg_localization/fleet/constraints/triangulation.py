@@ -7,10 +7,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.bodies import squared_bounds
 from dg_localization.fleet.constraints.angles import Angles
 from dg_localization.fleet.constraints.distances import intersect_pair
-from dg_localization.interval.arrays import ROUNDING_RAD
+from dg_localization.interval.angles import sine_bounds
+from dg_localization.interval.bounds import (
+    product_down,
+    product_up,
+    quotient_down,
+    quotient_up,
+    sqrt_down,
+    sqrt_up,
+    squared_distance,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +54,7 @@ def triangulate(lower: FloatArray, upper: FloatArray, angles: Angles) -> None:
             at_b = known.get((b, frozenset((a, c))))
             if at_b is None:
                 continue
-            base_m = (math.sqrt(lower[a, b]), math.sqrt(upper[a, b]))
+            base_m = (sqrt_down(lower[a, b]), sqrt_up(upper[a, b]))
             intersect_pair(lower, upper, a, c, *_third_side_m2(base_m, at_a, at_b))
 
 
@@ -55,17 +63,8 @@ def _third_side_m2(
 ) -> tuple[float, float]:
     """Return bounds of the square of d_ac from d_ab and the angles at a and b."""
     low_sum, high_sum = at_a[0] + at_b[0], min(math.pi, at_a[1] + at_b[1])
-    low_b, high_b = _sine_bounds(*at_b)
-    low_c, high_c = _sine_bounds(min(low_sum, math.pi), high_sum)
-    # A handful of roundings, each below 1.2e-16 of its result, besides those of the sines.
-    low_m = base_m[0] * low_b / high_c * (1.0 - 1e-14)
-    high_m = base_m[1] * high_b / low_c * (1.0 + 1e-14) if low_c > 0.0 else math.inf
-    return squared_bounds(low_m, high_m)
-
-
-def _sine_bounds(low_rad: float, high_rad: float) -> tuple[float, float]:
-    """Return bounds of the sine over a part of [0, pi]."""
-    ends = (math.sin(low_rad), math.sin(high_rad))
-    low = max(0.0, min(ends) - ROUNDING_RAD)
-    high = 1.0 if low_rad <= math.pi / 2 <= high_rad else max(ends) + ROUNDING_RAD
-    return low, high
+    sine_b_low, sine_b_high = sine_bounds(*at_b)
+    sine_c_low, sine_c_high = sine_bounds(min(low_sum, math.pi), high_sum)
+    d_lower_m = quotient_down(product_down(base_m[0], max(0.0, sine_b_low)), sine_c_high)
+    d_upper_m = quotient_up(product_up(base_m[1], sine_b_high), max(0.0, sine_c_low))
+    return squared_distance(d_lower_m, d_upper_m)

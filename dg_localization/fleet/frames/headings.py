@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.directions import angles_rad, best_rotation, unit_vectors
 from dg_localization.fleet.vocabulary import RayReading
-from dg_localization.interval.arrays import ROUNDING_RAD, Interval, down, up
+from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
+from dg_localization.interval.arrays import Interval, up
 
 FloatArray = NDArray[np.float64]
 
@@ -121,8 +122,8 @@ def _sights(
     dimension = positions.shape[1]
     observer = rows[rays[0].key.observer]
     targets = [rows[ray.key.target] for ray in rays]
-    low = down(enclosure.lower[targets] - enclosure.upper[observer])
-    high = up(enclosure.upper[targets] - enclosure.lower[observer])
+    differences = enclosure[targets] - enclosure[observer]
+    low, high = differences.lower, differences.upper
     bounded = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
     low, high = np.where(bounded[:, None], low, -1.0), np.where(bounded[:, None], high, 1.0)
     directions = unit_vectors((low + high) / 2.0)
@@ -130,10 +131,10 @@ def _sights(
     corners = np.where(choices[None], high[:, None], low[:, None])
     # A cone of less than a right angle is convex: it holds the box when it holds the corners.
     # A corner or a middle in the origin itself counts as a right angle.
-    spreads = angles_rad(unit_vectors(corners), directions[:, None]).max(axis=1) + ROUNDING_RAD
+    spreads = angle_up(angles_rad(unit_vectors(corners), directions[:, None]).max(axis=1))
     placed = positions[targets] - positions[observer]
     placed = np.where(np.isfinite(placed).all(axis=1)[:, None], placed, directions)
-    widths = spreads + np.array([ray.half_width_rad for ray in rays]) + ROUNDING_RAD
+    widths = angle_up(spreads + np.array([ray.half_width_rad for ray in rays]))
     seen = np.array([ray.direction[:dimension] for ray in rays]).reshape(-1, dimension)
     order = [i for i in np.argsort(widths, kind='stable') if spreads[i] < math.pi / 2]
     return _Sights(seen[order], directions[order], unit_vectors(placed)[order], widths[order])
@@ -158,13 +159,13 @@ def _planar_heading(sights: _Sights) -> Heading | None:
     # Where two arcs together are wider than a circle they may meet twice: no common arc.
     useful = widths + widths[0] < math.pi
     useful[0] = True
-    low = float((offsets - widths - ROUNDING_RAD)[useful].max())
-    high = float((offsets + widths + ROUNDING_RAD)[useful].min())
+    low = float(angle_down(offsets - widths)[useful].max())
+    high = float(angle_up(offsets + widths)[useful].min())
     if low > high:
         raise NoHeadingError('the rays leave no common heading')
     fitted = _fitted_yaw(sights)
     yaw = min(max(math.remainder(fitted - yaws[0], 2.0 * math.pi), low), high)
-    half_width_rad = max(yaw - low, high - yaw) + ROUNDING_RAD
+    half_width_rad = angle_up(max(yaw - low, high - yaw))
     half_yaw = (yaws[0] + yaw) / 2.0
     orientation = np.array([0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)])
     return Heading(orientation, min(half_width_rad, math.pi))
@@ -198,17 +199,16 @@ def _spatial_heading(sights: _Sights) -> Heading | None:
     weights = 1.0 / (sights.half_widths_rad + 1e-6)
     rotation = best_rotation(sights.rays, sights.placed, weights)
     residuals = angles_rad(sights.rays @ rotation.T, sights.directions)
-    errors = np.minimum(sights.half_widths_rad + residuals, math.pi)
+    errors = np.minimum(angle_up(sights.half_widths_rad + residuals), math.pi)
     alphas = angles_rad(sights.rays[:, None], sights.rays[None])
-    levers = np.minimum(np.sin(alphas / 2.0), np.cos(alphas / 2.0))
-    chords = np.sin(np.maximum(errors[:, None], errors[None]) / 2.0)
+    levers = angle_down(np.minimum(np.sin(alphas / 2.0), np.cos(alphas / 2.0)))
+    chords = angle_up(np.sin(np.maximum(errors[:, None], errors[None]) / 2.0))
     # A ray with itself has no lever, and one with almost itself none worth its rounding.
     usable = levers > 1e-6
-    least = float(np.where(usable, chords / np.where(usable, levers, 1.0), np.inf).min())
+    least = float(np.where(usable, up(chords / np.where(usable, levers, 1.0)), np.inf).min())
     if least >= 1.0:
         return None
-    half_width_rad = 2.0 * math.asin(least) + 1e-9
-    return Heading(_quaternion_of(rotation), half_width_rad)
+    return Heading(_quaternion_of(rotation), angle_up(2.0 * arcsine_up(least)))
 
 
 def _quaternion_of(rotation: FloatArray) -> FloatArray:

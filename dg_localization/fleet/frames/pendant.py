@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.directions import unit_vectors
-from dg_localization.interval.arrays import Interval
+from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
 
 FloatArray = NDArray[np.float64]
@@ -115,11 +115,8 @@ def keep_distances(
 
     """
     for i in range(n_solved, len(positions)):
-        squares = (Interval.point(positions[i]) - Interval.point(positions)).square()
-        total = squares[:, 0]
-        for axis in range(1, positions.shape[1]):
-            total = total + squares[:, axis]
-        kept = (total.lower >= lower[i]) & (total.upper <= upper[i])
+        squared = squared_norm(Interval.point(positions[i]) - Interval.point(positions))
+        kept = (squared.lower >= lower[i]) & (squared.upper <= upper[i])
         kept[i] = True
         if not kept.all():
             return False

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.fleet.estimate import FrameKind
-from dg_localization.interval.arrays import Interval, cross, normalized, rotate, rotation_2d
+from dg_localization.interval.angles import chord_up, rotation_2d
+from dg_localization.interval.arrays import Interval, cross, normalized, rotate
 
 FloatArray = NDArray[np.float64]
 
@@ -89,10 +90,7 @@ class Registration:
         if self._dimension == 2:
             x, y = chosen[0].direction[:2]
             return CorePose(rotation_2d(math.atan2(y, x), chosen[0].half_width_rad))
-        edges = [
-            Interval.around(ray.direction, 2.0 * math.sin(ray.half_width_rad / 2.0) + 1e-15)
-            for ray in chosen
-        ]
+        edges = [Interval.around(ray.direction, chord_up(ray.half_width_rad)) for ray in chosen]
         return CorePose(_axes_along(edges))
 
     def moved(self, positions: FloatArray) -> FloatArray:

@@ -13,9 +13,8 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import (
-    TINIEST,
-    UNIT,
     down,
+    rounding_error,
     sqrt_down,
     sqrt_up,
     square_down,
@@ -70,14 +69,14 @@ def contract_opposite_side(
                 greatest = math.inf
                 continue
             y = min(max(x * high_cosine, sides[free, 0]), sides[free, 1])
-            # Five operations on parts no larger than (x + y)^2.
-            margin = 8.0 * UNIT * (x + y) * (x + y) + TINIEST
+            # No part exceeds (x + y)^2.
+            margin = rounding_error((x + y) * (x + y), 8.0)
             least = min(least, x * x + y * y - 2.0 * x * y * high_cosine - margin)
     if not math.isinf(greatest):
         for i in range(2):
             for j in range(2):
                 x, y = sides[0, i], sides[1, j]
-                margin = 8.0 * UNIT * (x + y) * (x + y) + TINIEST
+                margin = rounding_error((x + y) * (x + y), 8.0)
                 greatest = max(greatest, x * x + y * y - 2.0 * x * y * low_cosine + margin)
     lower[b, c] = lower[c, b] = max(lower[b, c], least)
     upper[b, c] = upper[c, b] = min(upper[b, c], greatest)
