@@ -71,9 +71,9 @@ def interpret_range(
         Lower and upper distance in m.
 
     """
-    minimum = 0.0 if min_range_m is None or math.isnan(min_range_m) else min_range_m
-    maximum = math.inf if not max_range_m or math.isnan(max_range_m) else max_range_m
-    variance = 0.0 if variance_m2 is None else variance_m2
+    minimum = 0.0 if min_range_m is None or math.isnan(min_range_m) else float(min_range_m)
+    maximum = math.inf if not max_range_m or math.isnan(max_range_m) else float(max_range_m)
+    variance = 0.0 if variance_m2 is None else float(variance_m2)
     if model.sigma_factor > 0.0 and not variance >= 0.0:
         text = f'variance {variance_m2} m^2 is not allowed, it must be >= 0'
         return Rejection(RejectionReason.INVALID_VARIANCE, text)

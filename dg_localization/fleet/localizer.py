@@ -82,7 +82,7 @@ class Localizer:
         """
         key = LinkKey(LinkKind.RANGE, observer, target)
         return self._store.add_range(
-            key, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2
+            key, float(range_m), float(stamp_s), now_s, min_range_m, max_range_m, variance_m2
         )
 
     @default_environment()
@@ -108,7 +108,7 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.BEARING, observer, target)
-        return self._store.add_bearing(key, ray_xyz, stamp_s, now_s)
+        return self._store.add_bearing(key, ray_xyz, float(stamp_s), now_s)
 
     @default_environment()
     def add_odometry(
@@ -139,7 +139,7 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.ODOMETRY, robot, '')
-        return self._store.add_odometry(key, position_xyz, orientation_xyzw, stamp_s, now_s)
+        return self._store.add_odometry(key, position_xyz, orientation_xyzw, float(stamp_s), now_s)
 
     @default_environment()
     def add_peers(
@@ -164,7 +164,7 @@ class Localizer:
             Why some of the measurements, or all, were not accepted.
 
         """
-        return self._store.add_peers(observer, readings, stamp_s, now_s)
+        return self._store.add_peers(observer, readings, float(stamp_s), now_s)
 
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered since the start or the last reset."""
@@ -173,7 +173,7 @@ class Localizer:
     @default_environment()
     def snapshot(self, now_s: float) -> Snapshot:
         """Return what the measurements say at `now_s`; later ones do not change it."""
-        return take_snapshot(self._store, self._config, self._anchors, now_s)
+        return take_snapshot(self._store, self._config, self._anchors, float(now_s))
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
         """

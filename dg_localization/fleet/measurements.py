@@ -142,9 +142,9 @@ class MeasurementStore:
         source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         rejections = []
         for target, value in readings:
-            if isinstance(value, (int, float)):
+            if isinstance(value, (int, float, np.floating)):
                 key = LinkKey(LinkKind.RANGE, observer, target)
-                rejection = self.add_range(key, value, stamp_s, now_s, None, None, None)
+                rejection = self.add_range(key, float(value), stamp_s, now_s, None, None, None)
             else:
                 key = LinkKey(LinkKind.BEARING, observer, target)
                 rejection = self.add_bearing(key, value, stamp_s, now_s)

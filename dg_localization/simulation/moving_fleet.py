@@ -2,8 +2,8 @@
 The fleet of the paper as a simulation: six robots, nine ranges, cameras, slow motion.
 
 Section 5.1 of the paper gives nine squared distances of a fleet at rest. Here the fleet starts at
-that placement and drives: all robots follow a wide circle together, and each also swings about its
-place, so that the shape of the fleet changes all the time but keeps its eight solutions.
+that placement and moves: all robots follow a wide circle together, and each also circles about its
+place in the fleet. The shape of the fleet changes all the time and keeps its eight solutions.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ START_POSITIONS_M = np.array(
 # The measured pairs of the paper, by index into ROBOTS.
 EDGES = ((0, 1), (0, 2), (1, 2), (1, 3), (1, 4), (1, 5), (2, 3), (3, 5), (4, 5))
 
-# Of its speed a robot spends the larger part on the common circle, so it never turns back.
+# The common circle takes the larger share of the speed of a robot, so it never turns back.
 COMMON_SHARE = 0.8
 COMMON_RADIUS_M = 20.0
 SWING_RADIUS_M = 0.3
@@ -37,7 +37,7 @@ SWING_RADIUS_M = 0.3
 @dataclass(frozen=True)
 class FleetState:
     """
-    Where the robots truly are at one time.
+    The true poses of the robots at one time.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class FleetState:
         Parameters
         ----------
         observer : int
-            Index of the robot that looks.
+            Index of the robot that sees.
 
         Returns
         -------
@@ -73,8 +73,8 @@ class FleetState:
 
 
 @dataclass(frozen=True)
-class RangeReading:
-    """A distance from `observer` to `target`, in m."""
+class SimulatedRange:
+    """A measured distance from `observer` to `target`, in m."""
 
     observer: str
     target: str
@@ -82,8 +82,8 @@ class RangeReading:
 
 
 @dataclass(frozen=True)
-class BearingReading:
-    """The unit vector from `observer` to `target` in the observer's body frame."""
+class SimulatedBearing:
+    """The measured unit vector from `observer` to `target` in the observer's body frame."""
 
     observer: str
     target: str
@@ -91,8 +91,8 @@ class BearingReading:
 
 
 @dataclass(frozen=True)
-class OdometryReading:
-    """The pose of a robot relative to where it started."""
+class SimulatedOdometry:
+    """The pose of a robot relative to its pose at the start."""
 
     robot: str
     position_m: tuple[float, float]
@@ -119,7 +119,7 @@ def rotation(yaw_rad: float) -> np.ndarray:
 
 class FleetMotion:
     """
-    The motion of the fleet: a function of time alone.
+    The motion of the fleet, a function of time alone.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ class FleetSensors:
         self._bearing_bound_rad = bearing_error_rad
         self._rng = np.random.default_rng(seed)
 
-    def ranges(self, state: FleetState) -> Iterator[RangeReading]:
+    def ranges(self, state: FleetState) -> Iterator[SimulatedRange]:
         """
         Measure every pair of `EDGES` once.
 
@@ -224,16 +224,18 @@ class FleetSensors:
 
         Yields
         ------
-        RangeReading
+        SimulatedRange
             One for each pair.
 
         """
         for observer, target in EDGES:
             distance_m = np.linalg.norm(state.positions_m[target] - state.positions_m[observer])
             error = self._rng.uniform(-self._range_bound, self._range_bound)
-            yield RangeReading(ROBOTS[observer], ROBOTS[target], float(distance_m * (1.0 + error)))
+            yield SimulatedRange(
+                ROBOTS[observer], ROBOTS[target], float(distance_m * (1.0 + error))
+            )
 
-    def bearings(self, state: FleetState) -> Iterator[BearingReading]:
+    def bearings(self, state: FleetState) -> Iterator[SimulatedBearing]:
         """
         See every robot of `EDGES` from its partner.
 
@@ -244,7 +246,7 @@ class FleetSensors:
 
         Yields
         ------
-        BearingReading
+        SimulatedBearing
             Two for each pair.
 
         """
@@ -254,12 +256,12 @@ class FleetSensors:
                 error_rad = self._rng.uniform(-self._bearing_bound_rad, self._bearing_bound_rad)
                 bearing_rad = np.arctan2(y, x) + error_rad
                 ray = (float(np.cos(bearing_rad)), float(np.sin(bearing_rad)), 0.0)
-                yield BearingReading(ROBOTS[observer], ROBOTS[target], ray)
+                yield SimulatedBearing(ROBOTS[observer], ROBOTS[target], ray)
 
 
-def odometry(start: FleetState, state: FleetState) -> Iterator[OdometryReading]:
+def odometry(start: FleetState, state: FleetState) -> Iterator[SimulatedOdometry]:
     """
-    Tell how far each robot has come since `start`, without error.
+    Measure the pose of each robot relative to its pose in `start`, without error.
 
     Parameters
     ----------
@@ -268,7 +270,7 @@ def odometry(start: FleetState, state: FleetState) -> Iterator[OdometryReading]:
 
     Yields
     ------
-    OdometryReading
+    SimulatedOdometry
         One for each robot, in its own body frame at the start.
 
     """
@@ -276,4 +278,4 @@ def odometry(start: FleetState, state: FleetState) -> Iterator[OdometryReading]:
         travelled = state.positions_m[robot] - start.positions_m[robot]
         x, y = travelled @ rotation(start.yaws_rad[robot])
         yaw_rad = state.yaws_rad[robot] - start.yaws_rad[robot]
-        yield OdometryReading(name, (float(x), float(y)), float(yaw_rad))
+        yield SimulatedOdometry(name, (float(x), float(y)), float(yaw_rad))

@@ -136,7 +136,7 @@ def test_two_robots_have_no_mirror_image():
     assert np.ptp(placement.enclosure_m[1], axis=0) == pytest.approx([6e-4, 0.0], abs=1e-6)
 
 
-def test_anchors_give_the_frame_and_the_handedness():
+def test_anchors_give_the_frame_and_the_chirality():
     places = {**SQUARE, 'p': (10.0, 10.0), 'q': (-5.0, 9.0), 'r': (0.0, -7.0)}
     anchors = {name: Anchor(places[name]) for name in 'pqr'}
     localizer = make_localizer(SQUARE, anchors=anchors)
@@ -255,7 +255,7 @@ def test_in_space_without_bearings_both_mirror_images_are_there():
     assert_holds(found[0], rows(CUBE) * [1.0, 1.0, -1.0])
 
 
-def test_in_space_two_rays_fix_a_heading_and_three_the_handedness():
+def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
     localizer = make_localizer(CUBE, dimension=3)
     add_ranges(localizer, CUBE)
     add_bearings(localizer, CUBE, 'b', ['a', 'c'])

@@ -7,6 +7,7 @@ import pytest
 
 from dg_localization.fleet import (
     FleetConfig,
+    LinkKey,
     LinkKind,
     Localizer,
     RangeErrorModel,
@@ -104,7 +105,7 @@ def test_every_reason_is_counted_on_its_own_input(localizer):
         localizer.add_range('a', 'b', reading, NOW_S, NOW_S)
     localizer.add_range('b', 'a', 9.0, NOW_S, NOW_S, 0.1, 8.0)
     forward, backward = localizer.input_states(NOW_S)
-    assert (forward.kind, forward.observer, forward.target) == (LinkKind.RANGE, 'a', 'b')
+    assert forward.key == LinkKey(LinkKind.RANGE, 'a', 'b')
     assert forward.accepted == 1
     assert forward.rejected == {
         RejectionReason.NAN: 2,
@@ -209,3 +210,14 @@ def test_odometry_must_be_in_order(localizer):
 def test_numbers_may_come_from_numpy(localizer):
     assert localizer.add_range('a', 'b', np.float32(3.0), np.float64(NOW_S), NOW_S) is None
     assert localizer.step(NOW_S).n_hypotheses == 1
+
+
+def test_a_number_of_single_precision_is_bounded_as_the_double_that_it_is():
+    bounds = []
+    for number in (np.float32, float):
+        localizer = Localizer(FleetConfig(robots=('a', 'b', 'c')))
+        localizer.add_range('a', 'b', number(np.float32(3.1)), NOW_S, NOW_S)
+        localizer.add_peers('a', [('c', number(np.float32(3.1)))], NOW_S, NOW_S)
+        links = localizer.snapshot(NOW_S).links
+        bounds.append([(link.lower_m, link.upper_m) for link in links])
+    assert bounds[0] == bounds[1]

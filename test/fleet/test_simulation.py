@@ -19,7 +19,7 @@ from dg_localization.simulation.moving_fleet import (
 TIMES_S = np.linspace(0.0, 600.0, 301)
 
 
-def orientation(a, b, c):
+def chirality(a, b, c):
     """Return the chirality of three points in the plane."""
     (x1, y1), (x2, y2) = b - a, c - a
     return np.sign(x1 * y2 - y1 * x2)
@@ -47,7 +47,7 @@ def test_the_sides_of_the_paper_hold_all_the_time(seed):
     for time_s in TIMES_S:
         p = motion.state(time_s).positions_m
         for a, b, i, k in ((1, 2, 0, 3), (1, 3, 2, 5), (1, 5, 3, 4)):
-            assert orientation(p[a], p[b], p[i]) == -orientation(p[a], p[b], p[k])
+            assert chirality(p[a], p[b], p[i]) == -chirality(p[a], p[b], p[k])
 
 
 @pytest.mark.parametrize('speed', [0.05, 0.5])

@@ -103,8 +103,8 @@ class SimulatedFleet:
 
 
 def _pair_messages(
-    ranges: Iterable[simulation.RangeReading],
-    bearings: Iterable[simulation.BearingReading],
+    ranges: Iterable[simulation.SimulatedRange],
+    bearings: Iterable[simulation.SimulatedBearing],
     stamp_s: float,
 ) -> Iterator[tuple[str, Any]]:
     """Yield a topic and a message for each pair."""
@@ -129,8 +129,8 @@ def _pair_messages(
 
 
 def _peers_messages(
-    ranges: Iterable[simulation.RangeReading],
-    bearings: Iterable[simulation.BearingReading],
+    ranges: Iterable[simulation.SimulatedRange],
+    bearings: Iterable[simulation.SimulatedBearing],
     stamp_s: float,
 ) -> Iterator[tuple[str, Any]]:
     """Yield a topic and a message for each robot, even for one that measured nobody."""

@@ -1,0 +1,91 @@
+"""The law of cosines as a contractor: sampled triangles are never excluded, and it is sharp."""
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from dg_localization.solver.contract.angles import contract_adjacent_side, contract_opposite_side
+
+side = st.floats(0.0, 10.0)
+share = st.floats(0.0, 1.0)
+
+
+def interval(ends):
+    return min(ends), max(ends)
+
+
+def between(ends, part):
+    low, high = interval(ends)
+    return min(max(low + part * (high - low), low), high)
+
+
+@settings(deadline=None)
+@given(
+    first=st.tuples(side, side),
+    second=st.tuples(side, side),
+    angle=st.tuples(st.floats(0.0, math.pi), st.floats(0.0, math.pi)),
+    parts=st.tuples(share, share, share),
+)
+def test_the_law_of_cosines_excludes_no_triangle(first, second, angle, parts):
+    lower, upper = np.zeros((3, 3)), np.full((3, 3), np.inf)
+    np.fill_diagonal(upper, 0.0)
+    for point, ends in ((1, first), (2, second)):
+        low, high = interval(ends)
+        lower[0, point] = lower[point, 0] = low * low
+        upper[0, point] = upper[point, 0] = high * high
+    low, high = interval(angle)
+    contract_opposite_side(lower, upper, 0, 1, 2, math.cos(high) - 1e-15, math.cos(low) + 1e-15)
+    x, y = between(first, parts[0]), between(second, parts[1])
+    opposite = x * x + y * y - 2.0 * x * y * math.cos(between(angle, parts[2]))
+    rounding = 1e-14 * (x + y) ** 2 + 1e-300
+    assert lower[1, 2] - rounding <= opposite <= upper[1, 2] + rounding
+
+
+@settings(deadline=None)
+@given(
+    places=st.lists(st.tuples(side, side), min_size=3, max_size=3),
+    slack=st.tuples(side, side, side, st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+)
+def test_an_adjacent_side_excludes_no_triangle(places, slack):
+    points = np.array(places)
+    true = ((points[:, None] - points[None]) ** 2).sum(axis=-1)
+    widths = np.array(
+        [[0.0, slack[0], slack[1]], [slack[0], 0.0, slack[2]], [slack[1], slack[2], 0.0]]
+    )
+    lower, upper = np.maximum(true - widths, 0.0), true + widths
+    edges = points[1:] - points[0]
+    lengths = np.linalg.norm(edges, axis=1)
+    if lengths.min() < 1e-3:
+        return
+    cosine = float(np.clip(edges[0] @ edges[1] / lengths.prod(), -1.0, 1.0))
+    low, high = max(-1.0, cosine - slack[3] - 1e-12), min(1.0, cosine + slack[4] + 1e-12)
+    contract_adjacent_side(lower, upper, 0, 1, 2, low, high)
+    assert lower[0, 1] - 1e-9 <= true[0, 1] <= upper[0, 1] + 1e-9
+
+
+def test_an_adjacent_side_is_sharp_and_may_be_none():
+    lower = np.array([[0.0, 0.0, 9.0], [0.0, 0.0, 25.0], [9.0, 25.0, 0.0]])
+    upper = np.array([[0.0, 99.0, 9.0], [99.0, 0.0, 25.0], [9.0, 25.0, 0.0]])
+    contract_adjacent_side(lower, upper, 0, 1, 2, -1e-16, 1e-16)
+    assert upper[0, 1] == pytest.approx(16.0)
+    lower[0, 2] = upper[0, 2] = lower[2, 0] = upper[2, 0] = 36.0
+    contract_adjacent_side(lower, upper, 0, 1, 2, -1e-16, 1e-16)
+    assert upper[0, 1] < lower[0, 1]
+
+
+def test_the_law_of_cosines_is_sharp():
+    lower = np.array([[0.0, 9.0, 16.0], [9.0, 0.0, 0.0], [16.0, 0.0, 0.0]])
+    upper = np.array([[0.0, 9.0, 16.0], [9.0, 0.0, np.inf], [16.0, np.inf, 0.0]])
+    contract_opposite_side(lower, upper, 0, 1, 2, -1e-16, 1e-16)
+    assert lower[1, 2] == pytest.approx(25.0)
+    assert upper[1, 2] == pytest.approx(25.0)
+
+
+def test_an_unbounded_side_still_gives_a_lower_bound():
+    lower = np.array([[0.0, 9.0, 0.0], [9.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    upper = np.array([[0.0, 9.0, np.inf], [9.0, 0.0, np.inf], [np.inf, np.inf, 0.0]])
+    contract_opposite_side(lower, upper, 0, 1, 2, 0.49, 0.5)
+    assert lower[1, 2] == pytest.approx(9.0 * 0.75)
+    assert upper[1, 2] == np.inf
