@@ -201,26 +201,26 @@ class FleetConfig:
         Points of known coordinates. A name that is also in `robots` is a parked robot, any other
         is a landmark. Anchors do not move.
     max_speed_m_s : float
-        No robot moves faster; decides how much an old measurement widens.
+        No robot moves faster. It determines how much the bounds of an old measurement widen.
     robot_max_speed_m_s : mapping of str to float
         Speeds of the robots that differ from it.
     max_turn_rate_rad_s : float
-        No robot turns faster; decides how much an old bearing widens.
+        No robot turns faster. It determines how much the half width of an old bearing grows.
     min_separation_m : float
-        No two robots come nearer than this; their size, say. Moving robots that no range bounds
-        need it for their bearings to count: seen from very near, anything may turn at once.
+        No two robots come nearer than this, for example their size. Bearings between moving
+        robots without a range need it: the direction to a very near point may turn at once.
     odometry_relative_error : float
-        Greatest error of odometry between two of its stamps, as a fraction of how far (and by
-        how much) the robot can go (and turn) at full speed in that time.
+        Greatest error of odometry between two of its stamps, as a fraction of the path and of the
+        turn at full speed in that time.
     max_hypotheses : int
         How many placements an estimate lists.
     max_outliers : int
-        How many contradicting links may be dropped to get an answer. Every minimal way to do so
-        counts; no more links are taken to be wrong than that needs.
+        How many contradicting links may be dropped to get an answer. The answer is the union over
+        all minimal sets of links whose removal makes the rest agree.
     max_conflict_solves : int
         How many problems may be solved to explain one contradiction; 0 explains none.
     max_conflict_seconds : float
-        How long that may take; infinite for as long as it takes.
+        How long the explanation may take in all; infinity sets no limit.
     solver : SolverOptions
         Resolution and budget of the solver.
 

@@ -2,7 +2,7 @@
 What goes into the fleet room: links, readings, and what became of each input.
 
 A reading is made once, when a measurement is accepted. From there to the problem it is carried
-with its key; ageing and turning change its numbers, not its type.
+with its key; aging and turning change its numbers, not its type.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class LinkState:
     ----------
     key : LinkKey
     lower_m, upper_m : float
-        Bounds of the distance at that time, in m, after ageing. A bearing says nothing about
+        Bounds of the distance at that time, in m, after aging. A bearing says nothing about
         the distance: [0, inf].
     age_s : float
         Age of the newest measurement.

@@ -132,7 +132,7 @@ def test_a_stamp_in_the_near_future_widens_too(localizer):
     assert (link(localizer).lower_m, link(localizer).upper_m) == pytest.approx((2.9, 3.1))
 
 
-def test_repeats_intersect_after_ageing(localizer):
+def test_repeats_intersect_after_aging(localizer):
     localizer.add_range('a', 'b', 3.0, NOW_S - 0.4, NOW_S)
     localizer.add_range('a', 'b', 3.5, NOW_S - 0.2, NOW_S)
     assert (link(localizer).lower_m, link(localizer).upper_m) == pytest.approx((3.3, 3.4))

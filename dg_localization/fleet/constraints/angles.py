@@ -1,4 +1,4 @@
-"""Angles under which observers see pairs of points, in the form the solver's contractor takes."""
+"""Angles under which observers see pairs of points, as the contractor of the solver reads them."""
 
 from __future__ import annotations
 
