@@ -25,9 +25,11 @@ from dg_localization.fleet.vocabulary import (
     RejectionReason,
 )
 from dg_localization.fleet.warm_up import warm_up
+from dg_localization.solver.search.branch_and_prune import Cancel
 
 __all__ = [
     'Anchor',
+    'Cancel',
     'ConfigError',
     'Conflict',
     'Estimate',

@@ -87,12 +87,11 @@ class OdometryTrack:
         self._readings.append(reading)
         self._forget_before(reading.stamp_s - self._keep_s)
 
-    def _restarted(self, step_m: float, turn_rad: float, seconds: float) -> bool:
+    def _restarted(self, step_m: float, turn_rad: float, elapsed_s: float) -> bool:
         """Return whether a step or a turn is more than the robot can do in that time."""
-        span = seconds * self._tolerance
-        return step_m > self._max_speed_m_s * span or turn_rad > angle_up(
-            self._max_turn_rate_rad_s * span
-        )
+        longest_s = elapsed_s * self._tolerance
+        too_far = step_m > self._max_speed_m_s * longest_s
+        return too_far or turn_rad > angle_up(self._max_turn_rate_rad_s * longest_s)
 
     def _forget_before(self, stamp_s: float) -> None:
         """Drop readings older than `stamp_s`, except the last of them."""

@@ -55,7 +55,7 @@ def test_disjoint_conflicts_are_all_named_without_any_drop(conflicts):
 
 
 @pytest.mark.parametrize(('solves', 'seconds'), [(3, 60.0), (10_000, 0.0)])
-def test_a_used_up_budget_is_told(solves, seconds):
+def test_a_used_up_budget_is_reported(solves, seconds):
     explanation = explain(LINKS, contradiction_of([frozenset(LINKS[:4])]), 2, solves, seconds)
     assert not explanation.complete
 

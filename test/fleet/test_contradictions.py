@@ -112,7 +112,7 @@ def test_two_outliers_may_be_dropped():
     assert all(holds(estimate, positions) for positions in truth())
 
 
-def test_the_two_directions_of_a_pair_are_told_apart():
+def test_the_two_directions_of_a_pair_are_distinguished():
     localizer = make_localizer(max_outliers=1)
     feed(localizer)
     localizer.add_range('b', 'a', distance('a', 'b') + 2.0, NOW_S, NOW_S)

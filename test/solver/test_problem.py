@@ -1,5 +1,7 @@
 """Malformed input is refused with the field, the index and the value in the message."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from solver_cases import bounds
@@ -107,6 +109,17 @@ def test_wrong_chiralities(chirality, text):
 def test_wrong_options(field, value):
     with pytest.raises(ValueError, match=f'{field} is {value}'):
         SolverOptions(**{field: value})
+
+
+@pytest.mark.parametrize('order', list(permutations((3, 0, 2, 1))))
+def test_a_chirality_in_another_order_is_that_of_the_determinant(order):
+    corners = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 0.0], [1.0, 4.0, 1.0], [1.0, 1.0, 5.0]])
+
+    def sign(points):
+        edges = corners[list(points[1:])] - corners[points[0]]
+        return int(np.sign(np.linalg.det(edges)))
+
+    assert Chirality((3, 0, 2, 1), sign((3, 0, 2, 1))).sign_of(order) == sign(order)
 
 
 def test_a_problem_is_its_own_copy():

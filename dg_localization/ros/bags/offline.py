@@ -19,8 +19,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from dg_localization.fleet import Estimate, Localizer
-from dg_localization.fleet.answers import Cancel
+from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.ros.bags.reader import NS_PER_S, BagError, BagMessage
 from dg_localization.ros.bags.writer import BagWriter
 from dg_localization.ros.interface.diagnostics import Report, statuses
