@@ -11,7 +11,8 @@ import numpy as np
 
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up
-from dg_localization.interval.bounds import elapsed_up, product_up, sqrt_up, square_up, sum_up
+from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
+from dg_localization.interval.rounding import step_up
 
 
 def rotation_of_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
@@ -177,9 +178,8 @@ class Motion:
 
 def _distance_up_m(first: np.ndarray, second: np.ndarray) -> float:
     """Return an upper bound of the distance of two positions."""
-    pairs = zip(first.tolist(), second.tolist(), strict=True)
-    differences = [max(sum_up(x, -y), sum_up(y, -x)) for x, y in pairs]
-    return sqrt_up(sum_up(*(square_up(difference) for difference in differences)))
+    # math.dist subtracts, which errs by half a unit, and is exact to one unit from there.
+    return step_up(step_up(math.dist(first.tolist(), second.tolist())))
 
 
 def _nearest(track: tuple[OdometryReading, ...], stamp_s: float) -> OdometryReading:

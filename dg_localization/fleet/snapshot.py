@@ -7,8 +7,11 @@ its stamp: what counts is the angle between two rays, and rays of one image turn
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 import math
+from typing import TypeAlias
 
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
@@ -16,6 +19,9 @@ from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
 from dg_localization.interval.bounds import sum_down, sum_up
+
+Displacement: TypeAlias = Callable[[str, float], float]
+"""How far a point can have moved since a time in s, in m."""
 
 
 @dataclass(frozen=True)
@@ -62,17 +68,22 @@ def take_snapshot(
         relative_error=config.odometry_relative_error,
         odometry=store.odometry_readings(),
     )
+
+    @cache
+    def displacement_m(point: str, stamp_s: float) -> float:
+        return motion.displacement_m(point, stamp_s, now_s)
+
     distances, rays, links = [], [], []
     for key, readings in store.young_readings(now_s).items():
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
         if measured:
-            distance = _distance_at(now_s, key, measured, motion)
+            distance = _distance_at(now_s, key, measured, displacement_m)
             lower_m, upper_m = distance.lower_m, distance.upper_m
             distances.append(distance)
         elif readings and isinstance(readings[-1], RayReading):
             ray = readings[-1]
-            moved_m = _displacement_m(key, ray.stamp_s, motion, now_s)
+            moved_m = _displacement_of_ends_m(key, ray.stamp_s, displacement_m)
             rays.append(replace(ray, displacement_m=moved_m))
         age_s = now_s - store.newest_stamp_s(key)
         links.append(LinkState(key, lower_m, upper_m, age_s, stale=not readings))
@@ -80,20 +91,18 @@ def take_snapshot(
 
 
 def _distance_at(
-    now_s: float, key: LinkKey, readings: list[DistanceReading], motion: Motion
+    now_s: float, key: LinkKey, readings: list[DistanceReading], displacement_m: Displacement
 ) -> DistanceReading:
     """Return the intersection of all readings of a link, each widened by the motion since."""
     lower_m, upper_m = 0.0, math.inf
     for reading in readings:
-        moved_m = _displacement_m(key, reading.stamp_s, motion, now_s)
+        moved_m = _displacement_of_ends_m(key, reading.stamp_s, displacement_m)
         lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))
         upper_m = min(upper_m, sum_up(reading.upper_m, moved_m))
     return DistanceReading(key, now_s, lower_m, upper_m)
 
 
-def _displacement_m(key: LinkKey, stamp_s: float, motion: Motion, now_s: float) -> float:
+def _displacement_of_ends_m(key: LinkKey, stamp_s: float, displacement_m: Displacement) -> float:
     """Return how far both ends of a link together can have moved since `stamp_s`."""
-    moved_m = [
-        motion.displacement_m(point, stamp_s, now_s) for point in (key.observer, key.target)
-    ]
-    return sum_up(*moved_m) if any(moved_m) else 0.0
+    first_m, second_m = displacement_m(key.observer, stamp_s), displacement_m(key.target, stamp_s)
+    return sum_up(first_m, second_m) if first_m or second_m else 0.0
