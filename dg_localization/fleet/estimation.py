@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dg_localization import SolverOptions
 from dg_localization.fleet.answers import Answer, add_statistics, answer, check_elsewhere
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.conflicts import Explanation, Links, explain
@@ -13,7 +14,7 @@ from dg_localization.fleet.frames.plan import FramePlan, plan_frames
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.interval.environment import default_environment
-from dg_localization.solver.result import SolverOptions, Statistics, Verdict
+from dg_localization.solver.result import Statistics, Verdict
 from dg_localization.solver.search.branch_and_prune import Cancel
 
 EXPLANATION_BOXES = 32
