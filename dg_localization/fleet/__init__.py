@@ -26,7 +26,7 @@ from dg_localization.fleet.estimate import (
 )
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.warm_up import warm_up
+from dg_localization.fleet.warm_up import solver_warnings, warm_up, warm_up_status
 
 __all__ = [
     'Anchor',
@@ -46,5 +46,7 @@ __all__ = [
     'Rejection',
     'RejectionReason',
     'Snapshot',
+    'solver_warnings',
     'warm_up',
+    'warm_up_status',
 ]
