@@ -28,12 +28,12 @@ from dg_localization.interval.kernel_cache import (
     open_folder,
 )
 
-_import_error = ''
+_import_error: Exception | None = None
 try:
     import numba
-except ImportError as error:
+except Exception as error:  # a numba too old for NumPy or Python raises more than ImportError
     numba = None
-    _import_error = str(error)
+    _import_error = error
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -132,7 +132,7 @@ def why_slow() -> str:
     slow = 'the solver runs in Python, more than 100 times slower than compiled'
     if numba is not None:
         return f'{slow}: NUMBA_DISABLE_JIT is set'
-    if 'No module named' in _import_error:
+    if isinstance(_import_error, ModuleNotFoundError) and _import_error.name == 'numba':
         return f'{slow}: numba is not installed; {_INSTALL}'
     return f'{slow}: numba cannot be imported ({_import_error})'
 

@@ -39,6 +39,7 @@ from msg_adapters import Adapter, Diagnostics, adapter_for
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
+REPEATED_PROGRESS_S = 10.0
 
 Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
 
@@ -118,7 +119,7 @@ class LocalizerNode(LifecycleNode):
             self._make_wake_up(self._on_warm),
         )
         made.callback(self._worker.close)
-        self.get_logger().info('loading the solver, which the first start on a machine compiles')
+        self.get_logger().info('loading the solver')
         for warning in solver_warnings():
             self.get_logger().warning(warning)
         service = self.create_service(Trigger, '~/reset', self._on_reset)
@@ -248,6 +249,8 @@ class LocalizerNode(LifecycleNode):
         self._diagnostics.publish_change(self._diagnose())
 
     def _publish_diagnostics(self) -> None:
+        if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
+            self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
         self._diagnostics.publish(self._diagnose())
 
     def _diagnose(self) -> Diagnostics:
