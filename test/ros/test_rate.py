@@ -2,7 +2,7 @@
 
 import pytest
 
-from dg_localization.ros.node.rate import RateMeter
+from dg_localization.ros.interface.rate import RateMeter
 
 
 def meter(period_s, until_s, wanted_hz=5.0):

@@ -31,7 +31,7 @@ from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.interface.parameters.settings import declare_settings
-from dg_localization.ros.node.rate import RateMeter
+from dg_localization.ros.interface.rate import RateMeter
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
 from msg_adapters import Adapter, Diagnostics, adapter_for
