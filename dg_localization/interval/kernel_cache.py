@@ -12,9 +12,8 @@ folder is refused, and nothing is kept. An entry that cannot be read is compiled
 processes may use one folder: each holds its lock ``in_use`` in common as long as it lives, which
 keeps the folder from being pruned, and the lock ``writing`` alone while it adds an entry.
 
-Private parts of numba: `numba.core.caching` (``FunctionCache``, ``CompileResultCacheImpl``,
-``_CacheLocator`` and the members overridden below) and ``Dispatcher._cache``. `make_keeper` checks
-that they are there; where they are not, numba's own cache is used, in the folder of the digest.
+`numba_cache` does this with private parts of numba. Where they are gone, numba's own cache is
+used, in the folder of the digest.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 import hashlib
 from importlib.metadata import PackageNotFoundError, version
 import os
@@ -41,6 +39,7 @@ except ImportError:  # not a POSIX system
 PACKAGE = Path(__file__).parents[1]
 DECORATOR = Path(__file__).with_name('kernels.py')
 DECORATOR_NAME = 'dg_localization.interval.kernels'
+KEEPING = {Path(__file__), Path(__file__).with_name('numba_cache.py')}
 
 KEPT_FOLDERS = 8
 """So many folders, the one in use included, are kept for other states of the sources."""
@@ -71,7 +70,7 @@ def open_folder() -> Path:
         root = _root()
         folder = root / _digest()
         is_new = not folder.exists()
-        _make_private(folder)
+        make_private(folder)
         _check_ownership(folder)
         if fcntl is not None:
             _hold(folder / 'in_use')
@@ -88,7 +87,7 @@ def _root() -> Path:
     return (Path(base) if base else Path.home() / '.cache').resolve() / 'dg_localization'
 
 
-def _make_private(folder: Path) -> None:
+def make_private(folder: Path) -> None:
     """Make a folder and those above it; what is made belongs to the user alone."""
     for place in (*reversed(folder.parents), folder):
         with suppress(FileExistsError):
@@ -129,7 +128,7 @@ def _hold(lock: Path) -> None:
             if os.path.samestat(os.fstat(descriptor), lock.stat()):
                 break
         os.close(descriptor)
-        _make_private(lock.parent)
+        make_private(lock.parent)
     # `_prune` asks when a folder was last used.
     with suppress(OSError):
         os.utime(lock)
@@ -144,7 +143,7 @@ def _open_lock(lock: Path) -> int:
 
 
 @contextmanager
-def _alone(lock: Path, wait: bool = True) -> Iterator[None]:
+def alone(lock: Path, wait: bool = True) -> Iterator[None]:
     """Hold a lock alone; raise `BlockingIOError` where it is taken and we do not `wait`."""
     descriptor = _open_lock(lock)
     try:
@@ -159,7 +158,7 @@ def _prune(root: Path, in_use: Path) -> None:
     others = [path for path in root.iterdir() if DIGEST.match(path.name) and path != in_use]
     for folder in sorted(others, key=_last_used_s, reverse=True)[KEPT_FOLDERS - 1 :]:
         # Taken, or not ours to remove: it stays.
-        with suppress(OSError), _alone(folder / 'in_use', wait=False):
+        with suppress(OSError), alone(folder / 'in_use', wait=False):
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -198,23 +197,23 @@ def _kernel_code() -> dict[Path, bytes]:
     A kernel may use a constant of any module that its own imports.
     """
     # How kernels are kept has no part in what they are.
-    sources = set(PACKAGE.rglob('*.py')) - {Path(__file__)}
+    sources = set(PACKAGE.rglob('*.py')) - KEEPING
     if DECORATOR not in sources:
         raise OSError(f'the sources in {PACKAGE} cannot be read')
     candidates = [path for path in sources if DECORATOR_NAME.encode() in path.read_bytes()]
-    read = {path: _read_code(path) for path in (*candidates, DECORATOR)}
+    read = {path: read_code(path) for path in (*candidates, DECORATOR)}
     waiting = [path for path, (_, names) in read.items() if f'{DECORATOR_NAME}.kernel' in names]
     waiting.append(DECORATOR)
     found: dict[Path, bytes] = {}
     while waiting:
         path = waiting.pop()
         if path not in found:
-            found[path], names = read.get(path) or _read_code(path)
+            found[path], names = read.get(path) or read_code(path)
             waiting.extend(_files_of(names) & sources)
     return found
 
 
-def _read_code(path: Path) -> tuple[bytes, set[str]]:
+def read_code(path: Path) -> tuple[bytes, set[str]]:
     """
     Return a digest of a source and the names of the modules that it may import.
 
@@ -247,13 +246,6 @@ def _files_of(names: set[str]) -> set[Path]:
     }
 
 
-@cache
-def _stamp(source: str) -> bytes:
-    """Return what dates a kernel beyond the folder, which stands for this package only."""
-    path = Path(source).resolve()
-    return b'' if path.is_relative_to(PACKAGE.resolve()) else _read_code(path)[0]
-
-
 def make_keeper(folder: Path) -> Keeper:
     """
     Return what makes a dispatcher keep its machine code in a folder.
@@ -261,76 +253,15 @@ def make_keeper(folder: Path) -> Keeper:
     Raises
     ------
     AttributeError, ImportError
-        If this version of numba has other insides than the ones that are used.
+        If this version of numba has not the private parts that are used, or this system no locks.
 
     """
-    from numba.core import caching
-    from numba.core.dispatcher import Dispatcher
-
     if fcntl is None:
-        raise ImportError('no file locks on this system')
-    # What is overridden must be there to be overridden.
-    for owner, names in (
-        (caching._CacheLocator, ('get_cache_path', 'get_source_stamp', 'get_disambiguator')),
-        (caching._CacheLocator, ('ensure_cache_path', 'from_function')),
-        (caching.CompileResultCacheImpl, ('_locator_classes',)),
-        (caching.FunctionCache, ('_impl_class', 'load_overload', 'save_overload', 'flush')),
-        (Dispatcher, ('enable_caching', 'stats')),
-    ):
-        for name in names:
-            getattr(owner, name)
-
-    class Locator(caching._CacheLocator):
-        """Says where a function is kept, and what it was compiled from."""
-
-        def __init__(self, function: Callable[..., Any], source: str) -> None:
-            self._py_file = source
-            self._module = function.__module__
-
-        def ensure_cache_path(self) -> None:
-            _make_private(folder)
-
-        def get_cache_path(self) -> str:
-            return str(folder)
-
-        def get_source_stamp(self) -> bytes:
-            return _stamp(self._py_file)
-
-        def get_disambiguator(self) -> str:
-            return hashlib.sha256(self._module.encode()).hexdigest()[:8]
-
-        @classmethod
-        def from_function(cls, function: Callable[..., Any], source: str) -> Locator | None:
-            return cls(function, source) if Path(source).is_file() else None
-
-    class Implementation(caching.CompileResultCacheImpl):
-        _locator_classes = [Locator]
-
-    class KernelCache(caching.FunctionCache):
-        """Numba's cache of one function, which stands damage, full disks and company."""
-
-        _impl_class = Implementation
-
-        def load_overload(self, *args: Any) -> Any:
-            try:
-                return super().load_overload(*args)
-            except Exception:  # unpickling damaged data raises almost anything
-                with suppress(OSError), _alone(folder / 'writing'):
-                    self.flush()
-                return None
-
-        def save_overload(self, *args: Any) -> None:
-            # Numba reads the index, adds to it and writes it: another process must not meanwhile.
-            # A full disk, or one that is read-only, costs the next process time and nothing else.
-            try:
-                with suppress(OSError), _alone(folder / 'writing'):
-                    super().save_overload(*args)
-            except Exception:  # the index is damaged
-                with suppress(OSError), _alone(folder / 'writing'):
-                    self.flush()
-                    super().save_overload(*args)
+        raise ImportError('this system has no file locks')
+    # Numba is optional, and this module is imported without it.
+    from dg_localization.interval.numba_cache import KernelCache
 
     def keep(dispatcher: Any, function: Callable[..., Any]) -> None:
-        dispatcher._cache = KernelCache(function)
+        dispatcher._cache = KernelCache(function, folder)
 
     return keep

@@ -246,7 +246,7 @@ def test_digest_is_that_of_the_code(tmp_path):
         'import one.two\nA = 2\ndef f(x):\n    return A + x\n',
     ):
         source.write_text(text)
-        digest, names = kernel_cache._read_code(source)
+        digest, names = kernel_cache.read_code(source)
         digests.append(digest)
         assert names == {'one.two'}
     assert digests[0] == digests[1] != digests[2]
