@@ -12,7 +12,7 @@ EXTRAS = {
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
     'bags': ['rosbags>=0.11'],
     'plots': ['matplotlib>=3.6'],
-    'speed': ['numba>=0.59'],
+    'speed': ['numba>=0.58.1'],
     'progress': ['tqdm>=4'],
     # colcon runs the tests with pytest because it finds it under this name.
     'test': [
@@ -71,6 +71,7 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
+            'compile_kernels = dg_localization.compile_kernels:main',
             'localizer = dg_localization.ros.executables:localizer',
             'simulate_fleet = dg_localization.ros.executables:simulate_fleet',
             'replay = dg_localization.ros.executables:replay',

@@ -12,11 +12,9 @@ import tempfile
 import time
 from typing import Any
 
-import numpy as np
-
 from benchmarks.contest import Figure
 from benchmarks.problems import fleet
-from dg_localization import Problem, solve
+from dg_localization import solve
 
 IMPORTS = 5
 
@@ -27,14 +25,6 @@ import dg_localization
 print(json.dumps({'seconds': time.perf_counter() - begin, 'numba': 'numba' in sys.modules}))
 """
 _SOLVE = 'from benchmarks.startup import solve_twice; solve_twice()'
-
-
-def load_kernels() -> float:
-    """Solve something small in the plane and in space; return how long that took, in s."""
-    begin = time.perf_counter()
-    for dimension in (2, 3):
-        solve(Problem(np.ones((4, 4)) - np.eye(4), np.ones((4, 4)) - np.eye(4), dimension))
-    return time.perf_counter() - begin
 
 
 def solve_twice() -> None:

@@ -53,14 +53,9 @@ def pytest_configure(config):
 @pytest.fixture(scope='session')
 def compiled_kernels():
     """Compile the kernels into the cache that the nodes started by tests read them from."""
-    from dg_localization.fleet import FleetConfig, Localizer
-    from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion, FleetSensors
+    from dg_localization.fleet import warm_up
 
-    localizer = Localizer(FleetConfig(robots=ROBOTS))
-    state, sensors = FleetMotion().state(0.0), FleetSensors()
-    for reading in sensors.ranges(state):
-        localizer.add_range(reading.observer, reading.target, reading.range_m, 1.0, 1.0)
-    localizer.step(1.0)
+    warm_up()
 
 
 @pytest.fixture(autouse=True)

@@ -12,6 +12,7 @@ REPOSITORY = Path(__file__).parents[1]
 # For each room the rooms of this project that it may import besides itself.
 ALLOWED = {
     'dg_localization': {'dg_localization.solver'},
+    'dg_localization.compile_kernels': {'dg_localization.fleet', 'dg_localization.interval'},
     'dg_localization.interval': set(),
     'dg_localization.solver': {'dg_localization.interval'},
     'dg_localization.pairs': {'dg_localization.interval'},
@@ -33,6 +34,7 @@ ALLOWED = {
 }
 ROS_FREE = (
     'dg_localization',
+    'dg_localization.compile_kernels',
     'dg_localization.interval',
     'dg_localization.solver',
     'dg_localization.pairs',

@@ -24,7 +24,7 @@ from dg_localization.fleet.vocabulary import (
     Rejection,
     RejectionReason,
 )
-from dg_localization.fleet.warm_up import warm_up
+from dg_localization.fleet.warm_up import solver_warnings, warm_up, warm_up_status
 from dg_localization.solver.search.branch_and_prune import Cancel
 
 __all__ = [
@@ -47,5 +47,7 @@ __all__ = [
     'Rejection',
     'RejectionReason',
     'Snapshot',
+    'solver_warnings',
     'warm_up',
+    'warm_up_status',
 ]

@@ -1,4 +1,4 @@
-"""The first estimate of a process loads the kernels, the first on a machine compiles them."""
+"""Loading of all compiled kernels, or compiling them the first time on a machine."""
 
 from __future__ import annotations
 
@@ -8,22 +8,48 @@ import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.localizer import Localizer
+from dg_localization.interval.kernels import COMPILED, compile_progress, why_not_kept, why_slow
+from dg_localization.solver.solve import load_kernels
 
 STAMP_S = 1.0
 
 
-def warm_up(dimension: int) -> None:
+def warm_up() -> None:
     """
-    Estimate a small fleet that needs every kernel, so that later estimates wait for none.
+    Load every kernel of the solver and the fleet, so that later estimates wait for none.
+
+    The first time on a machine this compiles them, for most of a minute; `warm_up_status` reports
+    how far it has come. Without numba there is nothing to load.
+    """
+    if not COMPILED:
+        return
+    load_kernels()
+    for dimension in (2, 3):
+        _estimate_small_fleet(dimension)
+
+
+def warm_up_status() -> str:
+    """Return what `warm_up` is doing in another thread, for people to read."""
+    progress = compile_progress()
+    if not progress.compiled:
+        return 'loading the solver'
+    return (
+        f'compiling the solver, once on this machine: {progress.compiled} of {progress.total} '
+        'kernels'
+    )
+
+
+def solver_warnings() -> tuple[str, ...]:
+    """Return why the solver is slower than it could be, and what to do about it."""
+    return tuple(text for text in (why_slow(), why_not_kept()) if text)
+
+
+def _estimate_small_fleet(dimension: int) -> None:
+    """
+    Estimate a small fleet that needs every kernel.
 
     Of its two groups of robots, which do not measure each other, one has several placements and
     the other has cameras.
-
-    Parameters
-    ----------
-    dimension : {2, 3}
-        Dimension of the space.
-
     """
     positions_m = _two_simplices_m(dimension)
     groups = [tuple(f'{group}{i}' for i in range(len(positions_m))) for group in 'ab']

@@ -5,59 +5,194 @@ A kernel is a plain scalar loop over arrays. With numba it becomes machine code 
 interpreter lock; without it (or with ``NUMBA_DISABLE_JIT=1``) the very same function runs in
 Python. Both give the same bounds to the last bit: numba neither reorders nor fuses operations
 unless told to, and it is not told to.
+
+One private option of numba is used, ``_nrt``, without which kernels are slower (see `kernel`).
+Where a version of numba does not have it, they are compiled without. `kernel_cache` uses others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-import hashlib
-import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial, wraps
 from pathlib import Path
+import threading
 from typing import Any, TypeVar, overload
+import warnings
 
+from dg_localization.interval.kernel_cache import (
+    CacheRefusedError,
+    Keeper,
+    make_keeper,
+    open_folder,
+)
+
+_import_error: Exception | None = None
 try:
     import numba
-except ImportError:
+except Exception as error:  # a numba too old for NumPy or Python raises more than ImportError
     numba = None
+    _import_error = error
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
+COMPILED = numba is not None and not numba.config.DISABLE_JIT
+"""Whether kernels are machine code in this process."""
 
-def _cache_directory() -> Path:
-    """
-    Return where compiled kernels of exactly these sources are kept.
+WORK_PER_LOOK = 300_000 if COMPILED else 2_000
+"""About how many triples of points a kernel may reduce between two looks at the clock."""
 
-    Numba dates a cached kernel by its own file only, although the kernels it calls are compiled
-    into it: an edited callee would leave a stale caller. A folder per state of the sources cannot
-    go stale, and lies outside the installation, which may be read-only.
+_INSTALL = (
+    'install it into a virtual environment with `python3 -m pip install numba`, or for the Python '
+    'of the system with `python3 -m pip install --user --break-system-packages numba`; '
+    'docs/troubleshooting.md has more'
+)
+
+
+class _Stopped(Exception):  # noqa: N818 (no error: it ends a block)
+    """Ends a block of `until`."""
+
+
+class _Watch(threading.local):
+    """What tells the kernels of a thread to stop."""
+
+    stopped: Callable[[], bool] | None = None
+
+
+_watch = _Watch()
+
+
+@contextmanager
+def until(stopped: Callable[[], bool]) -> Iterator[None]:
     """
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parents[1].rglob('*.py')):
-        digest.update(source.read_bytes())
-    base = os.environ.get('NUMBA_CACHE_DIR') or os.environ.get('XDG_CACHE_HOME')
-    root = Path(base) if base else Path.home() / '.cache'
-    return root / 'dg_localization' / digest.hexdigest()[:16]
+    Leave a block early, in the middle of a kernel, when `stopped` returns true.
+
+    Compiled kernels are never left; they return soon enough (`WORK_PER_LOOK`). Without numba one
+    call may take seconds, and kernels marked `watched` ask before they begin. What they were
+    writing to is then partly written: scratch arrays are of no more use, and once `stopped`
+    returns true it has to go on doing so.
+
+    Parameters
+    ----------
+    stopped : callable
+        Called without arguments.
+
+    """
+    previous = _watch.stopped
+    _watch.stopped = stopped
+    try:
+        yield
+    except _Stopped:
+        pass
+    finally:
+        _watch.stopped = previous
+
+
+def _watched(function: Function) -> Function:
+    """Return `function` in Python as a kernel that a block of `until` can leave."""
+
+    @wraps(function)
+    def ask_first(*args: Any) -> Any:
+        if _watch.stopped is not None and _watch.stopped():
+            raise _Stopped
+        return function(*args)
+
+    return ask_first  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class CompileProgress:
+    """
+    How many kernels this process has compiled so far; those loaded from the cache do not count.
+
+    Attributes
+    ----------
+    compiled : int
+        Kernels compiled, or being compiled.
+    total : int
+        Kernels in the modules imported so far.
+
+    """
+
+    compiled: int
+    total: int
+
+
+def compile_progress() -> CompileProgress:
+    """Return how far compiling has come; any thread may ask while another one compiles."""
+    compiled = sum(bool(dispatcher.stats.cache_misses) for dispatcher in _dispatchers)
+    return CompileProgress(compiled, len(_dispatchers))
+
+
+def why_slow() -> str:
+    """Return why kernels run in Python and what to do about it; empty when they are compiled."""
+    if COMPILED:
+        return ''
+    slow = 'the solver runs in Python, more than 100 times slower than compiled'
+    if numba is not None:
+        return f'{slow}: NUMBA_DISABLE_JIT is set'
+    if isinstance(_import_error, ModuleNotFoundError) and _import_error.name == 'numba':
+        return f'{slow}: numba is not installed; {_INSTALL}'
+    return f'{slow}: numba cannot be imported ({_import_error})'
+
+
+def why_not_kept() -> str:
+    """Return why compiled kernels are not kept for the next process; empty when they are."""
+    return _cache_refusal
+
+
+def cache_folder() -> Path | None:
+    """Return where compiled kernels are kept, None where they are not."""
+    return _folder
 
 
 def _compile(function: Function, borrows: bool, inlined: bool) -> Function:
-    """Return `function` as a lazily compiled numba kernel, cached on disk where possible."""
-    # Said of every kernel: where nothing is said, numba does as the caller does.
-    options = {
-        'nogil': True,
-        'error_model': 'numpy',
-        '_nrt': not borrows,
-        'forceinline': inlined,
-    }
+    """Return `function` as a lazily compiled numba kernel, kept on disk where possible."""
+    # Every kernel sets these itself: what one does not set it takes over from its caller.
+    options = {'nogil': True, 'error_model': 'numpy', 'forceinline': inlined}
+    if _HAS_NRT:
+        options['_nrt'] = not borrows
+    dispatcher = numba.njit(**options)(function)
+    # No writable folder, or no source file: the kernel is compiled anew in every process.
+    with suppress(OSError, RuntimeError):
+        _keep(dispatcher, function)
+    _dispatchers.append(dispatcher)
+    compiled: Function = dispatcher
+    return compiled
+
+
+def _keep_as_numba_does(dispatcher: Any, _: Callable[..., Any]) -> None:
+    """Have numba keep a kernel in our folder."""
     previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _CACHE_DIRECTORY
+    numba.config.CACHE_DIR = str(_folder)
     try:
-        return numba.njit(cache=True, **options)(function)
-    except (OSError, RuntimeError):
-        # No writable folder anywhere: compile anew in every process.
-        return numba.njit(**options)(function)
+        dispatcher.enable_caching()
     finally:
         numba.config.CACHE_DIR = previous
+
+
+def _keep_nothing(_: Any, __: Callable[..., Any]) -> None:
+    """Let a kernel be compiled anew in every process."""
+
+
+def _make_keeper() -> Keeper:
+    """Return what keeps compiled kernels in our folder."""
+    if _folder is None:
+        return _keep_nothing
+    try:
+        return make_keeper(_folder)
+    except (AttributeError, ImportError):
+        return _keep_as_numba_does
+
+
+def _has_nrt() -> bool:
+    """Return whether numba has the option to leave references uncounted."""
+    try:
+        from numba.core.cpu import CPUTargetOptions
+    except ImportError:
+        return False
+    return hasattr(CPUTargetOptions, '_nrt')
 
 
 @overload
@@ -65,11 +200,17 @@ def kernel(function: Function) -> Function: ...
 
 
 @overload
-def kernel(*, borrows: bool = False, inlined: bool = False) -> Callable[[Function], Function]: ...
+def kernel(
+    *, borrows: bool = False, inlined: bool = False, watched: bool = False
+) -> Callable[[Function], Function]: ...
 
 
 def kernel(
-    function: Function | None = None, *, borrows: bool = False, inlined: bool = False
+    function: Function | None = None,
+    *,
+    borrows: bool = False,
+    inlined: bool = False,
+    watched: bool = False,
 ) -> Function | Callable[[Function], Function]:
     """
     Compile a function as a kernel; without numba, return the function itself.
@@ -87,6 +228,9 @@ def kernel(
     inlined : bool, optional
         The kernel borrows, and becomes part of the kernels that call it. For short ones with many
         arguments: numba hands over an array as ten numbers, on the stack.
+    watched : bool, optional
+        The kernel takes milliseconds in Python and is called in a loop: where it runs in Python,
+        `until` can end it. Compiled, it is as any other.
 
     Returns
     -------
@@ -95,9 +239,20 @@ def kernel(
 
     """
     if function is None:
-        return partial(kernel, borrows=borrows, inlined=inlined)
-    return function if numba is None else _compile(function, borrows or inlined, inlined)
+        return partial(kernel, borrows=borrows, inlined=inlined, watched=watched)
+    if COMPILED:
+        return _compile(function, borrows or inlined, inlined)
+    return _watched(function) if watched else function
 
 
-if numba is not None:
-    _CACHE_DIRECTORY = str(_cache_directory())
+_dispatchers: list[Any] = []
+_folder: Path | None = None
+_cache_refusal = ''
+if COMPILED:
+    _HAS_NRT = _has_nrt()
+    try:
+        _folder = open_folder()
+    except CacheRefusedError as error:
+        _cache_refusal = f'{error}. Every process compiles the solver anew, for about a minute'
+        warnings.warn(_cache_refusal, RuntimeWarning, stacklevel=2)
+    _keep = _make_keeper()

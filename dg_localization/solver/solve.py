@@ -47,7 +47,8 @@ def solve(
     Notes
     -----
     The first call in a process loads the kernels; the first on a machine compiles them. Neither
-    counts as time of the search. See `load_kernels`. The floating-point environment of the thread
+    counts as time of the search. See `load_kernels`. Without numba nothing is compiled, and the
+    kernels run in Python. The floating-point environment of the thread
     is the default one during the call, whatever it was before.
 
     """
@@ -73,18 +74,26 @@ def load_kernels() -> float:
     """
     Load the compiled kernels, or compile them the first time on a machine (most of a minute).
 
-    `solve` does so when it has to; a program that must answer in time calls this first.
+    `solve` does so when it has to; a program that must answer in time calls this first. Without
+    numba there is nothing to load.
 
     Returns
     -------
     float
         How long it took, in seconds.
 
+    See Also
+    --------
+    dg_localization.fleet.warm_up : loads the kernels of the fleet as well.
+
     """
+    from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.place.hypotheses import hypotheses_of
     from dg_localization.solver.search.branch_and_prune import search
 
     start = time.perf_counter()
+    if not COMPILED:
+        return 0.0
     # A flexible chain with a handedness, two of them to compare, and a point that nobody knows.
     upper = np.full((4, 4), np.inf)
     upper[[0, 1, 0, 2, 1, 2], [1, 0, 2, 0, 2, 1]] = 1.0

@@ -222,6 +222,26 @@ def test_fleet_status(made, level, text):
     assert found.level is level and text in found.message
 
 
+def test_rate_that_is_not_met_is_a_warning_with_both_numbers():
+    found = status('fleet', estimate(placement()), wanted_rate_hz=5.0, rate_hz=0.42)
+    assert found.level is Level.WARN
+    assert (
+        found.message
+        == 'localized: one hypothesis; localizes at 0.42 Hz, not at the 5 Hz of `rate`'
+    )
+    assert found.values['rate_hz'] == '0.42'
+    found = status('fleet', estimate(placement()), wanted_rate_hz=5.0, rate_hz=4.9)
+    assert (found.level, found.message) == (Level.OK, 'localized: one hypothesis')
+
+
+def test_slow_solver_is_a_warning_and_hides_no_error():
+    slow = {'solver_warnings': ('numba is not installed',)}
+    found = status('fleet', estimate(placement()), **slow)
+    assert found.level is Level.WARN and 'numba is not installed' in found.message
+    found = status('fleet', estimate(verdict=Verdict.INFEASIBLE), **slow)
+    assert found.level is Level.ERROR and 'numba is not installed' in found.message
+
+
 def test_trouble_and_failure_come_before_the_estimate():
     found = status('fleet', estimate(placement()), trouble='the node is inactive', failure='bug')
     assert (found.level, found.message) == (Level.WARN, 'the node is inactive')

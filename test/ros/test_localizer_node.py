@@ -202,12 +202,12 @@ def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
 
 def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, monkeypatch):
     release, logged = Event(), []
-    monkeypatch.setattr(localizer, 'warm_up', lambda dimension: release.wait(DEADLINE_S))
+    monkeypatch.setattr(localizer, 'warm_up', lambda: release.wait(DEADLINE_S))
     node = make_node()
     monkeypatch.setattr(node.get_logger(), 'info', logged.append)
     play_triangle(bench)
-    bench.until_status('fleet', Level.WARN, 'compiling the solver')
-    bench.until_status('robot robot_1', Level.WARN, 'compiling the solver')
+    bench.until_status('fleet', Level.WARN, 'loading the solver')
+    bench.until_status('robot robot_1', Level.WARN, 'loading the solver')
     bench.until_status('input range robot_1->robot_2', Level.OK)
     assert bench.call('/localizer/reset', Trigger).success
     bench.until_status('input range robot_1->robot_2', Level.OK)
@@ -218,7 +218,7 @@ def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, 
 
 
 def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypatch):
-    def fail(dimension):
+    def fail():
         raise ArithmeticError('no idea')
 
     monkeypatch.setattr(localizer, 'warm_up', fail)
@@ -333,7 +333,7 @@ def test_broken_file_ends_the_executable_with_a_message(start_localizer, tmp_pat
 def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     # The line is written while the topics are still being made.
-    bench.until(lambda: 'compiling the solver' in process.output(), 'the first line of the log')
+    bench.until(lambda: 'loading the solver' in process.output(), 'the first line of the log')
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
 

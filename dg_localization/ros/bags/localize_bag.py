@@ -237,7 +237,7 @@ def main(args: Sequence[str]) -> int:
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
     try:
-        warm_up(task.settings.fleet.dimension)
+        warm_up()
         with stop_request() as stop:
             began_s = time.perf_counter()
             report = localize_bag(options, task, stop)

@@ -14,6 +14,9 @@ from msg_adapters import Level, Status
 # The topics hold every placement; the diagnostics show a person the first few.
 LISTED_HYPOTHESES = 8
 
+# A smaller fraction of the wanted rate is worth a warning.
+TOLERATED_RATE = 0.9
+
 
 @dataclass(frozen=True)
 class Malformed:
@@ -53,6 +56,12 @@ class Report:
         What has arrived.
     malformed : mapping of str to Malformed
         By topic, the messages that could not be read.
+    solver_warnings : tuple of str
+        Why the solver is slower than it could be.
+    wanted_rate_hz : float
+        How often the fleet is to be localized.
+    rate_hz : float or None
+        How often it has been localized lately; None while that is not known.
 
     """
 
@@ -64,6 +73,9 @@ class Report:
     links: tuple[Link, ...]
     inputs: Mapping[LinkKey, InputState]
     malformed: Mapping[str, Malformed]
+    solver_warnings: tuple[str, ...] = ()
+    wanted_rate_hz: float = 0.0
+    rate_hz: float | None = None
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
@@ -77,14 +89,27 @@ def statuses(report: Report) -> tuple[Status, ...]:
 
 def _fleet_status(report: Report) -> Status:
     level, message = _fleet_state(report)
+    slowness = list(_slowness(report))
+    if slowness:
+        level, message = max(level, Level.WARN), '; '.join([message, *slowness])
     # Peers are counted one by one.
     inputs = {link.key for link in report.links}.union(report.inputs)
     inputs = {key for key in inputs if key.kind is not LinkKind.PEERS}
     delivering = sum(key in inputs and state.in_use for key, state in report.inputs.items())
     values = {'inputs': str(len(inputs)), 'inputs_in_use': str(delivering)}
+    if report.rate_hz is not None:
+        values['rate_hz'] = f'{report.rate_hz:.2f}'
     if report.estimate is not None:
         values.update(_estimate_values(report.estimate))
     return Status(level, f'{report.node}: fleet', message, 'fleet', values)
+
+
+def _slowness(report: Report) -> Iterator[str]:
+    """Yield that estimates do not come as often as wanted, and why the solver is slow."""
+    rate_hz, wanted_hz = report.rate_hz, report.wanted_rate_hz
+    if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
+        yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
+    yield from report.solver_warnings
 
 
 def _fleet_state(report: Report) -> tuple[Level, str]:

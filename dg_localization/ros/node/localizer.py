@@ -17,13 +17,21 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from dg_localization.fleet import Estimate, FleetConfig, Localizer, warm_up
+from dg_localization.fleet import (
+    Estimate,
+    FleetConfig,
+    Localizer,
+    solver_warnings,
+    warm_up,
+    warm_up_status,
+)
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.interface.parameters.settings import declare_settings
+from dg_localization.ros.interface.rate import RateMeter
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
 from msg_adapters import Adapter, Diagnostics, adapter_for
@@ -31,10 +39,7 @@ from msg_adapters import Adapter, Diagnostics, adapter_for
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
-COMPILING = (
-    'compiling the solver: the first start on this machine takes about a minute, later ones a '
-    'second'
-)
+REPEATED_PROGRESS_S = 10.0
 
 Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
 
@@ -90,6 +95,7 @@ class LocalizerNode(LifecycleNode):
         self._failure = ''
         self._inputs: dict[str, Link] = {}
         self._last_now_s = 0.0
+        self._rate = RateMeter(self.settings.rate_hz)
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -109,11 +115,13 @@ class LocalizerNode(LifecycleNode):
         self._worker = EstimateWorker(
             self._localizer.estimate,
             answer_ready,
-            partial(warm_up, fleet.dimension),
+            warm_up,
             self._make_wake_up(self._on_warm),
         )
         made.callback(self._worker.close)
-        self.get_logger().info(COMPILING)
+        self.get_logger().info('loading the solver')
+        for warning in solver_warnings():
+            self.get_logger().warning(warning)
         service = self.create_service(Trigger, '~/reset', self._on_reset)
         made.callback(self.destroy_service, service)
         self._state = 'inactive'
@@ -210,6 +218,7 @@ class LocalizerNode(LifecycleNode):
         now_s = self._now_s()
         if now_s is not None and self._worker.warm_up.done() and not self._worker.busy:
             self._worker.submit(self._localizer.snapshot(now_s))
+            self._rate.count(now_s)
 
     def _on_warm(self) -> None:
         """Log how long the solver took to be ready."""
@@ -240,6 +249,8 @@ class LocalizerNode(LifecycleNode):
         self._diagnostics.publish_change(self._diagnose())
 
     def _publish_diagnostics(self) -> None:
+        if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
+            self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
         self._diagnostics.publish(self._diagnose())
 
     def _diagnose(self) -> Diagnostics:
@@ -248,6 +259,9 @@ class LocalizerNode(LifecycleNode):
             node=self.get_fully_qualified_name().lstrip('/'),
             trouble=self._trouble(now_s),
             failure=self._failure,
+            solver_warnings=solver_warnings(),
+            wanted_rate_hz=self.settings.rate_hz,
+            rate_hz=self._rate.rate_hz(now_s),
             estimate=self._estimate,
             robots=self.settings.fleet.robots,
             links=tuple(self._inputs.values()),
@@ -260,7 +274,7 @@ class LocalizerNode(LifecycleNode):
         if self._state != 'active':
             return f'the node is {self._state}'
         if not self._worker.warm_up.done():
-            return COMPILING
+            return warm_up_status()
         return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -273,6 +287,7 @@ class LocalizerNode(LifecycleNode):
         """Stop the running estimate, forget every measurement, and take back the last answer."""
         self._worker.cancel()
         self._localizer.reset()
+        self._rate.clear()
         self._intake.malformed.clear()
         self._failure = ''
         self.get_logger().info(f'{reason}: all measurements are forgotten')

@@ -152,7 +152,8 @@ def _set_reference(
             largest = max(largest, abs(along))
     if largest <= SMALLEST_EXTENT_M:
         return False
-    step = 2.0 ** (math.ceil(math.log2(largest)) - GRID_BITS)
+    mantissa, exponent = math.frexp(largest)
+    step = 2.0 ** (exponent - (mantissa == 0.5) - GRID_BITS)
     for i in range(n_points):
         for axis in range(dimension):
             reference[i, axis] = step * math.floor(reference[i, axis] / step + 0.5)
@@ -237,7 +238,7 @@ def _set_surplus(
         surplus[m, UPPER] = up(up(box[UPPER, i, j] - length) - max(low, 0.0))
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, watched=True)
 def _combine(
     weights: FloatArray,
     surplus: FloatArray,

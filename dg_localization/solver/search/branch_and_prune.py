@@ -21,7 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, until
 from dg_localization.solver.box import (
     GAP_LOWER,
     GAP_UPPER,
@@ -59,9 +59,6 @@ SLICE_SWEEPS = 3
 
 WELL_EXPLAINED = 0.01
 """A range this close to the first-order effect of the errors, relatively, is not tightened."""
-
-CHUNK = 300_000
-"""About how many triples of points are reduced between two looks at the clock."""
 
 POINTS_PER_WORKER = 12
 """From this many points on a box takes milliseconds, and several are examined at a time."""
@@ -260,7 +257,7 @@ class Pruner:
         triples *= problem.n_points if problem.dimension == 3 else 1
         small = problem.n_points <= SMALL_FLEET
         self._batch = len(self._axes) if small else problem.n_points // 2
-        self._most_axes = max(1, CHUNK // triples)
+        self._most_axes = max(1, WORK_PER_LOOK // triples)
 
     def whole(self) -> FloatArray | None:
         """Return the box of the problem itself, None where the triangles prove it to be empty."""
@@ -274,7 +271,10 @@ class Pruner:
     def prune(self, box: FloatArray, stopped: Callable[[], bool] = lambda: False) -> int:
         """Contract a box in place: `EMPTY`, `CONTRACTED`, or `UNFINISHED` when stopped."""
         groups, batch = self._groups, self._batch
-        return self._contract(box, stopped, groups, EXPLAINED_FACTOR, MAX_SWEEPS, batch)
+        status = UNFINISHED
+        with until(stopped):
+            status = self._contract(box, stopped, groups, EXPLAINED_FACTOR, MAX_SWEEPS, batch)
+        return status
 
     def prune_slice(self, box: FloatArray, pair: Pair, stopped: Callable[[], bool]) -> int:
         """
@@ -283,9 +283,12 @@ class Pruner:
         The pair that it was cut along is bounded by the slice alone, and counts as measured.
         """
         groups = _with_edge(self._groups, pair)
-        if not combine(box, self._problem.dimension, groups, self._work.explained):
-            return EMPTY
-        return self._contract(box, stopped, groups, 0.0, SLICE_SWEEPS, len(self._axes))
+        status = UNFINISHED
+        with until(stopped):
+            if not combine(box, self._problem.dimension, groups, self._work.explained):
+                return EMPTY
+            status = self._contract(box, stopped, groups, 0.0, SLICE_SWEEPS, len(self._axes))
+        return status
 
     def _contract(
         self,

@@ -1,0 +1,91 @@
+"""
+The executable `compile_kernels`: compile the solver now, so that no first start waits for it.
+
+Everything else compiles what it misses by itself. Run this after an installation or an update, or
+when an image is built. It needs no ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from threading import Event, Thread
+import time
+
+EXIT_INTERRUPTED = 130
+REPORT_PERIOD_S = 0.5
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """
+    Compile all kernels into the cache, reporting progress; load them where they are in it.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Command line; that of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 when there is no numba or the compiled kernels cannot be kept.
+
+    """
+    parser = argparse.ArgumentParser(
+        prog='compile_kernels',
+        description='Compile the solver now, so that the first start does not take a minute.',
+        epilog='Compiled kernels are kept in dg_localization/ below $NUMBA_CACHE_DIR, else below '
+        '$XDG_CACHE_HOME, else below ~/.cache.',
+    )
+    parser.parse_args(arguments)
+    try:
+        return _compile()
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+
+
+def _compile() -> int:
+    # Importing numba takes longer than parsing a command line.
+    from dg_localization.interval.kernels import cache_folder, why_not_kept, why_slow
+
+    if why_slow():
+        print(f'Nothing is compiled: {why_slow()}', file=sys.stderr)
+        return 1
+    if why_not_kept():
+        print(why_not_kept(), file=sys.stderr)
+        return 1
+    from dg_localization.fleet import warm_up
+
+    began_s = time.monotonic()
+    finished = Event()
+    reporter = Thread(target=_report_until, args=(finished, began_s), daemon=True)
+    reporter.start()
+    try:
+        warm_up()
+    finally:
+        finished.set()
+        reporter.join()
+    took_s = time.monotonic() - began_s
+    print(f'The kernels are ready after {took_s:.1f} s, in {cache_folder()}')
+    return 0
+
+
+def _report_until(finished: Event, began_s: float) -> None:
+    """Print how far compiling has come whenever that changes; nothing where all is loaded."""
+    from dg_localization.interval.kernels import compile_progress
+
+    shown = 0
+    while not finished.wait(REPORT_PERIOD_S):
+        progress = compile_progress()
+        if progress.compiled > shown:
+            shown = progress.compiled
+            elapsed_s = time.monotonic() - began_s
+            print(
+                f'compiled {progress.compiled} of {progress.total} kernels, {elapsed_s:.0f} s',
+                file=sys.stderr,
+                flush=True,
+            )
+
+
+if __name__ == '__main__':
+    sys.exit(main())

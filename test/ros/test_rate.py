@@ -1,0 +1,49 @@
+"""The rate of estimates."""
+
+import pytest
+
+from dg_localization.ros.interface.rate import RateMeter
+
+
+def meter(period_s, until_s, wanted_hz=5.0):
+    made = RateMeter(wanted_hz)
+    for number in range(int(until_s / period_s) + 1):
+        made.count(100.0 + number * period_s)
+    return made
+
+
+def test_rate_that_is_met():
+    assert meter(0.2, 20.0).rate_hz(120.1) == pytest.approx(5.0)
+
+
+def test_rate_that_is_not_met():
+    assert meter(2.4, 12.0).rate_hz(112.1) == pytest.approx(1 / 2.4)
+
+
+def test_nothing_is_known_at_first():
+    assert RateMeter(5.0).rate_hz(100.0) is None
+    assert meter(0.2, 1.0).rate_hz(101.1) is None
+
+
+def test_estimate_that_does_not_end_lowers_the_rate():
+    one = RateMeter(5.0)
+    one.count(100.0)
+    assert one.rate_hz(110.0) == pytest.approx(0.1)
+    assert meter(0.2, 10.0).rate_hz(120.0) < 2.0
+
+
+def test_only_the_last_seconds_count():
+    one = meter(1.0, 100.0)
+    for number in range(1, 101):
+        one.count(200.0 + 0.2 * number)
+    assert one.rate_hz(220.1) == pytest.approx(5.0)
+
+
+def test_slow_rates_look_back_further():
+    assert meter(10.0, 100.0, wanted_hz=0.1).rate_hz(209.0) == pytest.approx(0.1)
+
+
+def test_cleared_meter_knows_nothing():
+    one = meter(0.2, 20.0)
+    one.clear()
+    assert one.rate_hz(120.1) is None
