@@ -27,7 +27,7 @@ venv: $(ready) ## Set up the virtual environment (needs the network the first ti
 
 # Wheels are kept in a folder inside pip's cache and are tried first, so that another clone on the
 # same machine needs no network. (pip's own HTTP cache asks the package index again each time.)
-$(ready): setup.py setup.cfg Makefile
+$(ready): setup.py setup.cfg
 	@fail() { printf '%s\n' "$$@" >&2; exit 1; }
 	command -v $(PYTHON) >/dev/null ||
 	    fail 'PYTHON=$(PYTHON): not found; install python3 and python3-venv.'

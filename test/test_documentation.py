@@ -60,3 +60,12 @@ def test_the_glossary_is_in_alphabetical_order():
     words = re.findall(r'^\| ([a-z].*?) \|', text, re.MULTILINE)[1:]
     assert len(words) > 50
     assert words == sorted(words)
+
+
+def test_files_that_the_development_page_names_exist():
+    text = (REPOSITORY / 'docs/development.md').read_text(encoding='utf-8')
+    names = re.findall(r'`([\w./]+/[\w./]*)`', without_code(text))
+    bases = (REPOSITORY, REPOSITORY / 'dg_localization')
+    named = [name for name in names if not name.startswith('..')]
+    assert len(named) > 20
+    assert [name for name in named if not any((base / name).exists() for base in bases)] == []
