@@ -204,7 +204,7 @@ def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, 
     release, logged = Event(), []
     monkeypatch.setattr(localizer, 'warm_up', lambda: release.wait(DEADLINE_S))
     node = make_node()
-    monkeypatch.setattr(node.get_logger(), 'info', logged.append)
+    monkeypatch.setattr(node.get_logger(), 'info', lambda text, **_: logged.append(text))
     play_triangle(bench)
     bench.until_status('fleet', Level.WARN, 'loading the solver')
     bench.until_status('robot robot_1', Level.WARN, 'loading the solver')
@@ -215,6 +215,18 @@ def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, 
     wait_for_placements(bench, 2)
     bench.until_status('fleet', Level.WARN, 'ambiguous')
     assert any('the solver is ready after' in text for text in logged)
+
+
+def test_slow_solver_is_logged_once_and_shown_for_as_long(bench, start_localizer, monkeypatch):
+    monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
+    bench.clear()
+    process = start_localizer('-p', "robots:=['a', 'b', 'c']")
+    bench.until_status('fleet', Level.WARN, 'the solver runs in Python')
+    bench.until(lambda: 'the solver is ready' in process.output(), 'the end of the warm-up')
+    bench.until_status('fleet', Level.WARN, 'the solver runs in Python')
+    _, output = process.stop(signal.SIGINT)
+    assert output.count('[WARN]') >= 1 and 'more than 100 times slower' in output
+    assert 'compil' not in output.replace('slower than compiled', '')
 
 
 def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypatch):
