@@ -13,7 +13,8 @@ REPOSITORY = Path(__file__).parents[1]
 ALLOWED = {
     'dg_localization': {'dg_localization.solver'},
     'dg_localization.compile_kernels': {'dg_localization.fleet', 'dg_localization.interval'},
-    'dg_localization.interval': set(),
+    'dg_localization.optional': set(),
+    'dg_localization.interval': {'dg_localization.optional'},
     'dg_localization.solver': {'dg_localization.interval'},
     'dg_localization.pairs': {'dg_localization.interval'},
     'dg_localization.fleet': {
@@ -25,6 +26,7 @@ ALLOWED = {
     'dg_localization.simulation': set(),
     'dg_localization.ros': {
         'dg_localization',
+        'dg_localization.optional',
         'dg_localization.solver',
         'dg_localization.fleet',
         'dg_localization.simulation',
@@ -35,6 +37,7 @@ ALLOWED = {
 ROS_FREE = (
     'dg_localization',
     'dg_localization.compile_kernels',
+    'dg_localization.optional',
     'dg_localization.interval',
     'dg_localization.solver',
     'dg_localization.pairs',

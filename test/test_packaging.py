@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from dg_localization.ros.optional import install_hint
+from dg_localization.optional import install_hint
 
 REPOSITORY = Path(__file__).parents[1]
 ROOMS = ('dg_localization', 'msg_adapters')

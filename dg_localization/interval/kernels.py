@@ -27,6 +27,7 @@ from dg_localization.interval.kernel_cache import (
     make_keeper,
     open_folder,
 )
+from dg_localization.optional import install_hint
 
 _import_error: Exception | None = None
 try:
@@ -42,12 +43,6 @@ COMPILED = numba is not None and not numba.config.DISABLE_JIT
 
 WORK_PER_LOOK = 300_000 if COMPILED else 2_000
 """About how many triples of points a kernel may reduce between two looks at the clock."""
-
-_INSTALL = (
-    'install it into a virtual environment with `python3 -m pip install numba`, or for the Python '
-    'of the system with `python3 -m pip install --user --break-system-packages numba`; '
-    'docs/troubleshooting.md has more'
-)
 
 
 class _Stopped(Exception):  # noqa: N818 (no error: it ends a block)
@@ -133,7 +128,7 @@ def why_slow() -> str:
     if numba is not None:
         return f'{slow}: NUMBA_DISABLE_JIT is set'
     if isinstance(_import_error, ModuleNotFoundError) and _import_error.name == 'numba':
-        return f'{slow}: numba is not installed; {_INSTALL}'
+        return f'{slow}: numba is not installed; {install_hint("numba")}'
     return f'{slow}: numba cannot be imported ({_import_error})'
 
 

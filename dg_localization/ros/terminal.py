@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import sys
 from typing import Protocol
 
-from dg_localization.ros.optional import install_hint
+from dg_localization.optional import install_hint
 
 
 class Progress(Protocol):

@@ -14,8 +14,8 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dg_localization.optional import install_hint
 from dg_localization.ros.executables import ExecutableError
-from dg_localization.ros.optional import install_hint
 
 NS_PER_S = 1_000_000_000
 # Where a bag does not hold the definitions of its types, those of a distribution that fit.

@@ -17,12 +17,12 @@ import time
 
 import rclpy
 
+from dg_localization.optional import install_hint
 from dg_localization.ros.demo.compare import DemoError, Scenario, count_text, summary
 from dg_localization.ros.demo.picture import draw
 from dg_localization.ros.demo.processes import Executable, find_config, running
 from dg_localization.ros.demo.spectator import Spectator
 from dg_localization.ros.domain import claim_domain
-from dg_localization.ros.optional import install_hint
 from dg_localization.ros.spinning import rclpy_running
 from dg_localization.ros.terminal import print_line
 
