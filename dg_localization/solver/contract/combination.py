@@ -6,7 +6,6 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray, sub_box
-from dg_localization.solver.contract.groups import Groups
 from dg_localization.solver.contract.linear import contract_linear
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import largest_gain, remember_widths
@@ -36,18 +35,29 @@ def _combine_group(
 
 
 @kernel
-def combine(box: FloatArray, dimension: int, groups: Groups, explained: FloatArray) -> bool:
+def combine(
+    offsets: IntArray,
+    members: IntArray,
+    edge_offsets: IntArray,
+    edges: IntArray,
+    errors: FloatArray,
+    box: FloatArray,
+    dimension: int,
+    explained: FloatArray,
+) -> bool:
     """
     Narrow every group of connected points by linear combinations of its measured pairs.
 
+    Called as ``combine(*groups, box, dimension, explained)``; see `apply_axes` for the reason.
+
     Parameters
     ----------
+    offsets, members, edge_offsets, edges, errors
+        The fields of `Groups`.
     box : ndarray, shape (4, n, n)
         The box in m^2, narrowed in place.
     dimension : int
         The dimension q of the space.
-    groups : Groups
-        The groups.
     explained : ndarray, shape (n, n)
         Where the widths that measurement errors explain are written, in m^2; zero for the pairs
         of a group that the measurements do not make rigid.
@@ -59,16 +69,20 @@ def combine(box: FloatArray, dimension: int, groups: Groups, explained: FloatArr
 
     """
     explained[:] = 0.0
-    for group in range(len(groups.offsets) - 1):
-        members = groups.members[groups.offsets[group] : groups.offsets[group + 1]]
-        size = len(members)
+    for group in range(len(offsets) - 1):
+        points = members[offsets[group] : offsets[group + 1]]
+        size = len(points)
         if size < 2:
             continue
-        edges = groups.edges[groups.edge_offsets[group] : groups.edge_offsets[group + 1]]
-        errors = groups.errors[groups.edge_offsets[group] : groups.edge_offsets[group + 1]]
-        local = sub_box(box, members)
+        local = sub_box(box, points)
         local_explained = np.empty((size, size))
-        status = _combine_group(local, dimension, edges, errors, local_explained)
+        status = _combine_group(
+            local,
+            dimension,
+            edges[edge_offsets[group] : edge_offsets[group + 1]],
+            errors[edge_offsets[group] : edge_offsets[group + 1]],
+            local_explained,
+        )
         if status == Status.EMPTY:
             return False
         if status == Status.NOT_RIGID:
@@ -76,7 +90,7 @@ def combine(box: FloatArray, dimension: int, groups: Groups, explained: FloatArr
         for x in range(size):
             for y in range(size):
                 if x != y:
-                    explained[members[x], members[y]] = local_explained[x, y]
+                    explained[points[x], points[y]] = local_explained[x, y]
                     for plane in range(4):
-                        box[plane, members[x], members[y]] = local[plane, x, y]
+                        box[plane, points[x], points[y]] = local[plane, x, y]
     return True

@@ -135,6 +135,7 @@ class Contractor:
 
         """
         self._work.boxes[0] = box
+        # The points are ranked anew for each axis, where not all of them are compared.
         self._work.points[0] = self._in_order
         explained = np.zeros((self._n_points, self._n_points))
         status, left = Status.UNFINISHED, box
@@ -193,7 +194,7 @@ class Contractor:
                 # The two parts will be looked at one by one; until then they blur each other.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED
-            elif not combine(box, self._dimension, groups, explained):
+            elif not combine(*groups, box, self._dimension, explained):
                 return Status.EMPTY
             elif is_finished(box, explained, goal.explained_factor, goal.resolution_m):
                 return Status.CONTRACTED
@@ -205,7 +206,7 @@ class Contractor:
             if stopped():
                 return Status.UNFINISHED
             some = axes[first : first + self._axes_per_look]
-            if not apply_axes(self._work, self._sides, some, count):
+            if not apply_axes(*self._work, *self._sides, some, count):
                 return Status.EMPTY
         return None
 

@@ -176,16 +176,30 @@ def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bo
 
 
 @kernel(borrows=True)
-def apply_axes(work: Workspace, sides: Sides, axes: IntArray, count: int) -> bool:
+def apply_axes(
+    boxes: FloatArray,
+    coordinates: FloatArray,
+    points: IntArray,
+    distance: FloatArray,
+    sigma: NDArray[np.int8],
+    start: IntArray,
+    stop: IntArray,
+    rows: IntArray,
+    axes: IntArray,
+    count: int,
+) -> bool:
     """
     Project along one axis after the other, reduce, and back-project.
 
+    Called as ``apply_axes(*work, *sides, axes, count)``: what enters from Python enters flat,
+    because numba takes six times as long to unpack named tuples.
+
     Parameters
     ----------
-    work : Workspace
-        Its first box is narrowed in place.
-    sides : Sides
-        The known sides.
+    boxes, coordinates, points, distance, sigma
+        The fields of a `Workspace`; the first box is narrowed in place.
+    start, stop, rows
+        The fields of `Sides`.
     axes : ndarray of int, shape (k, 2)
         The axes, in the order in which they are applied.
     count : int
@@ -197,6 +211,8 @@ def apply_axes(work: Workspace, sides: Sides, axes: IntArray, count: int) -> boo
         False when the box is proved to hold no placement.
 
     """
+    work = Workspace(boxes, coordinates, points, distance, sigma)
+    sides = Sides(start, stop, rows)
     for x in range(len(axes)):
         if not _apply_axis(work, sides, axes[x, 0], axes[x, 1], count):
             return False

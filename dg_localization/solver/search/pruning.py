@@ -75,7 +75,7 @@ class Pruner:
         groups = with_measured_pair(self._groups, pair)
         combined, explained = box.copy(), np.zeros(box.shape[1:])
         with until(stopped):
-            if not combine(combined, self.problem.dimension, groups, explained):
+            if not combine(*groups, combined, self.problem.dimension, explained):
                 return Pruned(Status.EMPTY, combined, explained)
             return self._contractor.contract(combined, groups, self._slice_goal, stopped)
         return Pruned(Status.UNFINISHED, box, explained)
