@@ -31,12 +31,19 @@ from benchmarks.cases import Case, all_cases
 from dg_localization import Problem, Result, SolverOptions, solve
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.contract import fixed_point as contraction, projection
+from dg_localization.solver.contract import fixed_point, projection, reduction
+from dg_localization.solver.contract.axes import axes_of, rank_axes
 from dg_localization.solver.contract.back_projection import back_project
-from dg_localization.solver.contract.fixed_point import Groups, Sides, Workspace
+from dg_localization.solver.contract.combination import combine
+from dg_localization.solver.contract.groups import Groups, groups_of
 from dg_localization.solver.contract.line import reduce_line
 from dg_localization.solver.contract.projection import is_axis, project
-from dg_localization.solver.search.branch_and_prune import EMPTY, Pruner
+from dg_localization.solver.contract.reduction import Workspace, make_workspace
+from dg_localization.solver.contract.sides import Sides, sides_of
+from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.widths import relative_error
+from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.splitting import split
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -127,10 +134,10 @@ def boxes_met(case: Case) -> list[FloatArray]:
     waiting, met = [whole], []
     while waiting:
         box = waiting.pop()
-        before = box.copy()
-        if pruner.prune(box) != EMPTY:
-            met.append(before)
-            waiting += pruner.split(box)
+        pruned = pruner.prune(box)
+        if pruned.status is not Status.EMPTY:
+            met.append(box)
+            waiting += split(pruned, case.resolution)
     return met[:: max(1, -(-len(met) // MOST_BOXES))]
 
 
@@ -147,13 +154,11 @@ class Bench:
     @classmethod
     def of(cls, problem: Problem) -> Bench:
         """Return the bench of a problem."""
-        pruner = Pruner(problem, SolverOptions())
-        # The search has these already; nobody else has a use for them.
         return cls(
-            pruner._sides,
-            pruner._axes,
-            pruner._groups,
-            pruner._work,
+            sides_of(problem),
+            axes_of(problem),
+            groups_of(problem.lower, problem.upper),
+            make_workspace(problem.n_points, problem.dimension),
             np.isfinite(problem.upper),
         )
 
@@ -164,18 +169,15 @@ class Bench:
         self.work.points[0] = np.arange(n_points)
         a, b = (int(end) for end in axis)
         if self.work.boxes.shape[0] == 2:
-            left = contraction._reduce_plane(self.work, self.sides, 0, n_points, a, b, a, b, -1)
+            left = reduction.reduce_plane(self.work, self.sides, 0, n_points, a, b, a, b, -1)
         else:
-            left = contraction._reduce_space(self.work, self.sides, n_points, a, b)
+            left = reduction.reduce_space(self.work, self.sides, n_points, a, b)
         assert left, 'a box that holds a placement was found empty'
         return self.work.boxes[0].copy()
 
     def ranked(self, box: FloatArray) -> IntArray:
         """Return the axes of a box in the order of the solver."""
-        order = np.empty(len(self.axes), dtype=np.int64)
-        self.work.boxes[0] = box
-        contraction._rank_axes(self.work, self.axes, order)
-        return self.axes[order]
+        return rank_axes(box, self.axes)
 
 
 @dataclass(frozen=True)
@@ -350,14 +352,14 @@ def study_order() -> dict[str, dict[str, list[float]]]:
 @kernel
 def reduce_through(work: Workspace, level: int, count: int, a: int, b: int, through: int) -> bool:
     """Project a plane to the line and back, comparing points through the first `through`."""
-    box, shadow, coordinates = work.boxes[level], work.boxes[level + 1], work.coordinates[level]
-    points, shadow_points = work.points[level], work.points[level + 1]
-    left = project(box, shadow, coordinates, points, count, shadow_points, a, b)
+    box, projected, coordinates = work.boxes[level], work.boxes[level + 1], work.coordinates[level]
+    points, projected_points = work.points[level], work.points[level + 1]
+    left = project(box, projected, coordinates, points, count, projected_points, a, b)
     if left < 0 or not reduce_line(
-        shadow, work.distance, shadow_points, left, through, -1, work.sigma
+        projected, work.distance, projected_points, left, through, -1, work.sigma
     ):
         return False
-    return back_project(box, shadow, coordinates, shadow_points, left, a, b)
+    return back_project(box, projected, coordinates, projected_points, left, a, b)
 
 
 @kernel
@@ -372,21 +374,21 @@ def sweep_through(work: Workspace, axes: IntArray, count: int, through: int) -> 
         if not is_axis(box, a, b):
             continue
         for i in range(n_points):
-            errors[i] = contraction._relative_error(box, a, i)
-            errors[i] += contraction._relative_error(box, b, i)
+            errors[i] = relative_error(box, a, i)
+            errors[i] += relative_error(box, b, i)
         errors[a] = errors[b] = -1.0
         work.points[0, :] = np.argsort(errors, kind='mergesort')
         applied += 1
         if dimension == 2:
             reduce_through(work, 0, count, a, b, through)
             continue
-        shadow, coordinates = work.boxes[1], work.coordinates[0]
-        left = project(box, shadow, coordinates, work.points[0], count, work.points[1], a, b)
+        projected, coordinates = work.boxes[1], work.coordinates[0]
+        left = project(box, projected, coordinates, work.points[0], count, work.points[1], a, b)
         for y in range(1, left):
             e = work.points[1, y]
-            if is_axis(shadow, a, e):
+            if is_axis(projected, a, e):
                 reduce_through(work, 1, left, a, e, through)
-        back_project(box, shadow, coordinates, work.points[1], left, a, b)
+        back_project(box, projected, coordinates, work.points[1], left, a, b)
     return applied
 
 
@@ -438,34 +440,28 @@ def reduce_space_off_faces(work: Workspace, sides: Sides, count: int, a: int, b:
         d = work.points[1, x]
         for y in range(x + 1, left):
             e = work.points[1, y]
-            if is_axis(plane, d, e) and not contraction._reduce_plane(
+            if is_axis(plane, d, e) and not reduction.reduce_plane(
                 work, sides, 1, left, d, e, -1, -1, -1
             ):
                 return False
     return back_project(box, plane, coordinates, work.points[1], left, a, b)
 
 
-@kernel
-def skip_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bool:
+def skip_axes(*_: Any) -> bool:
     """Leave a box as it is."""
     return True
 
 
-_combine = contraction.combine
-
-
-@kernel
-def explain_only(box: FloatArray, dimension: int, groups: Groups, explained: FloatArray) -> bool:
-    """Tell what the errors explain, so that the search ends where it does, and narrow nothing."""
-    _combine(box.copy(), dimension, groups, explained)
+def explain_only(*arguments: Any) -> bool:
+    """Return what the errors explain, so that the search ends where it does; narrow nothing."""
+    *groups, box, dimension, explained = arguments
+    combine(*groups, box.copy(), dimension, explained)
     return True
 
 
-@kernel
-def rank_as_numbered(work: Workspace, axes: IntArray, order: IntArray) -> None:
-    """Order the axes by their numbers."""
-    for x in range(len(order)):
-        order[x] = x
+def rank_as_numbered(_: FloatArray, axes: IntArray) -> IntArray:
+    """Leave the axes in the order of their numbers."""
+    return axes
 
 
 def setting(module: Any, name: str, value: Any) -> Callable[[], None]:
@@ -478,17 +474,17 @@ VARIANTS: dict[str, tuple[Callable[[], None], tuple[str, ...]]] = {
     'as it is': (lambda: None, CASES),
     'any axis (ratio 0)': (setting(projection, 'LEAST_AXIS_RATIO', 0.0), CASES),
     'good axes only (ratio 0.7)': (setting(projection, 'LEAST_AXIS_RATIO', 0.7), CASES),
-    'axes as numbered': (setting(contraction, '_rank_axes', rank_as_numbered), CASES),
-    'faces only': (setting(contraction, 'SMALL_FLEET', 0), SPACE_CASES),
-    'all inner axes': (setting(contraction, 'SMALL_FLEET', 10**6), SPACE_CASES),
+    'axes as numbered': (setting(fixed_point, 'rank_axes', rank_as_numbered), CASES),
+    'faces only': (setting(reduction, 'SMALL_FLEET', 0), SPACE_CASES),
+    'all inner axes': (setting(reduction, 'SMALL_FLEET', 10**6), SPACE_CASES),
     'inner axes off faces': (
-        setting(contraction, '_reduce_space', reduce_space_off_faces),
+        setting(reduction, 'reduce_space', reduce_space_off_faces),
         SPACE_CASES,
     ),
-    'through 8 points': (setting(contraction, 'MOST_THROUGH', 8), LARGE_CASES),
-    'no local sweep': (setting(contraction, 'LOCAL_POINTS', (10**6,) * 3), LARGE_CASES),
-    'no combinations': (setting(contraction, 'combine', explain_only), CASES),
-    'no projections': (setting(contraction, '_apply_axis', skip_axis), CASES),
+    'through 8 points': (setting(reduction, 'MOST_THROUGH', 8), LARGE_CASES),
+    'no local sweep': (setting(fixed_point, 'LOCAL_POINTS', (10**6,) * 3), LARGE_CASES),
+    'no combinations': (setting(fixed_point, 'combine', explain_only), CASES),
+    'no projections': (setting(fixed_point, 'apply_axes', skip_axes), CASES),
 }
 
 

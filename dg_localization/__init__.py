@@ -4,6 +4,7 @@ Every placement of a robot fleet that agrees with interval distances and bearing
 The solver's interface is here; it needs neither ROS nor a first guess. See `solve`.
 """
 
+from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import (
     Chirality,
     InvalidProblemError,
@@ -11,7 +12,7 @@ from dg_localization.solver.problem import (
     Side,
     SideConstraint,
 )
-from dg_localization.solver.result import Hypothesis, Result, SolverOptions, Statistics, Verdict
+from dg_localization.solver.result import Hypothesis, Result, Statistics, Verdict
 from dg_localization.solver.solve import solve
 
 __all__ = [

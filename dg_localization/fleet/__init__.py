@@ -25,7 +25,7 @@ from dg_localization.fleet.vocabulary import (
     RejectionReason,
 )
 from dg_localization.fleet.warm_up import solver_warnings, warm_up, warm_up_status
-from dg_localization.solver.search.branch_and_prune import Cancel
+from dg_localization.solver.options import Cancel
 
 __all__ = [
     'Anchor',

@@ -10,8 +10,8 @@ from dg_localization.fleet.frames.placer import Placer
 from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.solver.result import SolverOptions, Statistics, Verdict
-from dg_localization.solver.search.branch_and_prune import Cancel
+from dg_localization.solver.options import Cancel, SolverOptions
+from dg_localization.solver.result import Statistics, Verdict
 from dg_localization.solver.solve import solve
 
 

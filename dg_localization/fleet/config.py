@@ -13,7 +13,7 @@ from functools import cached_property
 import math
 from types import MappingProxyType
 
-from dg_localization.solver.result import SolverOptions
+from dg_localization.solver.options import SolverOptions
 
 
 class ConfigError(ValueError):

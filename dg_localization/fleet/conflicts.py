@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import time
 
 from dg_localization.fleet.vocabulary import Conflict, LinkKey
-from dg_localization.solver.search.branch_and_prune import Cancel
+from dg_localization.solver.options import Cancel
 
 Links = frozenset[LinkKey]
 

@@ -14,8 +14,8 @@ from dg_localization.fleet.frames.plan import FramePlan, plan_frames
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.interval.environment import default_environment
+from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
-from dg_localization.solver.search.branch_and_prune import Cancel
 
 EXPLANATION_BOXES = 32
 """Most boxes of one problem of an explanation: a contradiction shows early or hardly ever."""

@@ -14,7 +14,7 @@ from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, Rejection
 from dg_localization.interval.environment import default_environment
-from dg_localization.solver.search.branch_and_prune import Cancel
+from dg_localization.solver.options import Cancel
 
 
 class Localizer:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
+from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Chirality, Problem
-from dg_localization.solver.result import Result, SolverOptions, Statistics, Verdict
-
-if TYPE_CHECKING:
-    from dg_localization.solver.search.branch_and_prune import Cancel
+from dg_localization.solver.result import Result, Statistics, Verdict
 
 
 @default_environment()
@@ -54,10 +51,10 @@ def solve(
     """
     # The kernels import numba, which takes longer than the rest of the package together.
     from dg_localization.solver.place.hypotheses import hypotheses_of
-    from dg_localization.solver.search.branch_and_prune import search
+    from dg_localization.solver.search.search import search
 
     load_kernels()
-    cover = search(problem, options or SolverOptions(), cancel, progress)
+    cover, statistics = search(problem, options or SolverOptions(), cancel, progress)
     hypotheses = hypotheses_of(problem, cover.kept + cover.pending)
     if cover.pending:
         verdict = Verdict.OUT_OF_BUDGET
@@ -65,7 +62,7 @@ def solve(
         verdict = Verdict.COVERED
     else:
         verdict = Verdict.INFEASIBLE
-    return Result(verdict, hypotheses, cover.statistics)
+    return Result(verdict, hypotheses, statistics)
 
 
 @cache
@@ -89,7 +86,7 @@ def load_kernels() -> float:
     """
     from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.place.hypotheses import hypotheses_of
-    from dg_localization.solver.search.branch_and_prune import search
+    from dg_localization.solver.search.search import search
 
     start = time.perf_counter()
     if not COMPILED:
@@ -101,6 +98,6 @@ def load_kernels() -> float:
     lower = np.where(np.isfinite(upper), 0.9 * upper, 0.0)
     chiralities = (Chirality((0, 1, 2), 1), Chirality((0, 1, 3), 1))
     problem = Problem(lower, upper, 2, chiralities=chiralities)
-    cover = search(problem, SolverOptions(max_boxes=4))
+    cover, _ = search(problem, SolverOptions(max_boxes=4))
     hypotheses_of(problem, cover.kept + cover.pending)
     return time.perf_counter() - start

@@ -12,7 +12,7 @@ from solver_cases import bounds, random_case
 from dg_localization import Problem, SolverOptions, solve
 from dg_localization.interval import environment as float_environment
 from dg_localization.interval.environment import default_environment, is_default
-from dg_localization.solver.search.branch_and_prune import POINTS_PER_WORKER
+from dg_localization.solver.search.search import POINTS_PER_WORKER
 
 # FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO.
 MODES = {'x86_64': (0x400, 0x800, 0xC00), 'aarch64': (0x800000, 0x400000, 0xC00000)}

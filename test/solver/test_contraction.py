@@ -5,14 +5,16 @@ import pytest
 from solver_cases import bounds, box_of, random_case, squared_distances
 
 from dg_localization import Problem
-from dg_localization.solver.search.branch_and_prune import Pruner, choose_split
+from dg_localization.solver.contract.status import Status
+from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.splitting import choose_split
 
 
 def contracted(case):
     """Return (the box of a problem after one contraction, whether anything is left)."""
     pruner = Pruner(case.problem, case.options)
-    box = pruner.whole()
-    return box, pruner.prune(box)
+    pruned = pruner.prune(pruner.whole())
+    return pruned.box, pruned.status is not Status.EMPTY
 
 
 @pytest.mark.parametrize('first_seed', range(0, 500, 100))
@@ -34,13 +36,15 @@ def test_contraction_is_deterministic_and_leaves_no_trace():
     for seed in range(50):
         case = random_case(seed)
         pruner = Pruner(case.problem, case.options)
-        first, second = pruner.whole(), pruner.whole()
-        assert pruner.prune(first)
+        first = pruner.prune(pruner.whole())
+        assert first.status is Status.CONTRACTED
         between = pruner.whole()
         between[1] = np.minimum(between[1], 0.9 * np.where(np.isinf(between[1]), 1.0, between[1]))
         pruner.prune(between)
-        assert pruner.prune(second)
-        assert np.array_equal(first, second), seed
+        second = pruner.prune(pruner.whole())
+        assert second.status is Status.CONTRACTED
+        assert np.array_equal(first.box, second.box), seed
+        assert np.array_equal(first.explained, second.explained), seed
 
 
 def test_the_largest_ranges_are_split_inside():
@@ -64,6 +68,5 @@ def test_an_unknown_pair_of_an_exact_fleet_becomes_exact(dimension):
         lower[0, 1] = lower[1, 0] = 0.0
         upper[0, 1] = upper[1, 0] = np.inf
         pruner = Pruner(Problem(lower, upper, dimension), random_case(0).options)
-        box = pruner.whole()
-        assert pruner.prune(box)
+        box = pruner.prune(pruner.whole()).box
         assert box[1, 0, 1] - box[0, 0, 1] < 1e-4 * squared[0, 1]

@@ -11,12 +11,10 @@ from scipy.optimize import linprog
 from solver_cases import box_of, squared_distances
 
 from dg_localization.solver.contract.linear import (
-    CONTRACTED,
-    EMPTY,
-    LEFT_ALONE,
     _combine,
     contract_linear,
 )
+from dg_localization.solver.contract.status import Status
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
@@ -121,7 +119,7 @@ def test_the_truth_stays_whatever_the_reference(dimension, scale):
                 status = contract_linear(
                     box, reference, edges, errors, np.zeros((n_points, n_points))
                 )
-            assert status != EMPTY
+            assert status != Status.EMPTY
             assert not np.isnan(box).any()
             assert (before[0] <= box[0]).all() and (box[1] <= before[1]).all()
             assert (box[0] <= squared).all() and (squared <= box[1]).all()
@@ -170,7 +168,7 @@ def test_small_errors_are_bounded_as_the_linear_program_bounds_them(dimension, n
         explained = np.zeros_like(squared)
         for _ in range(4):
             status = contract_linear(box, positions, edges, errors, explained)
-        assert status == CONTRACTED
+        assert status == Status.CONTRACTED
         n_free = n_points * dimension - dimension * (dimension + 1) // 2
         for pair in missing:
             hull = linear_hull(positions, edges, errors, pair)
@@ -185,4 +183,4 @@ def test_a_flexible_fleet_is_left_alone():
     edges = np.array([(0, 1), (1, 2), (2, 3), (0, 3)])
     box = box_of(0.9 * squared, 1.1 * squared)
     status = contract_linear(box, square, edges, np.full(4, 0.2), np.zeros((4, 4)))
-    assert status == LEFT_ALONE
+    assert status == Status.NOT_RIGID

@@ -8,7 +8,7 @@ import pytest
 from solver_cases import bounds, box_of, determinant, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, Verdict, solve
-from dg_localization.solver.contract.sides import handedness_is_possible, volume_product
+from dg_localization.solver.contract.chiralities import chiralities_are_possible, volume_product
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
@@ -116,12 +116,12 @@ def test_handedness(dimension):
         if 0 in volumes:
             continue
         signs = np.sign(volumes).astype(np.int64)
-        assert handedness_is_possible(box, simplices, signs)
-        assert handedness_is_possible(box, simplices, -signs)
+        assert chiralities_are_possible(box, simplices, signs)
+        assert chiralities_are_possible(box, simplices, -signs)
         for flipped in range(3):
             turned = signs.copy()
             turned[flipped] *= -1
-            assert not handedness_is_possible(box, simplices, turned)
+            assert not chiralities_are_possible(box, simplices, turned)
 
 
 # A unit square 0 1 2 3, counter-clockwise, with one diagonal known: two triangles on 0-2.

@@ -8,9 +8,9 @@ from solver_cases import box_of
 
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.place.placements import _refine, place
-from dg_localization.solver.search.branch_and_prune import Pruner
-from dg_localization.solver.search.tightening import _halves
+from dg_localization.solver.place.placements import place, refine
+from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.tightening import halves
 
 RELATIVE_ERROR = 0.03
 
@@ -27,7 +27,7 @@ def extreme_placements(problem, hypothesis):
         start = place(box, problem.dimension)
         open_pairs = np.isinf(problem.upper)
         box[LOWER, open_pairs], box[UPPER, open_pairs] = 0.0, np.inf
-        positions = _refine(start, box)
+        positions = refine(start, box)
         yield ((positions[:, None] - positions[None]) ** 2).sum(axis=2)
 
 
@@ -76,16 +76,16 @@ def test_no_more_slices_than_allowed_are_examined(paper_fleet, monkeypatch):
         assert 0 < len(examined) <= slices
 
 
-def test_the_halves_of_a_slice_cover_it_and_there_are_none_of_a_point():
+def test_thehalves_of_a_slice_cover_it_and_there_are_none_of_a_point():
     low, high = np.array([[0.0, 1.0, 4.0], [1.0, 0.0, 2.0], [4.0, 2.0, 0.0]]), np.zeros((3, 3))
     high[:] = low + np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 2.0], [1.0, 2.0, 0.0]])
     part = box_of(low, high)
-    first, second = _halves(part, (0, 1), high - low)
+    first, second = halves(part, (0, 1), high - low)
     assert np.array_equal(np.minimum(first[LOWER], second[LOWER]), low)
     assert np.array_equal(np.maximum(first[UPPER], second[UPPER]), high)
     assert (first[UPPER] == second[LOWER]).sum() == 2 + 3
     part[UPPER] = part[LOWER]
-    assert _halves(part, (0, 1), high - low) == []
+    assert halves(part, (0, 1), high - low) == []
 
 
 def test_without_sides_every_hypothesis_comes_close_to_its_exact_hull(paper_fleet):

@@ -29,6 +29,7 @@ from dg_localization.interval.rounding import down, up
 from dg_localization.interval.scalars import add, square, sub
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
 from dg_localization.solver.contract.coordinates import enclose_in_frame
+from dg_localization.solver.contract.status import Status
 
 GRID_BITS = 24
 """Reference coordinates keep this many bits, so that their differences and squares are exact."""
@@ -48,8 +49,6 @@ LEAST_PIVOT = 1e-13
 
 LEAST_FREEDOM = 1e-6
 """A pair is bounded by the others when they contribute at least this share to its estimate."""
-
-EMPTY, CONTRACTED, LEFT_ALONE = range(3)
 
 
 @kernel(inlined=True)
@@ -500,7 +499,7 @@ def contract_linear(
     edges: IntArray,
     errors: FloatArray,
     explained: FloatArray,
-) -> int:
+) -> Status:
     """
     Narrow all pairs of a box by linear combinations of the measured ones, in place.
 
@@ -519,8 +518,8 @@ def contract_linear(
 
     Returns
     -------
-    int
-        ``EMPTY`` when the box is proved to hold no placement, ``CONTRACTED``, or ``LEFT_ALONE``
+    Status
+        ``EMPTY`` when the box is proved to hold no placement, ``CONTRACTED``, or ``NOT_RIGID``
         where the measured pairs do not make the placement rigid.
 
     """
@@ -530,22 +529,22 @@ def contract_linear(
     basis = np.zeros((dimension, dimension))
     reference = np.empty((n_points, dimension))
     if not _choose_frame(box, positions, frame, basis):
-        return LEFT_ALONE
+        return Status.NOT_RIGID
     if not _set_reference(positions, frame, basis, reference):
-        return LEFT_ALONE
+        return Status.NOT_RIGID
     moves = np.empty((n_points, 2, dimension))
     index = np.empty((n_points, dimension), dtype=np.int64)
     n_free = _set_moves(box, frame, reference, moves, index)
     if n_free == -1:
-        return EMPTY
+        return Status.EMPTY
     if n_free < 0 or n_edges < n_free:
-        return LEFT_ALONE
+        return Status.NOT_RIGID
     inverse = np.empty((n_free, n_edges))
     if not _set_inverse(box, reference, edges, index, inverse):
-        return LEFT_ALONE
+        return Status.NOT_RIGID
     surplus = np.empty((n_edges, 2))
     if not _narrow_moves(box, reference, moves, edges, index, inverse, surplus):
-        return EMPTY
+        return Status.EMPTY
 
     target = np.zeros((n_points, dimension))
     residual = np.empty((2, n_points, dimension))
@@ -581,8 +580,8 @@ def contract_linear(
                 low = down(down(low + square_low) + length)
                 high = up(up(high + square_high) + length)
                 if not narrow(box, k, other, low, high):
-                    return EMPTY
+                    return Status.EMPTY
             for axis in range(dimension):
                 target[k, axis] = 0.0
                 target[other, axis] = 0.0
-    return CONTRACTED
+    return Status.CONTRACTED

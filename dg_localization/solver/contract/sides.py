@@ -1,22 +1,37 @@
 """
-Sides and chiralities in the form the kernels want, and what two chiralities say of a box.
+Known sides of points in the form the kernels want.
 
 One camera that sees q others fixes the chirality of q + 1 points; two chiralities that share a
-face F fix a side, sigma_{F;i,k} = -chi(F, i) chi(F, k) (Section 3). Two that share none still
-fix the sign of the product of two oriented volumes, which is a function of distances alone.
+face F fix a side, sigma_{F;i,k} = -chi(F, i) chi(F, k) (Section 3).
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.interval.scalars import add, mul, sub
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.fixed_point import Sides
+from dg_localization.solver.box import IntArray
+from dg_localization.solver.contract.line import BOTH
 from dg_localization.solver.problem import Problem
 
 _CHIRALITY_GROUP = 0
+
+
+class Sides(NamedTuple):
+    """
+    The known sides of points, sorted by face, for the kernels.
+
+    The rows ``start[f0, f1]`` to ``stop[f0, f1]`` belong to the faces whose two smallest points
+    are f0 < f1 (f0 = f1 in one dimension). Each row is (third point or -1, group, apex, sign).
+    Two apexes of one face and group lie on the same side where their signs agree.
+    """
+
+    start: IntArray
+    stop: IntArray
+    rows: IntArray
 
 
 def _rows(problem: Problem) -> list[tuple[tuple[int, ...], int, int, int]]:
@@ -68,106 +83,26 @@ def sides_of(problem: Problem) -> Sides:
 
 
 @kernel(borrows=True)
-def _inner_product(
-    box: FloatArray, p_base: int, p: int, q_base: int, q: int
-) -> tuple[float, float]:
-    """Bound (x_p - x_pbase) . (x_q - x_qbase) from four squared distances (Eq. 3)."""
-    low, high = sub(
-        *add(
-            box[LOWER, p, q_base],
-            box[UPPER, p, q_base],
-            box[LOWER, p_base, q],
-            box[UPPER, p_base, q],
-        ),
-        *add(
-            box[LOWER, p, q],
-            box[UPPER, p, q],
-            box[LOWER, p_base, q_base],
-            box[UPPER, p_base, q_base],
-        ),
-    )
-    return 0.5 * low, 0.5 * high
-
-
-@kernel(borrows=True)
-def _minor(gram: FloatArray, r: int, s: int, c: int, e: int) -> tuple[float, float]:
-    """Bound the 2 x 2 minor of rows r, s and columns c, e."""
-    return sub(
-        *mul(gram[0, r, c], gram[1, r, c], gram[0, s, e], gram[1, s, e]),
-        *mul(gram[0, r, e], gram[1, r, e], gram[0, s, c], gram[1, s, c]),
-    )
-
-
-@kernel
-def volume_product(box: FloatArray, p: IntArray, q: IntArray) -> tuple[float, float]:
+def set_sigma(
+    sigma: NDArray[np.int8], sides: Sides, f0: int, f1: int, third: int, known_sides: bool
+) -> bool:
     """
-    Bound det[p2 - p1, ...] det[q2 - q1, ...] over a box.
+    Write the side of all pairs of apexes of a face, or clear it; tell if any is known.
 
-    The product of the two determinants is the determinant of the inner products
-    (p_i - p_1) . (q_j - q_1), each a sum of four squared distances (Eq. 3).
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    p, q : ndarray of int, shape (q + 1,)
-        The corners of the two simplices.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound in m^(2 q); infinite where a distance is unbounded.
-
+    Two constraints that contradict each other leave both: such points lie on the face.
     """
-    size = len(p) - 1
-    gram = np.empty((2, size, size))
-    for r in range(size):
-        for c in range(size):
-            low, high = _inner_product(box, p[0], p[r + 1], q[0], q[c + 1])
-            if np.isinf(low) or np.isinf(high):
-                return -np.inf, np.inf
-            gram[0, r, c] = low
-            gram[1, r, c] = high
-    if size == 1:
-        return gram[0, 0, 0], gram[1, 0, 0]
-    if size == 2:
-        return _minor(gram, 0, 1, 0, 1)
-    low = 0.0
-    high = 0.0
-    for c in range(3):
-        minor_low, minor_high = _minor(gram, 1, 2, (c + 1) % 3, (c + 2) % 3)
-        term = mul(gram[0, 0, c], gram[1, 0, c], minor_low, minor_high)
-        low, high = add(low, high, *term)
-    return low, high
-
-
-@kernel
-def handedness_is_possible(box: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
-    """
-    Tell whether chiralities may hold together in a box; False is a proof that they do not.
-
-    Every simplex is compared with the first one.
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    simplices : ndarray of int, shape (k, q + 1)
-        The corners of each simplex.
-    signs : ndarray of int, shape (k,)
-        Their chiralities.
-
-    Returns
-    -------
-    bool
-        False when two of them contradict each other everywhere in the box.
-
-    """
-    for x in range(1, len(signs)):
-        low, high = volume_product(box, simplices[0], simplices[x])
-        if signs[0] * signs[x] > 0:
-            if high < 0.0:
-                return False
-        elif low > 0.0:
-            return False
-    return True
+    known = False
+    stop = sides.stop[f0, f1]
+    for x in range(sides.start[f0, f1], stop):
+        if sides.rows[x, 0] != third:
+            continue
+        for y in range(x + 1, stop):
+            if sides.rows[y, 0] == third and sides.rows[y, 1] == sides.rows[x, 1]:
+                i = sides.rows[x, 2]
+                k = sides.rows[y, 2]
+                side = -sides.rows[x, 3] * sides.rows[y, 3] if known_sides else 0
+                if side != 0 and sigma[i, k] != 0 and sigma[i, k] != side:
+                    side = BOTH
+                sigma[i, k] = sigma[k, i] = side
+                known = True
+    return known

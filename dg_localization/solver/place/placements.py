@@ -146,7 +146,7 @@ def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> boo
 
 
 @kernel
-def _refine(positions: FloatArray, box: FloatArray) -> FloatArray:
+def refine(positions: FloatArray, box: FloatArray) -> FloatArray:
     """Pull a placement into the intervals of a box by damped least squares."""
     n_points, dimension = positions.shape
     size = n_points * dimension
@@ -207,7 +207,7 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
     half = max(0, exponent) // 2
     scaled = finite * math.ldexp(1.0, -2 * half)
     middle = 0.5 * (scaled[LOWER] + scaled[UPPER])
-    return _refine(_factor(middle, dimension), scaled) * math.ldexp(1.0, half)
+    return refine(_factor(middle, dimension), scaled) * math.ldexp(1.0, half)
 
 
 @kernel(borrows=True)

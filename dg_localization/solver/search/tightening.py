@@ -13,15 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable
 import heapq
 from itertools import count, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
-from dg_localization.solver.contract.fixed_point import CONTRACTED, EMPTY
-
-if TYPE_CHECKING:
-    from dg_localization.solver.search.branch_and_prune import Pair, Pruner
+from dg_localization.solver.contract.fixed_point import Pruned
+from dg_localization.solver.contract.status import Status
+from dg_localization.solver.place.hypotheses import place_problem
+from dg_localization.solver.place.placements import agrees
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.pruning import Pair, Pruner
 
 THICKEST_SLICE = 0.5
 THINNEST_SLICE = 1.0 / 32.0
@@ -36,16 +37,19 @@ LEAST_SHAVE = 0.3
 LEAST_SLICES = 4
 """An end for which fewer slices than this are left is not peeled."""
 
+WELL_EXPLAINED = 0.01
+"""A range this close to the first-order effect of the errors, relatively, is not tightened."""
+
 
 class _Knife:
-    """Cuts slices off one box, in place, as long as there are slices to spend."""
+    """Cuts slices off one box as long as there are slices to spend."""
 
     def __init__(
         self, pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
     ) -> None:
         self._pruner = pruner
-        self._box = box
         self._stopped = stopped
+        self.box = box
         self.slices = slices
 
     def shave(self, pair: Pair, end: int) -> bool:
@@ -54,8 +58,9 @@ class _Knife:
         while thickness >= THINNEST_SLICE and self._may_go_on():
             thick = thickness * self._width(pair)
             part, cut = self._slice(pair, end, thick)
-            new = cut if self._is_empty(part, pair) else float(part[end, *pair])
-            shaved = abs(self._box[end, *pair] - new)
+            left = self._contracted(part, pair)
+            new = cut if left is None else float(left[end, *pair])
+            shaved = abs(self.box[end, *pair] - new)
             if not self._set_end(pair, end, new):
                 return False
             if shaved < LEAST_SHAVE * thick:
@@ -65,7 +70,7 @@ class _Knife:
     def peel(self, pair: Pair, end: int, slices: int) -> bool:
         """Cut thin slices off one end as long as they come off; False when nothing is left."""
         reserve = self.slices - slices
-        scale = self._box[UPPER] - self._box[LOWER]
+        scale = self.box[UPPER] - self.box[LOWER]
         thick = THINNEST_SLICE * self._width(pair)
         came_off = True
         while came_off and self._may_go_on(reserve):
@@ -90,7 +95,8 @@ class _Knife:
         parts: list[tuple[float, int, FloatArray]] = []
         candidates = [part]
         while True:
-            left = [half for half in candidates if not self._is_empty(half, pair)]
+            contracted = (self._contracted(half, pair) for half in candidates)
+            left = [half for half in contracted if half is not None]
             for half in left:
                 rank = -outward * float(half[end, *pair])
                 heapq.heappush(parts, (rank, next(order), half))
@@ -98,9 +104,9 @@ class _Knife:
                 return None
             if not self._may_go_on(reserve + 1):
                 break
-            if any(self._pruner.finds_placement(half, pair) for half in left):
+            if any(finds_placement(self._pruner.problem, half, pair) for half in left):
                 break
-            candidates = _halves(parts[0][2], pair, scale)
+            candidates = halves(parts[0][2], pair, scale)
             if not candidates:
                 break
             heapq.heappop(parts)
@@ -111,27 +117,28 @@ class _Knife:
         return self.slices > reserve and not self._stopped()
 
     def _width(self, pair: Pair) -> float:
-        return float(self._box[UPPER, *pair] - self._box[LOWER, *pair])
+        return float(self.box[UPPER, *pair] - self.box[LOWER, *pair])
 
     def _slice(self, pair: Pair, end: int, thick: float) -> tuple[FloatArray, float]:
         """Return the outermost part of a range, and where it was cut off."""
-        cut = float(self._box[end, *pair]) + (thick if end == LOWER else -thick)
-        below, above = cut_at(self._box, pair, cut, cut)
+        cut = float(self.box[end, *pair]) + (thick if end == LOWER else -thick)
+        below, above = cut_at(self.box, pair, cut, cut)
         return (below if end == LOWER else above), cut
 
-    def _is_empty(self, part: FloatArray, pair: Pair) -> bool:
-        """Contract a part of the box, in place, and tell whether nothing is left of it."""
+    def _contracted(self, part: FloatArray, pair: Pair) -> FloatArray | None:
+        """Return what contraction leaves of a slice, None when it is nothing."""
         self.slices -= 1
-        return self._pruner.prune_slice(part, pair, self._stopped) == EMPTY
+        pruned = self._pruner.prune_slice(part, pair, self._stopped)
+        return None if pruned.status is Status.EMPTY else pruned.box
 
     def _set_end(self, pair: Pair, end: int, value: float) -> bool:
         """Move one end of a range; False when nothing is left."""
         i, j = pair
-        self._box[end, [i, j], [j, i]] = value
-        return bool(self._box[LOWER, i, j] <= self._box[UPPER, i, j])
+        self.box[end, [i, j], [j, i]] = value
+        return bool(self.box[LOWER, i, j] <= self.box[UPPER, i, j])
 
 
-def _halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
+def halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
     """Return the halves of a slice across the range widest in terms of the box, if one is wide."""
     width = np.triu(part[UPPER] - part[LOWER], 1)
     relative = np.divide(
@@ -145,9 +152,33 @@ def _halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]
     return cut_at(part, (int(i), int(j)), middle, middle)
 
 
-def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]) -> bool:
+def finds_placement(problem: Problem, box: FloatArray, pair: Pair) -> bool:
+    """Return whether a placement that agrees is found, with a distance of the pair as here."""
+    positions = place_problem(problem, box)
+    squared_m2 = float(((positions[pair[0]] - positions[pair[1]]) ** 2).sum())
+    low, high = box[: UPPER + 1, *pair]
+    return bool(low <= squared_m2 <= high) and agrees(problem, positions)
+
+
+def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
     """
-    Narrow the ranges of a finished box, in place.
+    Return the unknown pairs whose width the errors do not explain, the widest first.
+
+    To first order the explained width is that of the exact hull; a range that is narrower shows
+    as well as a wider one that the first order is not all.
+    """
+    width, explained = pruned.box[UPPER] - pruned.box[LOWER], pruned.explained
+    open_pairs = np.isinf(problem.upper) & (explained > 0.0)
+    open_pairs &= np.abs(width - explained) > WELL_EXPLAINED * explained
+    pairs = np.argwhere(np.triu(open_pairs)).tolist()
+    return sorted(((i, j) for i, j in pairs), key=lambda pair: -width[pair] / explained[pair])
+
+
+def tighten(
+    pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
+) -> FloatArray | None:
+    """
+    Narrow the ranges of a finished box.
 
     Parameters
     ----------
@@ -162,20 +193,22 @@ def tighten(pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], 
 
     Returns
     -------
-    bool
-        False when the box is proved to hold no placement.
+    ndarray, shape (4, n, n), or None
+        The narrower box; None when it is proved to hold no placement.
 
     """
-    # Contracted again, the box tells which ranges the errors do not explain.
-    status = pruner.prune(box, stopped)
-    if status != CONTRACTED:
-        return status != EMPTY
-    ends = list(product(pruner.unexplained(box), (UPPER, LOWER)))
-    knife = _Knife(pruner, box, slices, stopped)
+    # Contracted again, the box shows which ranges the errors do not explain.
+    pruned = pruner.prune(box, stopped)
+    if pruned.status is Status.EMPTY:
+        return None
+    if pruned.status is Status.UNFINISHED:
+        return pruned.box
+    ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
+    knife = _Knife(pruner, pruned.box, slices, stopped)
     if not all(knife.shave(pair, end) for pair, end in ends * PASSES):
-        return False
+        return None
     for done, (pair, end) in enumerate(ends):
         share = knife.slices // (len(ends) - done)
         if share >= LEAST_SLICES and not knife.peel(pair, end, share):
-            return False
-    return True
+            return None
+    return knife.box

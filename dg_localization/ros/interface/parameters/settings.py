@@ -23,7 +23,7 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs
-from dg_localization.solver.result import SolverOptions
+from dg_localization.solver.options import SolverOptions
 
 TEMPLATE_TYPES = {
     'range.topic': 'sensor_msgs/msg/Range',

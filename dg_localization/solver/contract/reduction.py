@@ -1,0 +1,219 @@
+"""
+One axis: project, reduce, back-project (Sections 4.1 to 4.3).
+
+The space of dimension q is projected q - 1 times; what is left is the line of Section 4.2. Level
+k of the workspace holds the problem after k projections. (The levels are spelt out: numba cannot
+load a self-recursive kernel from its cache.)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.contract.axes import rank_points
+from dg_localization.solver.contract.back_projection import back_project
+from dg_localization.solver.contract.line import reduce_line
+from dg_localization.solver.contract.projection import is_axis, project
+from dg_localization.solver.contract.sides import Sides, set_sigma
+
+SMALL_FLEET = 7
+"""Up to so many points all axes are applied, before linear combinations and in projections."""
+
+MOST_THROUGH = 16
+"""On the line, points are compared through this many of the best known others."""
+
+
+class Workspace(NamedTuple):
+    """Scratch arrays of one contraction, a slice per level of projection."""
+
+    boxes: FloatArray  # (q, 4, n, n): the box and its projections
+    coordinates: FloatArray  # (q, 2, n)
+    points: IntArray  # (q, n)
+    distance: FloatArray  # (4, n, n)
+    sigma: NDArray[np.int8]  # (n, n)
+
+
+def make_workspace(n_points: int, dimension: int) -> Workspace:
+    """Allocate the scratch arrays for `n_points` in `dimension`."""
+    points = np.zeros((dimension, n_points), dtype=np.int64)
+    points[0] = np.arange(n_points)
+    return Workspace(
+        boxes=np.zeros((dimension, 4, n_points, n_points)),
+        coordinates=np.zeros((dimension, 2, n_points)),
+        points=points,
+        distance=np.zeros((4, n_points, n_points)),
+        sigma=np.zeros((n_points, n_points), dtype=np.int8),
+    )
+
+
+@kernel(inlined=True)
+def reduce_to_line(
+    work: Workspace, sides: Sides, level: int, count: int, merged: int, f0: int, f1: int, f2: int
+) -> bool:
+    """Reduce the line at `level` under the sides of the face {f0, f1, f2} that `merged` shows."""
+    if f2 >= 0:
+        # Sort the three points of the face.
+        if f0 > f1:
+            f0, f1 = f1, f0
+        if f1 > f2:
+            f1, f2 = f2, f1
+        if f0 > f1:
+            f0, f1 = f1, f0
+    elif f0 > f1:
+        f0, f1 = f1, f0
+    known = f0 >= 0 and set_sigma(work.sigma, sides, f0, f1, f2, True)
+    left = reduce_line(
+        work.boxes[level],
+        work.distance,
+        work.points[level],
+        count,
+        MOST_THROUGH,
+        merged if known else -1,
+        work.sigma,
+    )
+    if known:
+        set_sigma(work.sigma, sides, f0, f1, f2, False)
+    return left
+
+
+@kernel(inlined=True)
+def reduce_plane(
+    work: Workspace,
+    sides: Sides,
+    level: int,
+    count: int,
+    a: int,
+    b: int,
+    f0: int,
+    f1: int,
+    f2: int,
+) -> bool:
+    """Project the plane at `level` along (a, b) to a line, reduce that, and return."""
+    shadow_count = project(
+        work.boxes[level],
+        work.boxes[level + 1],
+        work.coordinates[level],
+        work.points[level],
+        count,
+        work.points[level + 1],
+        a,
+        b,
+    )
+    if shadow_count < 0:
+        return False
+    if not reduce_to_line(work, sides, level + 1, shadow_count, a, f0, f1, f2):
+        return False
+    return back_project(
+        work.boxes[level],
+        work.boxes[level + 1],
+        work.coordinates[level],
+        work.points[level + 1],
+        shadow_count,
+        a,
+        b,
+    )
+
+
+@kernel(inlined=True)
+def reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
+    """Project space along (a, b) to a plane, reduce that along the axes of faces, and return."""
+    shadow_count = project(
+        work.boxes[0],
+        work.boxes[1],
+        work.coordinates[0],
+        work.points[0],
+        count,
+        work.points[1],
+        a,
+        b,
+    )
+    if shadow_count < 0:
+        return False
+    for x in range(1, shadow_count):
+        e = work.points[1, x]
+        if is_axis(work.boxes[1], a, e):
+            if not reduce_plane(work, sides, 1, shadow_count, a, e, a, b, e):
+                return False
+    # The others span no face {a, b, e}, cost n times as much, and save enough boxes only where
+    # points are few (docs/projections.md).
+    if shadow_count < SMALL_FLEET:
+        for x in range(1, shadow_count):
+            for y in range(x + 1, shadow_count):
+                e, f = work.points[1, x], work.points[1, y]
+                if is_axis(work.boxes[1], e, f):
+                    if not reduce_plane(work, sides, 1, shadow_count, e, f, -1, -1, -1):
+                        return False
+    return back_project(
+        work.boxes[0],
+        work.boxes[1],
+        work.coordinates[0],
+        work.points[1],
+        shadow_count,
+        a,
+        b,
+    )
+
+
+@kernel(inlined=True)
+def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bool:
+    """Project the `count` points known best along an axis, reduce, and back-project."""
+    dimension, _, n_points, _ = work.boxes.shape
+    box = work.boxes[0]
+    if dimension == 1:
+        return reduce_to_line(work, sides, 0, n_points, a, a, a, -1)
+    if not is_axis(box, a, b):
+        return True
+    if n_points > MOST_THROUGH:
+        rank_points(box, a, b, work.points[0])
+    if dimension == 2:
+        return reduce_plane(work, sides, 0, count, a, b, a, b, -1)
+    return reduce_space(work, sides, count, a, b)
+
+
+@kernel(borrows=True)
+def apply_axes(
+    boxes: FloatArray,
+    coordinates: FloatArray,
+    points: IntArray,
+    distance: FloatArray,
+    sigma: NDArray[np.int8],
+    start: IntArray,
+    stop: IntArray,
+    rows: IntArray,
+    axes: IntArray,
+    count: int,
+) -> bool:
+    """
+    Project along one axis after the other, reduce, and back-project.
+
+    Called as ``apply_axes(*work, *sides, axes, count)``: what enters from Python enters flat,
+    because numba takes six times as long to unpack named tuples.
+
+    Parameters
+    ----------
+    boxes, coordinates, points, distance, sigma
+        The fields of a `Workspace`; the first box is narrowed in place.
+    start, stop, rows
+        The fields of `Sides`.
+    axes : ndarray of int, shape (k, 2)
+        The axes, in the order in which they are applied.
+    count : int
+        How many points are projected, those best known from the ends of the axis.
+
+    Returns
+    -------
+    bool
+        False when the box is proved to hold no placement.
+
+    """
+    work = Workspace(boxes, coordinates, points, distance, sigma)
+    sides = Sides(start, stop, rows)
+    for x in range(len(axes)):
+        if not _apply_axis(work, sides, axes[x, 0], axes[x, 1], count):
+            return False
+    return True

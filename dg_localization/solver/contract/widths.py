@@ -1,0 +1,103 @@
+"""How wide the ranges of a box are, and how wide they have to be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray
+
+
+@kernel(borrows=True)
+def remember_widths(box: FloatArray, widths: FloatArray) -> None:
+    """Note the width of every range in m^2."""
+    n_points = box.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            widths[i, j] = box[UPPER, i, j] - box[LOWER, i, j]
+
+
+@kernel(borrows=True)
+def largest_gain(box: FloatArray, widths: FloatArray) -> float:
+    """Return the largest relative reduction of a range since its width was noted."""
+    n_points = box.shape[1]
+    gain = 0.0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            width = widths[i, j]
+            if np.isinf(width):
+                if box[UPPER, i, j] < np.inf:
+                    return 1.0
+            elif width > 0.0:
+                gain = max(gain, 1.0 - (box[UPPER, i, j] - box[LOWER, i, j]) / width)
+    return gain
+
+
+@kernel(borrows=True)
+def relative_error(box: FloatArray, i: int, j: int) -> float:
+    """Return how much of the squared distance of a pair is unknown, from 0 to 1."""
+    if np.isinf(box[UPPER, i, j]):
+        return 1.0
+    return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
+
+
+@kernel(borrows=True)
+def is_narrow(box: FloatArray, resolution_m: float) -> bool:
+    """Tell whether every bounded distance is known to the resolution."""
+    n_points = box.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            upper = box[UPPER, i, j]
+            if upper < np.inf and math.sqrt(upper) - math.sqrt(box[LOWER, i, j]) > resolution_m:
+                return False
+    return True
+
+
+@kernel(borrows=True)
+def excess(
+    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float, i: int, j: int
+) -> float:
+    """Return how many times wider a range is than it has to be; nothing is asked of no bound."""
+    low, high = box[LOWER, i, j], box[UPPER, i, j]
+    if np.isinf(high):
+        return 0.0
+    if explained[i, j] > 0.0:
+        middle_m = math.sqrt(0.5 * (low + high))
+        return (high - low) / (factor * explained[i, j] + resolution_m * 2.0 * middle_m)
+    return (math.sqrt(high) - math.sqrt(low)) / resolution_m
+
+
+@kernel(borrows=True)
+def is_explained(
+    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
+) -> bool:
+    """Tell whether no range is wider than it has to be."""
+    n_points = box.shape[1]
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            if excess(box, explained, factor, resolution_m, i, j) > 1.0:
+                return False
+    return True
+
+
+@kernel(borrows=True)
+def widest_gap_m(box: FloatArray) -> float:
+    """Return the width of the widest known gap in m."""
+    n_points = box.shape[1]
+    widest = 0.0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            high = box[GAP_UPPER, i, j]
+            if high > box[GAP_LOWER, i, j]:
+                widest = max(widest, math.sqrt(high) - math.sqrt(box[GAP_LOWER, i, j]))
+    return widest
+
+
+@kernel(borrows=True)
+def is_finished(
+    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
+) -> bool:
+    """Tell whether a box is narrower than the resolution, or no wider than the errors explain."""
+    return is_narrow(box, resolution_m) or is_explained(box, explained, factor, resolution_m)

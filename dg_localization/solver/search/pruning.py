@@ -1,0 +1,81 @@
+"""The prune step of the search: the contraction of boxes and of slices of one problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dg_localization.interval.kernels import until
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.contract.combination import combine
+from dg_localization.solver.contract.fixed_point import Contractor, Goal, Pruned
+from dg_localization.solver.contract.groups import groups_of, with_measured_pair
+from dg_localization.solver.contract.reduction import SMALL_FLEET
+from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.triangles import smooth_triangles
+from dg_localization.solver.options import SolverOptions
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
+
+MAX_SWEEPS = 50
+SLICE_SWEEPS = 3
+"""Sweeps over all axes: of a box at most, and of a slice, which gains from the first ones most."""
+
+Pair = tuple[int, int]
+
+
+def _never() -> bool:
+    """Return that there is no reason to stop."""
+    return False
+
+
+class Pruner:
+    """
+    Prunes the boxes of one problem, one at a time.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    options : SolverOptions
+        The resolution is taken from them.
+
+    """
+
+    def __init__(self, problem: Problem, options: SolverOptions) -> None:
+        self.problem = problem
+        self._groups = groups_of(problem.lower, problem.upper)
+        self._contractor = Contractor(problem)
+        n_axes = max(1, len(self._contractor.axes))
+        small = problem.n_points <= SMALL_FLEET
+        axes_per_test = n_axes if small else problem.n_points // 2
+        self._goal = Goal(options.resolution, EXPLAINED_FACTOR, MAX_SWEEPS, axes_per_test)
+        self._slice_goal = Goal(options.resolution, 0.0, SLICE_SWEEPS, n_axes)
+
+    def whole(self) -> FloatArray | None:
+        """Return the box of the problem itself, None where the triangles prove it to be empty."""
+        n_points = self.problem.n_points
+        box = np.zeros((4, n_points, n_points))
+        box[LOWER] = self.problem.lower
+        box[UPPER] = self.problem.upper
+        left = smooth_triangles(box, np.empty_like(box), np.arange(n_points), n_points)
+        return box if left else None
+
+    def prune(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
+        """Contract a box."""
+        return self._contractor.contract(box, self._groups, self._goal, stopped)
+
+    def prune_slice(self, box: FloatArray, pair: Pair, stopped: Callable[[], bool]) -> Pruned:
+        """
+        Contract a slice of a finished box.
+
+        The pair that it was cut along is bounded by the slice alone, and counts as measured.
+        """
+        groups = with_measured_pair(self._groups, pair)
+        combined, explained = box.copy(), np.zeros(box.shape[1:])
+        with until(stopped):
+            if not combine(*groups, combined, self.problem.dimension, explained):
+                return Pruned(Status.EMPTY, combined, explained)
+            return self._contractor.contract(combined, groups, self._slice_goal, stopped)
+        return Pruned(Status.UNFINISHED, box, explained)

@@ -1,0 +1,91 @@
+"""From a problem to a cover: branch and prune, then tightening of the boxes that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from functools import partial
+from itertools import repeat
+import os
+
+from dg_localization.solver.box import FloatArray
+from dg_localization.solver.contract.fixed_point import Pruned
+from dg_localization.solver.options import Cancel, SolverOptions
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Statistics
+from dg_localization.solver.search.branch_and_prune import Budget, Cover, branch_and_prune
+from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.splitting import split
+from dg_localization.solver.search.tightening import tighten
+
+POINTS_PER_WORKER = 12
+"""From this many points on a box takes milliseconds, and several are examined at a time."""
+
+
+def search(
+    problem: Problem,
+    options: SolverOptions,
+    cancel: Cancel | None = None,
+    progress: Callable[[Statistics], None] | None = None,
+) -> tuple[Cover, Statistics]:
+    """
+    Cover all placements of a problem by boxes.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    options : SolverOptions
+        Resolution and limits.
+    cancel : object with ``is_set()``, optional
+        Stops the search when set, as a limit would.
+    progress : callable, optional
+        Called with the statistics so far, once a box.
+
+    Returns
+    -------
+    cover : Cover
+        Kept and pending boxes, which together hold every placement.
+    statistics : Statistics
+        The effort.
+
+    """
+    budget = Budget(options, cancel)
+    pruners = [Pruner(problem, options) for _ in range(_n_workers(problem))]
+    whole = pruners[0].whole()
+    if whole is None:
+        cover = Cover(empty=1)
+    else:
+        with ExitStack() as stack:
+            prune = _prune_step(pruners, budget, stack)
+            split_here = partial(split, resolution_m=options.resolution)
+            cover = branch_and_prune(whole, prune, split_here, budget, len(pruners), progress)
+    if not cover.pending and options.tighten_slices:
+        _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
+    return cover, budget.statistics(cover, len(cover.pending))
+
+
+def _n_workers(problem: Problem) -> int:
+    """Return on how many processors to examine boxes: small ones are not worth the change."""
+    if problem.n_points < POINTS_PER_WORKER:
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else 1
+
+
+def _prune_step(
+    pruners: list[Pruner], budget: Budget, stack: ExitStack
+) -> Callable[[list[FloatArray]], Iterable[Pruned]]:
+    """Return what prunes as many boxes as there are pruners, in a pool that the stack closes."""
+    if len(pruners) == 1:
+        return lambda boxes: [pruners[0].prune(box, budget.stopped) for box in boxes]
+    pool = stack.enter_context(ThreadPoolExecutor(len(pruners)))
+    return lambda boxes: list(pool.map(Pruner.prune, pruners, boxes, repeat(budget.stopped)))
+
+
+def _tighten_kept(cover: Cover, pruner: Pruner, slices: int, budget: Budget) -> None:
+    """Tighten what was kept; a box may turn out to be empty after all."""
+    tightened = [tighten(pruner, box, slices, budget.stopped) for box in cover.kept]
+    left = [box for box in tightened if box is not None]
+    cover.empty += len(cover.kept) - len(left)
+    cover.kept = left

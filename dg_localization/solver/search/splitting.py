@@ -1,0 +1,85 @@
+"""Where to split a box: at its largest gap, else where it is too wide."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, cut_at
+from dg_localization.solver.contract.fixed_point import LEAST_GAP, Pruned
+from dg_localization.solver.contract.widths import excess
+
+EXPLAINED_FACTOR = 3.0
+"""How much wider a finished box may be than the first-order effect of the measurement errors."""
+
+
+@kernel(borrows=True)
+def choose_split(
+    box: FloatArray, explained: FloatArray, resolution_m: float
+) -> tuple[int, int, float, float]:
+    """
+    Choose where to split a contracted box: at its largest gap, else where it is too wide.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2.
+    explained : ndarray, shape (n, n)
+        The widths that measurement errors explain in m^2, zero where they explain none.
+    resolution_m : float
+        What all distances should be known to, in m.
+
+    Returns
+    -------
+    tuple
+        The pair, the end of the lower part and the start of the upper part in m^2; the pair is
+        (-1, -1) when the box is finished.
+
+    """
+    n_points = box.shape[1]
+    gap_i, gap_j, widest_gap_m = -1, -1, LEAST_GAP * resolution_m
+    i, j, widest_m2, widest_m = -1, -1, 0.0, 0.0
+    for k in range(n_points):
+        for other in range(k + 1, n_points):
+            low, high = box[LOWER, k, other], box[UPPER, k, other]
+            if high < np.inf:
+                widest_m = max(widest_m, math.sqrt(high) - math.sqrt(low))
+            gap_m = math.sqrt(box[GAP_UPPER, k, other]) - math.sqrt(box[GAP_LOWER, k, other])
+            if gap_m > widest_gap_m:
+                gap_i, gap_j, widest_gap_m = k, other, gap_m
+            times = excess(box, explained, EXPLAINED_FACTOR, resolution_m, k, other)
+            if times > 1.0 and high - low > widest_m2:
+                i, j, widest_m2 = k, other, high - low
+    if widest_m <= resolution_m:
+        return -1, -1, 0.0, 0.0
+    if gap_i >= 0:
+        return gap_i, gap_j, box[GAP_LOWER, gap_i, gap_j], box[GAP_UPPER, gap_i, gap_j]
+    if i < 0:
+        return -1, -1, 0.0, 0.0
+    # Halves of the squared distance separated better than halves of the distance.
+    middle = 0.5 * box[LOWER, i, j] + 0.5 * box[UPPER, i, j]
+    return i, j, middle, middle
+
+
+def split(pruned: Pruned, resolution_m: float) -> list[FloatArray]:
+    """
+    Split a contracted box.
+
+    Parameters
+    ----------
+    pruned : Pruned
+        The box, and what the errors explain of it.
+    resolution_m : float
+        What all distances should be known to, in m.
+
+    Returns
+    -------
+    list of ndarray, shape (4, n, n)
+        Its two parts; none when it is finished.
+
+    """
+    box = pruned.box
+    i, j, low_end, high_start = choose_split(box, pruned.explained, resolution_m)
+    return cut_at(box, (i, j), low_end, high_start) if i >= 0 else []
