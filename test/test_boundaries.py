@@ -111,7 +111,7 @@ def test_core_names_no_ros_package(path):
     assert not {module.partition('.')[0] for module in imported_modules(path)} & ROS_PACKAGES
 
 
-@pytest.mark.parametrize('room', [room for room in ROS_FREE if 'pairs' not in room])
+@pytest.mark.parametrize('room', ROS_FREE)
 def test_core_runs_without_ros(room):
     blocked = dict.fromkeys(ROS_PACKAGES)
     code = f'import sys; sys.modules.update({blocked!r}); import {room}'

@@ -1,0 +1,19 @@
+"""
+The pairs room: relative poses of two bodies from everything they measured of each other.
+
+Set inversion over a window of readings that odometry carries to now. Knows no fleet and no ROS.
+"""
+
+from dg_localization.pairs.cover import Cover, Hull
+from dg_localization.pairs.readings import NO_RAY_RAD, PairReadings, PastPoses
+from dg_localization.pairs.search import PairOptions, cover_poses
+
+__all__ = [
+    'NO_RAY_RAD',
+    'Cover',
+    'Hull',
+    'PairOptions',
+    'PairReadings',
+    'PastPoses',
+    'cover_poses',
+]

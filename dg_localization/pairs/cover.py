@@ -1,0 +1,199 @@
+"""Covers: boxes of relative poses that hold every pose which agrees with the readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+
+import numpy as np
+
+from dg_localization.interval.angles import angle_down, angle_up
+from dg_localization.interval.arrays import Interval
+from dg_localization.pairs.components import covered_area, label_boxes
+from dg_localization.pairs.half_spaces import HIGH, LOW, YAW
+from dg_localization.pairs.readings import PastPoses
+from dg_localization.pairs.turns import HALF_TURN_UP, TURN, principal, turned
+
+
+@dataclass(frozen=True)
+class Hull:
+    """
+    The smallest box around a set of poses.
+
+    Parameters
+    ----------
+    lower_m, upper_m : numpy.ndarray, shape (3,)
+        Position of B in the frame of A.
+    yaw_rad : tuple of float
+        Counterclockwise from the first to the second, which is at most a full turn more.
+
+    """
+
+    lower_m: np.ndarray
+    upper_m: np.ndarray
+    yaw_rad: tuple[float, float]
+
+    @property
+    def yaw_width_rad(self) -> float:
+        """Width of the yaw, a full turn at most."""
+        return min(self.yaw_rad[1] - self.yaw_rad[0], TURN)
+
+    @property
+    def widths_m(self) -> np.ndarray:
+        """Widths of the position, shape (3,)."""
+        return self.upper_m - self.lower_m
+
+
+@dataclass(frozen=True)
+class Cover:
+    """
+    Boxes that together hold every pose of B in the frame of A.
+
+    Parameters
+    ----------
+    boxes : numpy.ndarray, shape (n, 2, 4)
+        Lower and upper bounds of x, y, z in m and yaw in rad. Yaws are angles: a box may reach
+        beyond pi.
+    refined : bool
+        Whether every box is as small as was asked; false where time or the number of boxes ran
+        out. The cover is complete either way.
+
+    """
+
+    boxes: np.ndarray
+    refined: bool = True
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    @property
+    def empty(self) -> bool:
+        """Whether no pose is left, which proves that a measurement or a bound is wrong."""
+        return len(self.boxes) == 0
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the positions are bounded at all."""
+        return bool(np.all(np.isfinite(self.boxes)))
+
+    def contains(self, position_m: np.ndarray, yaw_rad: float) -> bool:
+        """Return whether a pose lies in one of the boxes, within the rounding of its yaw."""
+        lower, upper = self.boxes[:, LOW], self.boxes[:, HIGH]
+        position = np.asarray(position_m, dtype=float)
+        near = np.all((lower[:, :YAW] <= position) & (position <= upper[:, :YAW]), axis=-1)
+        # How far counterclockwise of the lower end, and of just below it.
+        beyond = np.remainder(angle_up(yaw_rad - lower[:, YAW]), TURN)
+        width = angle_up(angle_up(upper[:, YAW] - lower[:, YAW]))
+        return bool(np.any(near & (beyond <= width)))
+
+    @cached_property
+    def components(self) -> tuple[Cover, ...]:
+        """The parts that do not touch each other, those with most volume first."""
+        labels = label_boxes(self.boxes)
+        parts = [Cover(self.boxes[labels == k], self.refined) for k in np.unique(labels)]
+        return tuple(sorted(parts, key=lambda part: -part.volume))
+
+    @property
+    def volume(self) -> float:
+        """Sum of the volumes of the boxes over the axes that are open, in plain arithmetic."""
+        widths = self.boxes[:, HIGH] - self.boxes[:, LOW]
+        return float(np.prod(np.where(widths > 0.0, widths, 1.0), axis=-1).sum())
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the ground the positions cover, in plain arithmetic."""
+        return float(covered_area(np.ascontiguousarray(self.boxes[:, :, :2])))
+
+    @cached_property
+    def hull(self) -> Hull:
+        """The smallest box around all; raises ValueError for an empty cover."""
+        if self.empty:
+            raise ValueError('an empty cover has no hull')
+        return Hull(
+            self.boxes[:, LOW, :YAW].min(axis=0),
+            self.boxes[:, HIGH, :YAW].max(axis=0),
+            _arc(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW]),
+        )
+
+    def moved(self, a: PastPoses, b: PastPoses) -> Cover:
+        """
+        Return the cover after both bodies have moved.
+
+        Parameters
+        ----------
+        a, b : PastPoses
+            One pose each: of the level frame when this cover was made, seen from that of now.
+
+        Returns
+        -------
+        Cover
+            Wider by the bounds of both, and by the turn of upright boxes.
+
+        """
+        lower, upper = self.boxes[:, LOW], self.boxes[:, HIGH]
+        yaw = Interval(lower[:, YAW], upper[:, YAW]) + a.yaw_rad - b.yaw_rad
+        positions = turned(a.yaw_rad, Interval(lower[:, :YAW], upper[:, :YAW])) + a.position_m
+        positions = positions - turned(yaw, b.position_m)
+        boxes = np.empty_like(self.boxes)
+        boxes[:, LOW, :YAW], boxes[:, HIGH, :YAW] = positions.lower, positions.upper
+        yaw = principal(yaw)
+        boxes[:, LOW, YAW], boxes[:, HIGH, YAW] = yaw.lower, yaw.upper
+        return Cover(boxes, self.refined)
+
+    def coarsened(self, max_boxes: int) -> Cover:
+        """Return a cover of at most `max_boxes` boxes, or one per component, around these."""
+        if len(self) <= max_boxes:
+            return self
+        share = max_boxes / len(self)
+        parts = [_merged(part.boxes, int(share * len(part))) for part in self.components]
+        return Cover(np.concatenate(parts), self.refined)
+
+
+def _arc(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
+    """Return the shortest arc that holds all of some arcs; its lower end is within a half turn."""
+    start = np.remainder(lower, TURN)
+    order = np.argsort(start)
+    lower, upper = angle_down(start)[order], angle_up(angle_up(start + (upper - lower)))[order]
+    # An arc that goes on beyond a full turn covers the first ones again.
+    reached = np.maximum.accumulate(np.maximum(upper, upper.max() - TURN))
+    gaps = np.append(lower[1:] - reached[:-1], lower[0] + TURN - reached[-1])
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= 0.0:
+        return -HALF_TURN_UP, HALF_TURN_UP
+    wraps = widest < len(lower) - 1
+    first = float(lower[widest + 1 if wraps else 0])
+    last = float(reached[widest] + TURN if wraps else reached[-1])
+    turns = TURN if first > math.pi else 0.0
+    return angle_down(first - turns), angle_up(last - turns)
+
+
+def _merged(boxes: np.ndarray, max_boxes: int) -> np.ndarray:
+    """Return hulls of neighboring boxes of one component, at most `max_boxes` or one."""
+    boxes = _unrolled(boxes)
+    low, high = boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0)
+    middle = 0.5 * boxes[:, LOW] + 0.5 * boxes[:, HIGH]
+    widths = np.where(high > low, high - low, 1.0)
+    for cells in range(int(max_boxes ** (1 / 3)) + 2, 0, -1):
+        place = np.clip((cells * (middle - low) / widths).astype(np.int64), 0, cells - 1)
+        _, group = np.unique(place @ cells ** np.arange(4), return_inverse=True)
+        count = int(group.max()) + 1
+        if count <= max_boxes:
+            break
+    merged = np.empty((count, 2, 4))
+    merged[:, LOW], merged[:, HIGH] = math.inf, -math.inf
+    np.minimum.at(merged[:, LOW], group, boxes[:, LOW])
+    np.maximum.at(merged[:, HIGH], group, boxes[:, HIGH])
+    yaw = principal(Interval(merged[:, LOW, YAW], merged[:, HIGH, YAW]))
+    merged[:, LOW, YAW], merged[:, HIGH, YAW] = yaw.lower, yaw.upper
+    return merged
+
+
+def _unrolled(boxes: np.ndarray) -> np.ndarray:
+    """Return the boxes with their yaws in one piece, whole turns added where the arc needs it."""
+    start = _arc(boxes[:, LOW, YAW], boxes[:, HIGH, YAW])[0]
+    turns = np.floor((boxes[:, LOW, YAW] - start) / TURN)
+    unrolled = boxes.copy()
+    unrolled[:, LOW, YAW] = angle_down(boxes[:, LOW, YAW] - turns * TURN)
+    unrolled[:, HIGH, YAW] = angle_up(boxes[:, HIGH, YAW] - turns * TURN)
+    return unrolled
