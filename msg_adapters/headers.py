@@ -37,10 +37,31 @@ def stamp_to_message(stamp_s: float) -> Any:
     """
     from builtin_interfaces.msg import Time
 
-    if not abs(stamp_s) < float('inf'):
-        raise ValueError(f'stamp {stamp_s} s is not finite')
-    sec, nanosec = divmod(round(stamp_s * _NS_PER_S), _NS_PER_S)
+    sec, nanosec = _split('stamp', stamp_s)
     return Time(sec=sec, nanosec=nanosec)
+
+
+def duration_to_message(duration_s: float) -> Any:
+    """
+    Return seconds as a `builtin_interfaces/Duration`, rounded to the nearest nanosecond.
+
+    Raises
+    ------
+    ValueError
+        If the duration is not finite.
+
+    """
+    from builtin_interfaces.msg import Duration
+
+    sec, nanosec = _split('duration', duration_s)
+    return Duration(sec=sec, nanosec=nanosec)
+
+
+def _split(name: str, time_s: float) -> tuple[int, int]:
+    """Return whole seconds and the nanoseconds that remain."""
+    if not abs(time_s) < float('inf'):
+        raise ValueError(f'{name} {time_s} s is not finite')
+    return divmod(round(time_s * _NS_PER_S), _NS_PER_S)
 
 
 def header_to_message(stamp_s: float, frame_id: str) -> Any:

@@ -1,6 +1,6 @@
 """visualization_msgs/MarkerArray <-> `MarkerScene`."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.geometry import point_to_message, vector_to_message, xyz_from_message
-from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.headers import duration_to_message, header_to_message, stamp_from_message
 
 TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
 
@@ -67,12 +67,15 @@ class MarkerScene:
         Frame of all points.
     markers : tuple of Marker
         May be empty, which clears the view.
+    lifetime_s : float
+        How long viewers show it; 0 for as long as nothing replaces it.
 
     """
 
     stamp_s: float
     frame_id: str
-    markers: tuple[Marker, ...] = field(default=())
+    markers: tuple[Marker, ...] = ()
+    lifetime_s: float = 0.0
 
 
 def marker_scene_to_message(scene: MarkerScene) -> Any:
@@ -89,7 +92,8 @@ def marker_scene_to_message(scene: MarkerScene) -> Any:
 
     header = header_to_message(scene.stamp_s, scene.frame_id)
     clear = visualization.Marker(header=header, action=visualization.Marker.DELETEALL)
-    drawn = [_to_message(marker, header) for marker in scene.markers]
+    lifetime = duration_to_message(scene.lifetime_s)
+    drawn = [_to_message(marker, header, lifetime) for marker in scene.markers]
     return visualization.MarkerArray(markers=[clear, *drawn])
 
 
@@ -106,15 +110,16 @@ def marker_scene_from_message(message: Any) -> MarkerScene:
     delete_all = 3
     if not message.markers or message.markers[0].action != delete_all:
         raise ValueError('the marker array does not begin with DELETEALL')
-    header = message.markers[0].header
+    header, drawn = message.markers[0].header, message.markers[1:]
     return MarkerScene(
         stamp_s=stamp_from_message(header.stamp),
         frame_id=header.frame_id,
-        markers=tuple(_from_message(marker) for marker in message.markers[1:]),
+        markers=tuple(_from_message(marker) for marker in drawn),
+        lifetime_s=stamp_from_message(drawn[0].lifetime) if drawn else 0.0,
     )
 
 
-def _to_message(marker: Marker, header: Any) -> Any:
+def _to_message(marker: Marker, header: Any, lifetime: Any) -> Any:
     from visualization_msgs import msg as visualization
 
     if len(marker.colors_rgba) != len(marker.points_m):
@@ -128,6 +133,7 @@ def _to_message(marker: Marker, header: Any) -> Any:
         id=marker.identifier,
         type=int(marker.shape),
         action=visualization.Marker.ADD,
+        lifetime=lifetime,
         scale=vector_to_message(np.full(3, marker.size_m)),
         text=marker.text,
     )

@@ -126,9 +126,10 @@ def _row_type(message: Any) -> np.dtype[Any]:
 
 
 def _check_names(names: list[str]) -> None:
+    for name in COLUMNS:
+        if names.count(name) > 1:
+            raise ValueError(f"field '{name}' is there {names.count(name)} times, not once")
     rays = [name for name in RAY if name in names]
-    if len(set(names)) < len(names):
-        raise ValueError(f'fields {names} are not allowed, each must be there once')
     if 'peer' not in names or not ('range' in names or rays) or len(rays) not in (0, 3):
         raise ValueError(
             f"fields {names} are not enough, there must be 'peer', and 'range' or 'x', 'y' and "

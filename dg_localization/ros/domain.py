@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 import fcntl
+import os
 from pathlib import Path
+import stat
 import tempfile
 from typing import IO
 
@@ -52,9 +54,9 @@ def claim_domain() -> DomainClaim:
     folder = Path(tempfile.gettempdir())
     for domain_id in reversed(DOMAIN_IDS):
         try:
-            lock = open(folder / f'dg_localization_domain_{domain_id}.lock', 'w')
-        except PermissionError:
-            continue  # another user's claim
+            lock = _open_lock(folder / f'dg_localization_domain_{domain_id}.lock')
+        except OSError:
+            continue  # the claim of another user, or no file of ours
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -62,3 +64,23 @@ def claim_domain() -> DomainClaim:
             continue
         return DomainClaim(domain_id, lock)
     raise RuntimeError(f'all ROS 2 domains from {DOMAIN_IDS[0]} to {DOMAIN_IDS[-1]} are taken')
+
+
+def _open_lock(path: Path) -> IO[str]:
+    """
+    Open a file for its lock, and make it if it is not there; its content is left alone.
+
+    The folder is shared: another user may have put a link, a pipe or a device in its place.
+
+    Raises
+    ------
+    OSError
+        If it is no file of this user.
+
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+        os.close(descriptor)
+        raise PermissionError(f'{path} is no file of this user')
+    return os.fdopen(descriptor, 'r+')

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import traceback
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -12,6 +13,8 @@ from rclpy.utilities import remove_ros_args
 
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.signals import StopRequest, stop_request, waking
+
+REPEATED_ERROR_S = 5.0
 
 
 @contextmanager
@@ -91,10 +94,22 @@ def spin(make_node: Callable[[], Node], args: Sequence[str]) -> None:
 
 
 def _spin_until(stop: StopRequest, node: Node) -> None:
+    """
+    Spin; a callback that raises is reported, and the node goes on.
+
+    Some callbacks are those of rclpy, and raise because of what others send: the one of `/clock`
+    for a negative time.
+    """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     # The executor returns from its wait when a callback of the node is due.
     guard = node.create_guard_condition(lambda: None)
     with waking(guard.trigger):
         while not stop.is_set():
-            executor.spin_once()
+            try:
+                executor.spin_once()
+            except Exception:
+                node.get_logger().error(
+                    f'a callback failed, the node goes on:\n{traceback.format_exc()}',
+                    throttle_duration_sec=REPEATED_ERROR_S,
+                )

@@ -67,6 +67,7 @@ SCENE = MarkerScene(
         Marker('links', 1, Shape.LINE_LIST, np.zeros((2, 3)), np.ones((2, 4)), 0.5),
         Marker('names', 2, Shape.TEXT, np.ones((1, 3)), np.ones((1, 4)), 0.125, 'robot_1'),
     ),
+    1.5,
 )
 DIAGNOSTICS_VALUE = Diagnostics(
     7.0,

@@ -140,5 +140,5 @@ def test_field_of_several_numbers_or_named_twice_is_refused():
     message.fields[1].count = 0
     assert_rows(peers_from_message(message), rays=False)
     message.fields.append(message.fields[1])
-    with pytest.raises(ValueError, match='each must be there once'):
+    with pytest.raises(ValueError, match="field 'range' is there 2 times, not once"):
         peers_from_message(message)

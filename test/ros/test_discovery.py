@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.interface.discovery import MAX_STRANGERS, TopicFinder  # noqa: E402
+from dg_localization.ros.interface.discovery import MOST_STRANGERS, TopicFinder  # noqa: E402
 from dg_localization.ros.interface.links import Template, parse_link  # noqa: E402
 
 RANGE, RAY = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
@@ -87,6 +87,31 @@ def test_topic_is_found_once():
     assert list(finder.find(topics)) == []
 
 
+def test_wrong_type_is_reported_while_it_is_there_and_does_not_silence_the_input():
+    finder = TopicFinder(TEMPLATES, (), POINTS)
+    assert list(finder.find([('/a/range/b', [RAY])])) == []
+    (link,) = finder.wrong_types
+    assert (link.topic, link.type_name) == ('/a/range/b', RANGE)
+    assert finder.wrong_types[link] == (RAY,)
+    assert list(finder.find([('/a/range/b', [RAY, RANGE])])) == [link]
+    assert finder.wrong_types == {link: (RAY,)}
+    assert list(finder.find([('/a/range/b', [RANGE])])) == []
+    assert finder.wrong_types == {}
+
+
+def test_wrong_type_of_an_explicit_link_is_reported_too():
+    explicit = parse_link(f'/uwb/ab {RANGE} a b')
+    finder = TopicFinder(TEMPLATES, [explicit], POINTS)
+    assert list(finder.find([('/uwb/ab', [ODOMETRY, RANGE])])) == []
+    assert finder.wrong_types == {explicit: (ODOMETRY,)}
+
+
+def test_wrong_types_of_strangers_are_not_reported():
+    finder = TopicFinder(TEMPLATES, (), POINTS)
+    assert list(finder.find([(f'/a/range/z{number}', [RAY]) for number in range(99)])) == []
+    assert finder.wrong_types == {}
+
+
 def test_only_a_few_strangers_are_listened_to():
-    topics = [(f'/a/range/z{number}', RANGE) for number in range(2 * MAX_STRANGERS)]
-    assert len(found(*topics, ('/a/range/b', RANGE))) == MAX_STRANGERS + 1
+    topics = [(f'/a/range/z{number}', RANGE) for number in range(2 * MOST_STRANGERS)]
+    assert len(found(*topics, ('/a/range/b', RANGE))) == MOST_STRANGERS + 1

@@ -74,11 +74,15 @@ def report(made, **changes):
         node='localizer',
         trouble='',
         failure='',
+        warnings=(),
+        now_s=12.6,
+        lifetime_s=1.0,
         estimate=made,
         robots=ROBOTS,
         links=(Link('/a/range/b', 'sensor_msgs/msg/Range', AB),),
         inputs={AB: input_state()},
         malformed={},
+        wrong_types={},
     )
     return replace(plain, **changes)
 
@@ -115,14 +119,24 @@ def test_no_placement_gives_an_empty_list():
 
 def test_covariance_holds_the_squares_of_the_farthest_sides():
     pose = unique_pose(estimate(placement()), 0, 'map')
-    assert np.diag(pose.covariance) == pytest.approx([0.04, 0.04, 0.0, 0.0, 0.0, 0.01])
-    assert np.count_nonzero(pose.covariance) == 3
+    assert np.diag(pose.covariance) == pytest.approx([0.04, 0.04, 1e-6, 1e-6, 1e-6, 0.01])
+    assert np.count_nonzero(pose.covariance) == 6
 
 
-def test_unknown_heading_has_the_variance_of_half_a_turn():
+def test_robot_that_the_frame_is_attached_to_is_not_certain_to_a_filter():
+    exact = placement(
+        enclosure_m=np.zeros((2, 2, 2)),
+        heading_half_width_rad=np.zeros(2),
+        positions_m=np.zeros((2, 2)),
+    )
+    pose = unique_pose(estimate(exact), 0, 'map')
+    assert np.diag(pose.covariance).tolist() == [1e-6] * 6
+
+
+def test_unknown_heading_has_no_weight_in_a_filter():
     pose = unique_pose(estimate(placement()), 1, 'map')
     assert pose.orientation_xyzw.tolist() == [0.0, 0.0, 0.0, 1.0]
-    assert pose.covariance[5, 5] == pytest.approx(math.pi**2)
+    assert pose.covariance[5, 5] == 1e6
 
 
 def test_space_has_six_variances():
@@ -146,7 +160,9 @@ def test_there_is_a_pose_only_while_one_hypothesis_is_left(made):
 
 
 def test_scene_has_a_namespace_for_each_thing():
-    markers = {marker.namespace: marker for marker in scene(estimate(placement()), 'map').markers}
+    markers = {
+        marker.namespace: marker for marker in scene(estimate(placement()), 'map', 1.0).markers
+    }
     assert set(markers) == {'robots', 'headings', 'enclosures', 'links', 'names'}
     assert markers['robots'].shape is Shape.SPHERE_LIST and len(markers['robots'].points_m) == 2
     assert len(markers['headings'].points_m) == 2  # one known heading
@@ -156,12 +172,12 @@ def test_scene_has_a_namespace_for_each_thing():
 
 
 def test_box_in_space_has_twelve_edges():
-    markers = {m.namespace: m for m in scene(estimate(placement(dimension=3)), 'map').markers}
+    markers = {m.namespace: m for m in scene(estimate(placement(dimension=3)), 'map', 1.0).markers}
     assert len(markers['enclosures'].points_m) == 2 * 12 * 2
 
 
 def test_identifiers_are_unique_in_each_namespace():
-    markers = scene(estimate(placement(), placement(1.0)), 'map').markers
+    markers = scene(estimate(placement(), placement(1.0)), 'map', 1.0).markers
     assert len({(marker.namespace, marker.identifier) for marker in markers}) == len(markers)
     assert sorted(m.text for m in markers if m.namespace == 'names') == ['a', 'a', 'b', 'b']
 
@@ -177,14 +193,14 @@ def test_identifiers_are_unique_in_each_namespace():
 )
 def test_links_are_colored_by_their_state(stale, contradicts, color):
     link = LinkState(AB, 3.0, 3.3, 0.1, stale, contradicts)
-    markers = scene(estimate(placement(), links=(link,)), 'map').markers
+    markers = scene(estimate(placement(), links=(link,)), 'map', 1.0).markers
     (links,) = [marker for marker in markers if marker.namespace == 'links']
     assert links.colors_rgba.tolist() == [color.tolist()] * 2
 
 
 def test_landmarks_are_drawn_and_named():
     made = estimate(placement(landmarks_m=np.array([[9.0, 9.0]])), landmarks=('beacon',))
-    markers = scene(made, 'map').markers
+    markers = scene(made, 'map', 1.0).markers
     (robots,) = [marker for marker in markers if marker.namespace == 'robots']
     assert robots.points_m[2].tolist() == [9.0, 9.0, 0.0]
     assert 'beacon' in [marker.text for marker in markers]
@@ -195,13 +211,13 @@ def test_what_is_not_known_is_not_drawn():
         positions_m=np.array([[0.0, 0.0], [math.nan, math.nan]]),
         enclosure_m=np.array([[[0.0, 0.0], [0.0, 0.0]], [[-np.inf] * 2, [np.inf] * 2]]),
     )
-    markers = scene(estimate(unknown), 'map').markers
+    markers = scene(estimate(unknown), 'map', 1.0).markers
     assert all(np.isfinite(marker.points_m).all() for marker in markers)
     assert [marker.text for marker in markers if marker.namespace == 'names'] == ['a']
 
 
 def test_no_placement_clears_the_view():
-    assert scene(estimate(), 'map').markers == ()
+    assert scene(estimate(), 'map', 1.0).markers == ()
 
 
 @pytest.mark.parametrize(
@@ -235,11 +251,66 @@ def test_rate_that_is_not_met_is_a_warning_with_both_numbers():
 
 
 def test_slow_solver_is_a_warning_and_hides_no_error():
-    slow = {'solver_warnings': ('numba is not installed',)}
+    slow = {'warnings': ('numba is not installed',)}
     found = status('fleet', estimate(placement()), **slow)
     assert found.level is Level.WARN and 'numba is not installed' in found.message
     found = status('fleet', estimate(verdict=Verdict.INFEASIBLE), **slow)
     assert found.level is Level.ERROR and 'numba is not installed' in found.message
+
+
+def test_old_answer_is_late_for_the_fleet_and_every_robot():
+    for now_s, level, text in (
+        (13.4, Level.OK, 'localized'),
+        (31.5, Level.WARN, 'late: the last'),
+    ):
+        for part in ('fleet', 'robot a', 'robot b'):
+            found = status(part, estimate(placement()), now_s=now_s)
+            assert found.level is level and text in found.message
+    assert '19.0 s old, more than 1.0 s' in found.message
+
+
+def test_warnings_are_added_to_the_status_of_the_fleet():
+    found = status('fleet', estimate(placement()), warnings=('two nodes',))
+    assert (found.level, found.message) == (Level.WARN, 'localized: one hypothesis; two nodes')
+    found = status('fleet', estimate(verdict=Verdict.INFEASIBLE), warnings=('two nodes',))
+    assert found.level is Level.ERROR and found.message.endswith('; two nodes')
+
+
+def test_robot_never_measured_is_not_called_stale():
+    silent = input_state(accepted=0, in_use=False)
+    for inputs, text in (
+        ({}, 'never measured'),
+        ({AB: silent}, 'never measured'),
+        ({AB: input_state()}, 'stale'),
+    ):
+        found = status('robot b', estimate(placement(), links=()), inputs=inputs)
+        assert found.level is Level.WARN and text in found.message
+
+
+@pytest.mark.parametrize('explicit', [True, False])
+@pytest.mark.parametrize('subscribed', [True, False])
+def test_wrong_type_names_both_types(explicit, subscribed):
+    link = Link('/a/range/b', 'sensor_msgs/msg/Range', AB, explicit)
+    links = (link,) if subscribed else ()
+    wrong_types = {link: ('std_msgs/msg/String',)}
+    inputs = {AB: input_state()} if subscribed else {}
+    found = status(
+        'input range a->b', estimate(), links=links, inputs=inputs, wrong_types=wrong_types
+    )
+    assert found.level is Level.WARN
+    assert 'the topic also has std_msgs/msg/String, this input is sensor_msgs/msg/Range' in (
+        found.message
+    )
+
+
+def test_quoted_texts_are_cut():
+    state = input_state(accepted=0, in_use=False, last_reason_text='x' * 100_000)
+    found = status('input range a->b', estimate(), inputs={AB: state})
+    assert len(found.message) < 400 and len(found.values['last_rejection']) == 300
+
+
+def test_markers_live_for_as_long_as_an_answer_is_new():
+    assert scene(estimate(placement()), 'map', 1.5).lifetime_s == 1.5
 
 
 def test_trouble_and_failure_come_before_the_estimate():

@@ -1,4 +1,4 @@
-"""What is given to a localizer of one message with all peers of a robot."""
+"""What is given to a localizer of a message, and what is kept from it."""
 
 import math
 
@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import PointField, Range  # noqa: E402
 
 from dg_localization.fleet import (  # noqa: E402
     Anchor,
@@ -15,8 +18,15 @@ from dg_localization.fleet import (  # noqa: E402
     Localizer,
     RejectionReason,
 )
-from dg_localization.ros.interface.intake import add_reading  # noqa: E402
-from msg_adapters import PeersReading  # noqa: E402
+from dg_localization.ros.interface.intake import Intake, add_reading  # noqa: E402
+from dg_localization.ros.interface.links import Link  # noqa: E402
+from msg_adapters import (  # noqa: E402
+    Adapter,
+    PeersReading,
+    RangeReading,
+    adapter_for,
+    register,
+)
 
 KEY = LinkKey(LinkKind.PEERS, 'a', '')
 NOW_S = 10.0
@@ -121,3 +131,89 @@ def test_estimate_uses_each_reading_once(localizer):
         ('range', 'b'),
         ('range', 'beacon'),
     ]
+
+
+RANGE, CLOUD = 'sensor_msgs/msg/Range', 'sensor_msgs/msg/PointCloud2'
+RANGES = Link('/a/range/b', RANGE, LinkKey(LinkKind.RANGE, 'a', 'b'))
+CLOUDS = Link('/a/peers', CLOUD, KEY)
+
+
+def take(localizer, link, message, use_header_stamp=False):
+    """Take a message, or its bytes; return what is counted of the topic."""
+    intake = Intake(localizer, use_header_stamp)
+    data = message if isinstance(message, bytes) else serialize_message(message)
+    assert intake.take(link, data, NOW_S) is None
+    return intake.malformed.get(link.topic)
+
+
+def cloud_of(n_rows):
+    reading = PeersReading(
+        NOW_S, np.zeros(n_rows, int), np.full(n_rows, math.nan), np.full((n_rows, 3), math.nan)
+    )
+    return adapter_for(CLOUD).to_message(reading)
+
+
+@pytest.fixture
+def adapt_ranges():
+    """Have ranges read by another function for the time of a test."""
+    usual = adapter_for(RANGE)
+
+    def adapt(from_message):
+        register(Adapter(RANGE, RangeReading, from_message, usual.to_message))
+
+    yield adapt
+    register(usual)
+
+
+def test_message_is_read_from_its_bytes(localizer):
+    assert take(localizer, RANGES, Range(range=3.0)) is None
+    assert taken(localizer) == {('range', 'b'): 1}
+
+
+@pytest.mark.parametrize('length', [0, 1, 3, 4, 5, 20, 31])
+def test_bytes_that_are_no_message_are_counted(localizer, length):
+    data = serialize_message(Range(range=3.0))[:length]
+    assert take(localizer, RANGES, data).count == 1
+    assert taken(localizer) == {}
+
+
+@pytest.mark.parametrize(
+    'answer, wanted',
+    [
+        (lambda message: None, 'returned NoneType, it must return RangeReading'),
+        (lambda message: 3.0, 'returned float, it must return RangeReading'),
+        (lambda message: RangeReading(NOW_S, None), 'TypeError'),
+        (lambda message: RangeReading(NOW_S, '3 m'), 'Error'),
+        (lambda message: RangeReading(NOW_S, [3.0] * 10_000), 'Error'),
+        (lambda message: RangeReading(None, 3.0), 'TypeError'),
+        (lambda message: message.nothing, 'AttributeError'),
+    ],
+)
+def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt_ranges, answer, wanted):
+    adapt_ranges(answer)
+    found = take(localizer, RANGES, Range(range=3.0), use_header_stamp=True)
+    assert found.count == 1 and wanted in found.last and len(found.last) <= 300
+    assert taken(localizer) == {}
+    adapt_ranges(lambda message: RangeReading(NOW_S, 3.0))
+    assert take(localizer, RANGES, Range()) is None
+    assert taken(localizer) == {('range', 'b'): 1}
+
+
+def test_cloud_has_no_more_rows_than_the_fleet_can_need(localizer):
+    n_most = 2 * len(localizer.config.points)
+    found = take(localizer, CLOUDS, cloud_of(n_most + 1))
+    assert f'the cloud has {n_most + 1} points, for this fleet at most {n_most}' in found.last
+    assert taken(localizer) == {}
+    assert take(localizer, CLOUDS, cloud_of(0)) is None
+
+
+def test_long_message_is_not_decoded(localizer, monkeypatch):
+    monkeypatch.setattr('dg_localization.ros.interface.intake.deserialize_message', None)
+    found = take(localizer, CLOUDS, bytes(1_000_000))
+    assert 'the message has 1000000 bytes, for this fleet at most' in found.last
+
+
+def test_many_fields_do_not_fill_the_diagnostics(localizer):
+    message = cloud_of(1)
+    message.fields = [PointField(name='peer', datatype=6, count=1)] * 1000
+    assert "field 'peer' is there 1000 times" in take(localizer, CLOUDS, message).last

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.node.worker import EstimateWorker  # noqa: E402
+from dg_localization.ros.node.worker import MOST_RESTARTS, EstimateWorker  # noqa: E402
 
 DEADLINE_S = 10.0
 
@@ -104,6 +104,37 @@ def test_nobody_is_told_of_a_warm_up_after_the_end(make_worker, monkeypatch):
     release.set()
     worker.warm_up.result(DEADLINE_S)
     assert not told
+
+
+def test_restarted_worker_answers_although_the_first_estimate_hangs(make_worker):
+    release, hanging, woken, wakes = Event(), Event(), Event(), []
+
+    def estimate(snapshot, cancel):
+        if snapshot == 'hangs':
+            hanging.set()
+            assert release.wait(DEADLINE_S)
+        return snapshot
+
+    def wake():
+        wakes.append(1)
+        woken.set()
+
+    worker = make_worker(estimate, wake)
+    assert worker.busy_s == 0.0
+    worker.submit('hangs')
+    assert hanging.wait(DEADLINE_S)
+    assert worker.busy_s > 0.0
+    assert worker.restart() and not worker.busy
+    worker.submit('answers')
+    assert woken.wait(DEADLINE_S)
+    release.set()
+    assert worker.take() == 'answers'
+    assert len(wakes) == 1
+
+
+def test_worker_is_not_restarted_again_and_again(make_worker):
+    worker = make_worker(print)
+    assert [worker.restart() for _ in range(MOST_RESTARTS + 1)] == [True] * MOST_RESTARTS + [False]
 
 
 def test_close_does_not_wait_for_ever(make_worker, monkeypatch):

@@ -4,7 +4,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import partial
 from heapq import merge
 from itertools import count, takewhile
 import math
@@ -16,7 +15,6 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
@@ -35,7 +33,7 @@ from dg_localization.ros.interface.outputs import (
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.spinning import ros_arguments_checked
-from msg_adapters import Diagnostics, Status, adapter_for
+from msg_adapters import Diagnostics, Status
 
 DIAGNOSTICS_HZ = 1.0
 
@@ -227,8 +225,7 @@ class BagLocalizer:
         if message.topic in self._copied:
             self._writer.copy(message.topic, message.time_ns, message.data)
         link = self._links[message.topic]
-        read = partial(_read, link.type_name, message.data)
-        self.intake.take(link, read, in_seconds(message.time_ns))
+        self.intake.take(link, message.data, in_seconds(message.time_ns))
 
     def tick(self, time_ns: int, cancel: Cancel) -> Estimate | None:
         """Localize and write the answer; None, and nothing written, when it is cancelled."""
@@ -236,7 +233,10 @@ class BagLocalizer:
         if cancel.is_set():
             return None
         self._estimate = estimate
-        for name, message in estimate_messages(estimate, self._task.settings.fixed_frame):
+        settings = self._task.settings
+        for name, message in estimate_messages(
+            estimate, settings.fixed_frame, settings.lifetime_s
+        ):
             self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
         if outline(diagnostics) != self._outline:
@@ -258,11 +258,15 @@ class BagLocalizer:
             node=self._task.node,
             trouble='',
             failure='',
+            warnings=(),
+            now_s=now_s,
+            lifetime_s=self._task.settings.lifetime_s,
             estimate=self._estimate,
             robots=self._task.settings.fleet.robots,
             links=tuple(self._links.values()),
             inputs=self.intake.states(now_s),
             malformed=self.intake.malformed,
+            wrong_types={},
         )
         return Diagnostics(now_s, tuple(map(_without_time_taken, statuses(report))))
 
@@ -271,11 +275,6 @@ def _without_time_taken(status: Status) -> Status:
     """Leave out what depends on the machine."""
     values = {name: value for name, value in status.values.items() if name != 'solve_s'}
     return replace(status, values=values)
-
-
-def _read(type_name: str, data: bytes) -> Any:
-    adapter = adapter_for(type_name)
-    return adapter.from_message(deserialize_message(data, adapter.message_class()))
 
 
 def in_seconds(time_ns: int) -> float:

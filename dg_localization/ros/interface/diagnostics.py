@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -13,6 +14,14 @@ from msg_adapters import Level, Status
 
 # The topics hold every placement; the diagnostics show a person the first few.
 LISTED_HYPOTHESES = 8
+# What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
+MOST_CHARACTERS = 300
+
+
+def shortened(text: str) -> str:
+    """Return a text that quotes others, cut to a length that people read."""
+    return text if len(text) <= MOST_CHARACTERS else f'{text[: MOST_CHARACTERS - 4]} ...'
+
 
 # A smaller fraction of the wanted rate is worth a warning.
 TOLERATED_RATE = 0.9
@@ -46,6 +55,12 @@ class Report:
         Why there can be no estimate, such as that the node is inactive; empty when there can.
     failure : str
         What went wrong inside when the last estimate failed; empty when none did.
+    warnings : tuple of str
+        What an operator must know whatever the estimate is.
+    now_s : float
+        The time of the diagnostics.
+    lifetime_s : float
+        How old an estimate may become before it is late.
     estimate : Estimate or None
         The newest one.
     robots : tuple of str
@@ -56,8 +71,8 @@ class Report:
         What has arrived.
     malformed : mapping of str to Malformed
         By topic, the messages that could not be read.
-    solver_warnings : tuple of str
-        Why the solver is slower than it could be.
+    wrong_types : mapping of Link to tuple of str
+        Inputs whose topic has endpoints of other types, with these types.
     wanted_rate_hz : float
         How often the fleet is to be localized.
     rate_hz : float or None
@@ -68,14 +83,25 @@ class Report:
     node: str
     trouble: str
     failure: str
+    warnings: tuple[str, ...]
+    now_s: float
+    lifetime_s: float
     estimate: Estimate | None
     robots: tuple[str, ...]
     links: tuple[Link, ...]
     inputs: Mapping[LinkKey, InputState]
     malformed: Mapping[str, Malformed]
-    solver_warnings: tuple[str, ...] = ()
+    wrong_types: Mapping[Link, tuple[str, ...]]
     wanted_rate_hz: float = 0.0
     rate_hz: float | None = None
+
+    @property
+    def late(self) -> str:
+        """Why the estimate is too old to be relied on; empty when it is not."""
+        if self.estimate is None or self.now_s - self.estimate.stamp_s <= self.lifetime_s:
+            return ''
+        age_s = self.now_s - self.estimate.stamp_s
+        return f'late: the last answer is {age_s:.1f} s old, more than {self.lifetime_s:.1f} s'
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
@@ -89,9 +115,9 @@ def statuses(report: Report) -> tuple[Status, ...]:
 
 def _fleet_status(report: Report) -> Status:
     level, message = _fleet_state(report)
-    slowness = list(_slowness(report))
-    if slowness:
-        level, message = max(level, Level.WARN), '; '.join([message, *slowness])
+    warnings = [*_slowness(report), *report.warnings]
+    if warnings:
+        level, message = max(level, Level.WARN), '; '.join([message, *warnings])
     # Peers are counted one by one.
     inputs = {link.key for link in report.links}.union(report.inputs)
     inputs = {key for key in inputs if key.kind is not LinkKind.PEERS}
@@ -105,11 +131,10 @@ def _fleet_status(report: Report) -> Status:
 
 
 def _slowness(report: Report) -> Iterator[str]:
-    """Yield that estimates do not come as often as wanted, and why the solver is slow."""
+    """Yield that estimates do not come as often as wanted."""
     rate_hz, wanted_hz = report.rate_hz, report.wanted_rate_hz
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
-    yield from report.solver_warnings
 
 
 def _fleet_state(report: Report) -> tuple[Level, str]:
@@ -118,6 +143,8 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
         return Level.WARN, report.trouble
     if report.failure:
         return Level.ERROR, report.failure
+    if report.late:
+        return Level.WARN, report.late
     if estimate is None:
         return Level.WARN, 'no estimate yet'
     if estimate.verdict is Verdict.INFEASIBLE:
@@ -177,17 +204,18 @@ def _robot_status(report: Report, row: int) -> Status:
 
 
 def _robot_state(report: Report, row: int) -> tuple[Level, str]:
-    estimate = report.estimate
-    if report.trouble:
-        return Level.WARN, report.trouble
+    estimate, robot = report.estimate, report.robots[row]
+    if report.trouble or report.late:
+        return Level.WARN, report.trouble or report.late
     if estimate is None or not estimate.placements:
-        robot = report.robots[row]
         contradicts = estimate is not None and robot in _ends_of(estimate.conflicts)
         if contradicts:
             return Level.ERROR, 'no placement: measurements of this robot contradict each other'
         return Level.WARN, 'no placement'
-    if not _is_measured(estimate, report.robots[row]):
-        return Level.WARN, 'stale: no measurement of this robot is in use'
+    if not _is_measured(estimate, robot):
+        if _was_ever_measured(report.inputs.values(), robot):
+            return Level.WARN, 'stale: no measurement of this robot is in use'
+        return Level.WARN, 'never measured: no measurement of this robot has been accepted'
     enclosures = [placement.enclosure_m[row] for placement in estimate.placements]
     if not np.isfinite(enclosures).all():
         return Level.WARN, 'not bounded: too few measurements'
@@ -205,6 +233,12 @@ def _is_measured(estimate: Estimate, robot: str) -> bool:
     return any(robot in (link.key.observer, link.key.target) for link in fresh)
 
 
+def _was_ever_measured(inputs: Iterable[InputState], robot: str) -> bool:
+    return any(
+        state.accepted and robot in (state.key.observer, state.key.target) for state in inputs
+    )
+
+
 def _input_statuses(report: Report) -> Iterator[Status]:
     """
     Yield a status for each input that was named one by one or has ever delivered.
@@ -219,16 +253,23 @@ def _input_statuses(report: Report) -> Iterator[Status]:
         peers = peers_of.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
         state = report.inputs.get(link.key)
         malformed = report.malformed.get(link.topic, NONE_MALFORMED)
-        if not (link.explicit or state or malformed.count):
+        if not (link.explicit or state or malformed.count or link in report.wrong_types):
             continue
         contradicts = link.key in contradicting or not contradicting.isdisjoint(peers)
         name = f'{report.node}: input {link.key}'
         if topics_of[link.key] > 1:
             name += f' by {link.topic}'
-        yield _input_status(name, link, state, malformed, contradicts)
+        wrong_types = report.wrong_types.get(link, ())
+        yield _input_status(name, link, state, malformed, contradicts, wrong_types)
         for key, peer in peers.items():
             name = f'{report.node}: input {key}'
             yield _input_status(name, link, peer, NONE_MALFORMED, key in contradicting)
+    for link in sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic')):
+        name = f'{report.node}: input {link.key}'
+        if link.key in topics_of:
+            name += f' by {link.topic}'
+        types = report.wrong_types[link]
+        yield _input_status(name, link, None, NONE_MALFORMED, False, types)
 
 
 def _peers_of_observers(report: Report) -> dict[str, dict[LinkKey, InputState]]:
@@ -242,9 +283,20 @@ def _peers_of_observers(report: Report) -> dict[str, dict[LinkKey, InputState]]:
 
 
 def _input_status(
-    name: str, link: Link, state: InputState | None, malformed: Malformed, contradicts: bool
+    name: str,
+    link: Link,
+    state: InputState | None,
+    malformed: Malformed,
+    contradicts: bool,
+    wrong_types: tuple[str, ...] = (),
 ) -> Status:
     level, message = _input_state(state, malformed, contradicts)
+    if wrong_types:
+        level = max(level, Level.WARN)
+        message += (
+            f'; wrong type: the topic also has {", ".join(wrong_types)}, '
+            f'this input is {link.type_name}'
+        )
     values = {'topic': link.topic, 'type': link.type_name, **_input_values(state, malformed)}
     return Status(level, name, message, link.key.observer, values)
 
@@ -268,7 +320,7 @@ def _input_state(
         return Level.OK, 'in use'
     if state.accepted:
         return Level.WARN, 'stale: nothing acceptable arrived lately'
-    return Level.WARN, f'nothing acceptable received: {state.last_reason_text}'
+    return Level.WARN, f'nothing acceptable received: {shortened(state.last_reason_text)}'
 
 
 def _input_values(state: InputState | None, malformed: Malformed) -> dict[str, str]:
@@ -280,7 +332,7 @@ def _input_values(state: InputState | None, malformed: Malformed) -> dict[str, s
         for reason, count in state.rejected.items():
             values[f'rejected_{reason.value}'] = str(count)
         if state.last_reason_text:
-            values['last_rejection'] = state.last_reason_text
+            values['last_rejection'] = shortened(state.last_reason_text)
     if malformed.count:
         values['malformed'] = str(malformed.count)
         values['last_malformed'] = malformed.last

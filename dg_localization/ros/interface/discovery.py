@@ -1,10 +1,13 @@
 """Which of the topics that exist are inputs of the fleet, by the templates of their names."""
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
 from dg_localization.ros.interface.links import Link, Template
 
-MAX_STRANGERS = 16
+MOST_STRANGERS = 16
+# As many names are remembered: nodes come and go for days, some with names of their own.
+MOST_NAMES = 4096
 
 
 class TopicFinder:
@@ -21,6 +24,11 @@ class TopicFinder:
     points : iterable of str
         Robots and landmarks of the fleet.
 
+    Attributes
+    ----------
+    wrong_types : dict of Link to tuple of str
+        Inputs whose topic had endpoints of other types when it was last looked at.
+
     """
 
     def __init__(
@@ -28,36 +36,52 @@ class TopicFinder:
     ) -> None:
         self._templates = tuple(templates)
         self._points = frozenset(points)
-        self._replaced = {link.key for link in explicit}
-        self._judged = {link.topic for link in explicit}
-        self._strangers = 0
+        self._explicit = {link.topic: link for link in explicit}
+        self._replaced = {link.key for link in self._explicit.values()}
+        # What a name means does not change; which types it has does.
+        self._link_of = lru_cache(MOST_NAMES)(self._link_named)
+        self._found = set(self._explicit)
+        self._n_strangers = 0
+        self.wrong_types: dict[Link, tuple[str, ...]] = {}
 
     def find(self, topics: Iterable[tuple[str, list[str]]]) -> Iterator[Link]:
         """
-        Yield the links among topics not seen before.
+        Yield the links among topics that were not found before.
 
         Parameters
         ----------
         topics : iterable of (str, list of str)
-            Names and their types, as `rclpy.node.Node.get_topic_names_and_types` gives them.
+            All names and their types, as `rclpy.node.Node.get_topic_names_and_types` gives them.
 
         """
+        self.wrong_types = {}
         for topic, type_names in topics:
-            if topic in self._judged:
+            link = self._link_of(topic)
+            if link is None:
                 continue
-            self._judged.add(topic)
-            link = self._named(topic)
-            if link is not None and link.type_name in type_names and self._is_welcome(link):
+            others = tuple(sorted(set(type_names) - {link.type_name}))
+            if others and not self._is_stranger(link):
+                self.wrong_types[link] = others
+            if link.type_name in type_names and topic not in self._found and self._admits(link):
+                self._found.add(topic)
                 yield link
 
-    def _named(self, topic: str) -> Link | None:
+    def _link_named(self, topic: str) -> Link | None:
+        """Return the link that a topic of this name carries, None when it carries none."""
+        if topic in self._explicit:
+            return self._explicit[topic]
         links = (template.link_of(topic, self._points) for template in self._templates)
-        wanted = (link for link in links if link is not None and link.key not in self._replaced)
+        wanted = (found for found in links if found and found.key not in self._replaced)
         return next(wanted, None)
 
-    def _is_welcome(self, link: Link) -> bool:
+    def _is_stranger(self, link: Link) -> bool:
+        return not {link.key.observer, link.key.target} - {''} <= self._points
+
+    def _admits(self, link: Link) -> bool:
         """Return False for a link to a stranger beyond the few that are worth counting."""
-        if {link.key.observer, link.key.target} - {''} <= self._points:
+        if not self._is_stranger(link):
             return True
-        self._strangers += 1
-        return self._strangers <= MAX_STRANGERS
+        if self._n_strangers == MOST_STRANGERS:
+            return False
+        self._n_strangers += 1
+        return True

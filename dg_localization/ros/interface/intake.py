@@ -1,16 +1,39 @@
-"""From messages to the ROS-free `Localizer`; what is wrong with a message is counted."""
+"""
+From the bytes of messages to the ROS-free `Localizer`.
 
-from collections.abc import Callable, Iterator, Sequence
+Whoever is on the network may send anything, and an adapter may belong to somebody else. So a
+message is bounded in length before it is decoded, in rows before it is used, and whatever goes
+wrong on the way is counted and never raised.
+"""
+
+from collections.abc import Iterator, Sequence
+import math
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
 
 from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
-from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed
+from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed, shortened
 from dg_localization.ros.interface.links import Link
-from msg_adapters import BearingReading, OdometryReading, PeersReading, RangeReading
+from msg_adapters import (
+    BearingReading,
+    OdometryReading,
+    PeersReading,
+    RangeReading,
+    adapter_for,
+)
 
 Reading = RangeReading | BearingReading | OdometryReading | PeersReading
+
+# A message of one reading has some 100 bytes, one of odometry some 700. Decoding takes time that
+# grows with the length: this much takes a few milliseconds in the worst case.
+MOST_BYTES = 32_768
+# More for the peers: a row of all columns in double precision has 36 bytes, and may be padded.
+MOST_BYTES_PER_ROW = 128
+# The range of a peer and the ray to it may come in a row each.
+ROWS_PER_POINT = 2
 
 
 class Intake:
@@ -33,9 +56,11 @@ class Intake:
     def __init__(self, localizer: Localizer, use_header_stamp: bool) -> None:
         self._localizer = localizer
         self._use_header_stamp = use_header_stamp
+        self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
+        self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
         self.malformed: dict[str, Malformed] = {}
 
-    def take(self, link: Link, read: Callable[[], Reading], now_s: float) -> Rejection | None:
+    def take(self, link: Link, data: bytes, now_s: float) -> Rejection | None:
         """
         Take one message; it never raises.
 
@@ -43,9 +68,8 @@ class Intake:
         ----------
         link : Link
             The input that it arrived on.
-        read : callable
-            Returns the reading. It may raise anything: the message may be damaged, and the
-            adapter may belong to a type of somebody else.
+        data : bytes
+            The serialized message.
         now_s : float
             When it arrived.
 
@@ -56,14 +80,35 @@ class Intake:
 
         """
         try:
-            reading = read()
+            reading = self._read(link, data)
+            stamp_s = reading.stamp_s if self._use_header_stamp else now_s
+            return add_reading(self._localizer, link.key, reading, stamp_s, now_s)
         except Exception as error:
             self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
-                f'{type(error).__name__}: {error}'
+                shortened(f'{type(error).__name__}: {error}')
             )
             return None
-        stamp_s = reading.stamp_s if self._use_header_stamp else now_s
-        return add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+
+    def _read(self, link: Link, data: bytes) -> Reading:
+        """Return what a message contains; it raises whatever is wrong with it."""
+        if len(data) > self._most_bytes:
+            raise ValueError(
+                f'the message has {len(data)} bytes, for this fleet at most {self._most_bytes} '
+                'are read'
+            )
+        adapter = adapter_for(link.type_name)
+        reading: Any = adapter.from_message(deserialize_message(data, adapter.message_class()))
+        if not isinstance(reading, adapter.value_class):
+            raise TypeError(
+                f'the adapter of {link.type_name} returned {type(reading).__name__}, '
+                f'it must return {adapter.value_class.__name__}'
+            )
+        if isinstance(reading, PeersReading) and len(reading.peers) > self._most_rows:
+            raise ValueError(
+                f'the cloud has {len(reading.peers)} points, for this fleet at most '
+                f'{self._most_rows} are read'
+            )
+        return cast(Reading, reading)
 
     def states(self, now_s: float) -> dict[LinkKey, InputState]:
         """Return what has arrived, by input."""
@@ -120,13 +165,15 @@ def _peer_readings(
     peers: PeersReading, points: Sequence[str]
 ) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
     """Yield the name of each peer with its range, and with its ray, where there is one."""
-    rows = zip(peers.peers.tolist(), peers.ranges_m.tolist(), peers.rays_xyz, strict=True)
-    for peer, range_m, ray_xyz in rows:
+    has_rays = np.any(~np.isnan(peers.rays_xyz), axis=1).tolist()
+    rows = zip(
+        peers.peers.tolist(), peers.ranges_m.tolist(), peers.rays_xyz, has_rays, strict=True
+    )
+    for peer, range_m, ray_xyz, has_ray in rows:
         # One name for all strangers: a message may hold any number, and every name is kept.
         target = points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
-        has_ray = not np.isnan(ray_xyz).all()
         # A row without any reading counts as a range that is none.
-        if not (np.isnan(range_m) and has_ray):
+        if not (has_ray and math.isnan(range_m)):
             yield target, range_m
         if has_ray:
             yield target, ray_xyz

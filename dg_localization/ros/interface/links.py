@@ -75,7 +75,7 @@ class Link:
     type_name: str
     key: LinkKey
     explicit: bool = False
-    overrides: Mapping[str, float] = field(default_factory=dict)
+    overrides: Mapping[str, float] = field(default_factory=dict, hash=False)
 
 
 def parse_link(text: str) -> Link:

@@ -25,7 +25,7 @@ LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
 HUE_STEP = 0.381966
 
 
-def scene(estimate: Estimate, frame_id: str) -> MarkerScene:
+def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     """
     Return robots, headings, names, enclosures and links of every placement.
 
@@ -37,6 +37,8 @@ def scene(estimate: Estimate, frame_id: str) -> MarkerScene:
     estimate : Estimate
     frame_id : str
         Name of the fixed frame.
+    lifetime_s : float
+        How long it is shown.
 
     Returns
     -------
@@ -54,7 +56,7 @@ def scene(estimate: Estimate, frame_id: str) -> MarkerScene:
             *_names(estimate),
         ]
     shown = tuple(marker for marker in drawn if len(marker.points_m))
-    return MarkerScene(estimate.stamp_s, frame_id, shown)
+    return MarkerScene(estimate.stamp_s, frame_id, shown, lifetime_s)
 
 
 def _color(hypothesis: int) -> NDArray[np.float64]:

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 import re
+import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -22,6 +24,9 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+
+# Longest wait for subscribers, at the end of the node.
+ACKNOWLEDGE_S = 1.0
 
 DECIMAL = re.compile(r'\d+\.\d+')
 
@@ -52,7 +57,9 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
     )
 
 
-def estimate_messages(estimate: Estimate, frame_id: str) -> Iterator[tuple[str, Any]]:
+def estimate_messages(
+    estimate: Estimate, frame_id: str, lifetime_s: float
+) -> Iterator[tuple[str, Any]]:
     """
     Yield the messages of an estimate, each with the name of its topic.
 
@@ -63,6 +70,8 @@ def estimate_messages(estimate: Estimate, frame_id: str) -> Iterator[tuple[str, 
     estimate : Estimate
     frame_id : str
         Frame of everything published.
+    lifetime_s : float
+        How long viewers show the markers.
 
     """
     fleet = _pose_array(feasible_poses(estimate, frame_id))
@@ -75,7 +84,7 @@ def estimate_messages(estimate: Estimate, frame_id: str) -> Iterator[tuple[str, 
         pose = unique_pose(estimate, row, frame_id)
         if pose is not None:
             yield f'~/{robot}/pose', _pose(pose)
-    yield '~/markers', _marker_array(scene(estimate, frame_id))
+    yield '~/markers', _marker_array(scene(estimate, frame_id, lifetime_s))
 
 
 def diagnostics_message(diagnostics: Diagnostics) -> Any:
@@ -99,24 +108,32 @@ class EstimatePublishers:
         The fleet; every estimate must have these, in this order.
     frame_id : str
         Frame of everything published.
+    lifetime_s : float
+        How long viewers show the markers.
 
     """
 
-    def __init__(self, node: LifecycleNode, robots: tuple[str, ...], frame_id: str) -> None:
+    def __init__(
+        self, node: LifecycleNode, robots: tuple[str, ...], frame_id: str, lifetime_s: float
+    ) -> None:
         self._node = node
         self._frame_id = frame_id
+        self._lifetime_s = lifetime_s
         self._publishers = {
             output.name: _publisher(node, output) for output in estimate_outputs(robots)
         }
 
     def publish(self, estimate: Estimate) -> None:
         """Publish an estimate on every topic."""
-        for name, message in estimate_messages(estimate, self._frame_id):
+        for name, message in estimate_messages(estimate, self._frame_id, self._lifetime_s):
             self._publishers[name].publish(message)
 
     def destroy(self) -> None:
-        """Take the topics off the graph."""
+        """Take the topics off the graph, after what was published last has arrived."""
+        deadline_s = time.monotonic() + ACKNOWLEDGE_S
         for publisher in self._publishers.values():
+            left_s = max(0.0, deadline_s - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=left_s))
             self._node.destroy_publisher(publisher)
 
 

@@ -1,17 +1,21 @@
 """An estimate as poses, in the values that the message adapters take."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet import Estimate, Placement
+from dg_localization.fleet import Estimate
 from msg_adapters import PoseList, UncertainPose
 
 # ROS has no unknown orientation. A zero quaternion is none at all, viewers accept it as such, and
 # nobody can take it for a heading.
 UNKNOWN_ORIENTATION = np.zeros(4)
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+# ROS has no unknown covariance either. A filter gives no weight to a variance of this size, in
+# rad^2, whereas pi^2 would still draw its heading towards zero.
+UNKNOWN_VARIANCE_RAD2 = 1e6
+# The robot that the frame is attached to has no error there. Filters take a variance of zero for
+# certainty, and some cannot invert it: a millimeter and a milliradian are certain enough.
+LEAST_VARIANCE = 1e-6
 
 
 def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
@@ -42,8 +46,9 @@ def unique_pose(estimate: Estimate, robot: int, frame_id: str) -> UncertainPose 
 
     The covariance is no noise model. Its diagonal holds the squares of the greatest distances
     from the pose to the sides of its enclosure: the largest variance any distribution on the
-    enclosure can have about the pose. An unknown heading is given as the identity with a half
-    width of pi. What the robot cannot do in a plane has variance zero.
+    enclosure can have about the pose. None is below `LEAST_VARIANCE`, which is also the variance
+    of what the robot cannot do in a plane. An unknown heading is given as the identity with
+    `UNKNOWN_VARIANCE_RAD2`.
 
     Parameters
     ----------
@@ -67,12 +72,15 @@ def unique_pose(estimate: Estimate, robot: int, frame_id: str) -> UncertainPose 
     if not np.isfinite(half_widths).all():
         return None
     known = bool(placement.heading_known[robot])
+    heading_variance = placement.heading_half_width_rad[robot] ** 2
     return UncertainPose(
         stamp_s=estimate.stamp_s,
         frame_id=frame_id,
         position_xyz=in_space(position),
         orientation_xyzw=placement.orientations_xyzw[robot] if known else IDENTITY,
-        covariance=_covariance(half_widths, _heading_half_width(placement, robot)),
+        covariance=_covariance(
+            half_widths, float(heading_variance) if known else UNKNOWN_VARIANCE_RAD2
+        ),
     )
 
 
@@ -82,12 +90,10 @@ def in_space(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.pad(points_m, [(0, 0)] * (points_m.ndim - 1) + [(0, missing)])
 
 
-def _heading_half_width(placement: Placement, robot: int) -> float:
-    known = placement.heading_known[robot]
-    return float(placement.heading_half_width_rad[robot]) if known else math.pi
-
-
-def _covariance(half_widths_m: NDArray[np.float64], heading_rad: float) -> NDArray[np.float64]:
+def _covariance(
+    half_widths_m: NDArray[np.float64], heading_variance_rad2: float
+) -> NDArray[np.float64]:
     in_plane = len(half_widths_m) == 2
-    turns_rad = [0.0, 0.0, heading_rad] if in_plane else [heading_rad] * 3
-    return np.diag(np.square([*in_space(half_widths_m), *turns_rad]))
+    turns_rad2 = [0.0, 0.0, heading_variance_rad2] if in_plane else [heading_variance_rad2] * 3
+    variances = [*np.square(in_space(half_widths_m)), *turns_rad2]
+    return np.diag(np.maximum(variances, LEAST_VARIANCE))

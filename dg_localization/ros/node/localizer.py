@@ -5,15 +5,17 @@ It converts messages, calls the ROS-free `Localizer`, and publishes what it answ
 are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial, wraps
 import time
 import traceback
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
@@ -25,21 +27,27 @@ from dg_localization.fleet import (
     warm_up,
     warm_up_status,
 )
-from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.interface.diagnostics import Report, shortened, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import DiagnosticsPublisher, EstimatePublishers
 from dg_localization.ros.interface.parameters.settings import declare_settings
 from dg_localization.ros.interface.rate import RateMeter
+from dg_localization.ros.node.bond import make_bond
+from dg_localization.ros.node.clock import NodeTime
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
-from msg_adapters import Adapter, Diagnostics, adapter_for
+from msg_adapters import Diagnostics, adapter_for
 
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
+SILENT_CLOCK_S = 3.0
+# An estimate that takes so many times its limits, and at least so long, will never end.
+PATIENCE = 5.0
+LEAST_PATIENCE_S = 10.0
 
 Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
 
@@ -94,12 +102,14 @@ class LocalizerNode(LifecycleNode):
         self._estimate: Estimate | None = None
         self._failure = ''
         self._inputs: dict[str, Link] = {}
-        self._last_now_s = 0.0
         self._rate = RateMeter(self.settings.rate_hz)
+        self._wrong_types: dict[Link, tuple[str, ...]] = {}
+        self._time = NodeTime(self._clock_s)
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_second, clock=self._steady)
+        self.add_on_set_parameters_callback(_refuse_use_sim_time)
         if self.settings.autostart:
             if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
                 self.trigger_activate()
@@ -107,8 +117,10 @@ class LocalizerNode(LifecycleNode):
     @transition
     def on_configure(self) -> None:
         """Make the outputs, the reset service and the worker; receive nothing yet."""
-        made, fleet = self._made_to_configure, self.settings.fleet
-        self._outputs = EstimatePublishers(self, fleet.robots, self.settings.fixed_frame)
+        made, settings, fleet = self._made_to_configure, self.settings, self.settings.fleet
+        self._outputs = EstimatePublishers(
+            self, fleet.robots, settings.fixed_frame, settings.lifetime_s
+        )
         made.callback(self._outputs.destroy)
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
@@ -132,6 +144,8 @@ class LocalizerNode(LifecycleNode):
         made = self._made_to_activate
         made.callback(self._forget, 'deactivated')
         made.callback(self._inputs.clear)
+        if not self.settings.autostart:
+            self._bond_with_manager()
         for link in self.settings.links:
             self._subscribe(link)
         ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
@@ -183,11 +197,22 @@ class LocalizerNode(LifecycleNode):
         wake_up: Callable[[], None] = guard.trigger
         return wake_up
 
+    def _bond_with_manager(self) -> None:
+        end_bond = make_bond(self)
+        if end_bond is None:
+            self.get_logger().info(
+                'no bond with a lifecycle manager without the package bondpy: a manager of Nav2 '
+                'needs bond_timeout: 0.0'
+            )
+        else:
+            self._made_to_activate.callback(end_bond)
+
     def _subscribe(self, link: Link) -> None:
-        adapter = adapter_for(link.type_name)
-        callback = partial(self._on_message, link, adapter)
+        message_class = adapter_for(link.type_name).message_class()
+        callback = partial(self._on_message, link)
+        # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
         subscription = self.create_subscription(
-            adapter.message_class(), link.topic, callback, qos_profile_sensor_data
+            message_class, link.topic, callback, qos_profile_sensor_data, raw=True
         )
         self._inputs[link.topic] = link
         self._made_to_activate.callback(self.destroy_subscription, subscription)
@@ -201,16 +226,17 @@ class LocalizerNode(LifecycleNode):
         """
         for link in finder.find(self.get_topic_names_and_types()):
             self._subscribe(link)
+        self._wrong_types = finder.wrong_types
 
-    def _on_message(self, link: Link, adapter: Adapter, message: Any) -> None:
+    def _on_message(self, link: Link, data: bytes) -> None:
         """Take one measurement; whatever is wrong with it is counted, never raised."""
         now_s = self._now_s()
         if now_s is None:
             return
-        rejection = self._intake.take(link, partial(adapter.from_message, message), now_s)
+        rejection = self._intake.take(link, data, now_s)
         if rejection is not None:
             self.get_logger().warning(
-                f'{link.topic}: {rejection}', throttle_duration_sec=REPEATED_WARNING_S
+                shortened(f'{link.topic}: {rejection}'), throttle_duration_sec=REPEATED_WARNING_S
             )
 
     def _on_tick(self) -> None:
@@ -235,9 +261,11 @@ class LocalizerNode(LifecycleNode):
         try:
             estimate = self._worker.take()
         except Exception as error:  # a defect of ours: say so instead of showing an old answer
-            self.get_logger().error(f'the estimate failed:\n{traceback.format_exc()}')
-            self._failure = f'internal error: {type(error).__name__}: {error}'
-            self._publish(self._no_estimate(self._failure))
+            self.get_logger().error(
+                f'the estimate failed:\n{traceback.format_exc()}',
+                throttle_duration_sec=REPEATED_WARNING_S,
+            )
+            self._fail(shortened(f'internal error: {type(error).__name__}: {error}'))
             return
         if estimate is not None:
             self._failure = ''
@@ -248,10 +276,37 @@ class LocalizerNode(LifecycleNode):
         self._outputs.publish(estimate)
         self._diagnostics.publish_change(self._diagnose())
 
-    def _publish_diagnostics(self) -> None:
+    def _fail(self, reason: str) -> None:
+        """Take back the last answer because of a defect."""
+        self._failure = reason
+        self._publish(self._no_estimate(reason))
+
+    def _on_second(self) -> None:
+        """Look after the worker and the clock, and publish the diagnostics."""
+        if self._state == 'active':
+            self._now_s()
+            if self._worker.busy_s > self._patience_s:
+                self._give_up_estimate()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
             self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
         self._diagnostics.publish(self._diagnose())
+
+    @property
+    def _patience_s(self) -> float:
+        """How long an estimate may take: several times what its limits allow."""
+        fleet = self.settings.fleet
+        limits_s = fleet.solver.max_seconds + fleet.max_conflict_seconds
+        return max(LEAST_PATIENCE_S, PATIENCE * limits_s)
+
+    def _give_up_estimate(self) -> None:
+        """Take back the last answer, and answer the next snapshot in a new thread."""
+        busy_s = self._worker.busy_s
+        restarted = self._worker.restart()
+        outcome = 'the solver is started anew' if restarted else 'the node must be started anew'
+        reason = f'no answer for {busy_s:.1f} s: {outcome}'
+        if restarted or not self._failure:
+            self.get_logger().error(reason)
+            self._fail(reason)
 
     def _diagnose(self) -> Diagnostics:
         now_s = self._clock_s()
@@ -259,14 +314,17 @@ class LocalizerNode(LifecycleNode):
             node=self.get_fully_qualified_name().lstrip('/'),
             trouble=self._trouble(now_s),
             failure=self._failure,
-            solver_warnings=solver_warnings(),
             wanted_rate_hz=self.settings.rate_hz,
             rate_hz=self._rate.rate_hz(now_s),
+            warnings=(*solver_warnings(), *self._warnings()),
+            now_s=now_s,
+            lifetime_s=self.settings.lifetime_s,
             estimate=self._estimate,
             robots=self.settings.fleet.robots,
             links=tuple(self._inputs.values()),
             inputs=self._intake.states(now_s),
             malformed=self._intake.malformed,
+            wrong_types=self._wrong_types,
         )
         return Diagnostics(now_s, statuses(report))
 
@@ -276,6 +334,14 @@ class LocalizerNode(LifecycleNode):
         if not self._worker.warm_up.done():
             return warm_up_status()
         return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
+
+    def _warnings(self) -> Iterator[str]:
+        own_name = (self.get_name(), self.get_namespace())
+        if self.get_node_names_and_namespaces().count(own_name) > 1:
+            yield 'another node has the same name: their outputs cannot be told apart'
+        still_s = self._time.stands_still_s()
+        if self._state == 'active' and still_s > SILENT_CLOCK_S:
+            yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget('reset')
@@ -290,7 +356,9 @@ class LocalizerNode(LifecycleNode):
         self._rate.clear()
         self._intake.malformed.clear()
         self._failure = ''
-        self.get_logger().info(f'{reason}: all measurements are forgotten')
+        self.get_logger().info(
+            f'{reason}: all measurements are forgotten', throttle_duration_sec=1.0
+        )
         self._publish(self._no_estimate(reason))
 
     def _no_estimate(self, reason: str) -> Estimate:
@@ -307,12 +375,18 @@ class LocalizerNode(LifecycleNode):
         back. What was measured before the jump is then forgotten, whichever callback sees it
         first.
         """
-        now_s = self._clock_s()
-        jump_s = self._last_now_s - now_s
-        self._last_now_s = now_s
-        if jump_s > 0.0:
-            self._forget(f'time jumped back by {jump_s:.3f} s')
+        now_s, back_s = self._time.now()
+        if back_s > 0.0:
+            self._forget(f'time jumped back by {back_s:.3f} s')
         return now_s if now_s > 0.0 else None
+
+
+def _refuse_use_sim_time(parameters: Sequence[Parameter]) -> SetParametersResult:
+    """Refuse another clock while the node runs: all stamps so far would be wrong."""
+    if any(parameter.name == 'use_sim_time' for parameter in parameters):
+        reason = 'use_sim_time can be set only when the node starts'
+        return SetParametersResult(successful=False, reason=reason)
+    return SetParametersResult(successful=True)
 
 
 def main(args: Sequence[str]) -> int:

@@ -1,16 +1,19 @@
-"""One thread that estimates, so that the executor goes on receiving."""
+"""A thread that estimates, so that the executor goes on receiving."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 import os
 import sys
 from threading import Event, Lock, enumerate as running_threads
+import time
 from typing import Any
 
 from dg_localization.fleet import Estimate, Snapshot
 
 THREAD_NAME = 'estimate'
 CLOSE_S = 2.0
+# A thread cannot be ended from outside. One that never returns costs a processor.
+MOST_RESTARTS = 3
 
 
 def _nothing() -> None:
@@ -49,7 +52,9 @@ class EstimateWorker:
     ) -> None:
         self._estimate = estimate
         self._wake = wake
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
+        self._pool = _new_pool()
+        self._began_s = 0.0
+        self._n_restarts = 0
         self._wanted: Future[Estimate] | None = None
         self._cancel = Event()
         self._closed = Event()
@@ -63,8 +68,14 @@ class EstimateWorker:
         """Whether an answer is being worked out or waits to be taken."""
         return self._wanted is not None
 
+    @property
+    def busy_s(self) -> float:
+        """For how long it has been `busy`, in s."""
+        return time.monotonic() - self._began_s if self.busy else 0.0
+
     def submit(self, snapshot: Snapshot) -> None:
         """Start on a snapshot; only while not `busy`."""
+        self._began_s = time.monotonic()
         cancel = self._cancel = Event()
         self._newest = self._wanted = self._pool.submit(self._estimate, snapshot, cancel)
         self._wanted.add_done_callback(lambda _: self._call_unless(cancel, self._wake))
@@ -96,6 +107,24 @@ class EstimateWorker:
             self._cancel.set()
         self._wanted = None
 
+    def restart(self) -> bool:
+        """
+        Cancel, and go on in a new thread; the old one ends if its estimate ever returns.
+
+        Returns
+        -------
+        bool
+            False when that was done so often that it does not help, and nothing has changed.
+
+        """
+        if self._n_restarts == MOST_RESTARTS:
+            return False
+        self._n_restarts += 1
+        self.cancel()
+        self._pool.shutdown(wait=False)
+        self._pool = _new_pool()
+        return True
+
     def close(self) -> None:
         """Cancel, and give the thread a moment to end; it may be compiling, which cannot stop."""
         self.cancel()
@@ -103,6 +132,10 @@ class EstimateWorker:
             self._closed.set()
         late = wait([self._newest], timeout=CLOSE_S).not_done
         self._pool.shutdown(wait=not late)
+
+
+def _new_pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
 
 
 def exit_code_despite_worker(code: int) -> int:

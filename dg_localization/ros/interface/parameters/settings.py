@@ -31,6 +31,9 @@ TEMPLATE_TYPES = {
     'odometry.topic': 'nav_msgs/msg/Odometry',
     'peers.topic': 'sensor_msgs/msg/PointCloud2',
 }
+# An answer counts as new for so many periods, and at least for so long.
+LIFETIME_PERIODS = 3.0
+LEAST_LIFETIME_S = 1.0
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
 
 
@@ -65,6 +68,11 @@ class Settings:
     rate_hz: float
     use_header_stamp: bool
     autostart: bool
+
+    @property
+    def lifetime_s(self) -> float:
+        """How long an answer counts as new, in s."""
+        return max(LEAST_LIFETIME_S, LIFETIME_PERIODS / self.rate_hz)
 
 
 def declare_settings(node: Node) -> Settings:
