@@ -1,6 +1,7 @@
 """A fleet on real topics for the tests of the node, and what the node says about it."""
 
 from dataclasses import dataclass, field
+from functools import partial
 import json
 import math
 import os
@@ -22,12 +23,15 @@ import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import PointCloud2, Range  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
+from dg_localization.fleet import Localizer  # noqa: E402
+from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
     BearingReading,
     Level,
@@ -41,6 +45,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 REPOSITORY = Path(__file__).parents[2]
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
 DEADLINE_S = 20.0
 SEND_PERIOD_S = 0.1
 
@@ -214,6 +219,21 @@ class Bench:
 
         self.sending = [send]
 
+    def send_triangle(self, **stamp):
+        for (observer, target), range_m in TRIANGLE.items():
+            self.send_range(observer, target, range_m, **stamp)
+
+    def play_triangle(self, **stamp):
+        """Keep sending the ranges of three robots."""
+        self.sending = [partial(self.send_triangle, **stamp)]
+
+    def until_placements(self, number):
+        """Wait for so many placements of three robots."""
+        self.until(
+            lambda: self.heard.fleet and len(self.heard.fleet[-1].poses) == number * 3,
+            f'{number} placements',
+        )
+
     def play_peers(self, fleet, cameras):
         """Keep sending the same as `play`, in one message of each robot."""
 
@@ -349,6 +369,34 @@ def bench(paper_fleet):
     bench = Bench(paper_fleet.robots)
     yield bench
     bench.close()
+
+
+@pytest.fixture
+def make_node(bench):
+    """Make a localizer that spins beside the bench."""
+    made = []
+
+    def make(*cli_args, make_localizer=Localizer, **parameters):
+        parameters.setdefault('robots', ['robot_1', 'robot_2', 'robot_3'])
+        node = LocalizerNode(
+            make_localizer=make_localizer,
+            context=bench.context,
+            cli_args=['--ros-args', *cli_args],
+            parameter_overrides=[
+                Parameter(name.replace('__', '.'), value=value)
+                for name, value in parameters.items()
+            ],
+        )
+        made.append(node)
+        bench.executor.add_node(node)
+        return node
+
+    bench.sending = []
+    bench.clear()
+    yield make
+    for node in made:
+        bench.executor.remove_node(node)
+        node.destroy_node()
 
 
 @pytest.fixture(scope='session')

@@ -12,55 +12,9 @@ from std_srvs.srv import Trigger
 from dg_localization.fleet import Localizer
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.node import localizer
-from dg_localization.ros.node.localizer import LocalizerNode
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
 DEADLINE_S = 20.0
-ROBOTS = ['robot_1', 'robot_2', 'robot_3']
-TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
-
-
-@pytest.fixture
-def make_node(bench):
-    """Make a localizer that spins beside the bench."""
-    made = []
-
-    def make(*cli_args, make_localizer=Localizer, **parameters):
-        parameters.setdefault('robots', ROBOTS)
-        node = LocalizerNode(
-            make_localizer=make_localizer,
-            context=bench.context,
-            cli_args=['--ros-args', *cli_args],
-            parameter_overrides=[
-                Parameter(name.replace('__', '.'), value=value)
-                for name, value in parameters.items()
-            ],
-        )
-        made.append(node)
-        bench.executor.add_node(node)
-        return node
-
-    bench.sending = []
-    bench.clear()
-    yield make
-    for node in made:
-        bench.executor.remove_node(node)
-        node.destroy_node()
-
-
-def play_triangle(bench, **stamp):
-    def send():
-        for (observer, target), range_m in TRIANGLE.items():
-            bench.send_range(observer, target, range_m, **stamp)
-
-    bench.sending = [send]
-
-
-def wait_for_placements(bench, number):
-    bench.until(
-        lambda: bench.heard.fleet and len(bench.heard.fleet[-1].poses) == number * len(ROBOTS),
-        f'{number} placements',
-    )
 
 
 def test_managed_node_waits_to_be_told(bench, make_node):
@@ -72,18 +26,18 @@ def test_managed_node_waits_to_be_told(bench, make_node):
     bench.until_status('fleet', Level.WARN, 'the node is inactive')
     assert node.count_subscribers('/robot_1/range/robot_2') == 0
     assert bench.transition('activate')
-    play_triangle(bench)
-    wait_for_placements(bench, 2)
+    bench.play_triangle()
+    bench.until_placements(2)
     assert bench.transition('deactivate')
     bench.until(lambda: not bench.heard.fleet[-1].poses, 'an empty array')
     assert node.count_subscribers('/robot_1/range/robot_2') == 0
     assert bench.transition('activate')
-    wait_for_placements(bench, 2)
+    bench.until_placements(2)
     assert bench.transition('deactivate') and bench.transition('cleanup')
     assert bench.state() == 'unconfigured'
     assert node.count_publishers('/localizer/feasible_poses') == 0
     assert bench.transition('configure') and bench.transition('activate')
-    wait_for_placements(bench, 2)
+    bench.until_placements(2)
     assert bench.transition('shutdown')
     assert bench.state() == 'finalized'
     bench.until_status('fleet', Level.WARN, 'the node is finalized')
@@ -105,24 +59,23 @@ def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node)
     def send():
         clock['s'] += 0.1
         bench.send_clock(clock['s'])
-        for (observer, target), range_m in TRIANGLE.items():
-            bench.send_range(observer, target, range_m, stamp_s=clock['s'])
+        bench.send_triangle(stamp_s=clock['s'])
 
     bench.sending = [send]
-    wait_for_placements(bench, 2)
+    bench.until_placements(2)
     bench.until_count('input range robot_1->robot_2', 'accepted')
     bench.clear()
     clock['s'] = 10.0
     bench.until(lambda: any(not array.poses for array in bench.heard.fleet), 'an empty array')
-    wait_for_placements(bench, 2)
+    bench.until_placements(2)
     assert 10 <= bench.heard.fleet[-1].header.stamp.sec < 100
     bench.until_count('input range robot_1->robot_2', 'accepted')
 
 
 def test_stamps_of_arrival_serve_sources_without_headers(bench, make_node):
     make_node(stamp_source='receive')
-    play_triangle(bench, stamp_s=0.0)
-    wait_for_placements(bench, 2)
+    bench.play_triangle(stamp_s=0.0)
+    bench.until_placements(2)
 
 
 def test_anchors_give_the_frame_and_rule_out_the_mirror_image(bench, make_node):
@@ -191,8 +144,8 @@ def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
             return super().estimate(snapshot, cancel)
 
     make_node(make_localizer=Failing)
-    play_triangle(bench)
-    wait_for_placements(bench, 2)
+    bench.play_triangle()
+    bench.until_placements(2)
     Failing.fails = True
     bench.until_status('fleet', Level.ERROR, 'internal error: ArithmeticError: no idea')
     bench.until(lambda: not bench.heard.fleet[-1].poses, 'an empty array')
@@ -205,14 +158,14 @@ def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, 
     monkeypatch.setattr(localizer, 'warm_up', lambda: release.wait(DEADLINE_S))
     node = make_node()
     monkeypatch.setattr(node.get_logger(), 'info', lambda text, **_: logged.append(text))
-    play_triangle(bench)
+    bench.play_triangle()
     bench.until_status('fleet', Level.WARN, 'loading the solver')
     bench.until_status('robot robot_1', Level.WARN, 'loading the solver')
     bench.until_status('input range robot_1->robot_2', Level.OK)
     assert bench.call('/localizer/reset', Trigger).success
     bench.until_status('input range robot_1->robot_2', Level.OK)
     release.set()
-    wait_for_placements(bench, 2)
+    bench.until_placements(2)
     bench.until_status('fleet', Level.WARN, 'ambiguous')
     assert any('the solver is ready after' in text for text in logged)
 
@@ -235,8 +188,8 @@ def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypat
 
     monkeypatch.setattr(localizer, 'warm_up', fail)
     make_node()
-    play_triangle(bench)
-    wait_for_placements(bench, 2)
+    bench.play_triangle()
+    bench.until_placements(2)
 
 
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
@@ -295,7 +248,10 @@ def test_parameters_are_read_only(make_node):
 
 def test_robots_have_parameters_of_their_own(make_node):
     node = make_node(robot_max_speed__robot_2=0.3)
-    speeds = [node.get_parameter(f'robot_max_speed.{robot}').value for robot in ROBOTS]
+    speeds = [
+        node.get_parameter(f'robot_max_speed.{robot}').value
+        for robot in node.settings.fleet.robots
+    ]
     assert speeds == [-1.0, 0.3, -1.0]
     assert (
         'negative for max_speed' in node.describe_parameter('robot_max_speed.robot_1').description

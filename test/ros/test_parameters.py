@@ -204,6 +204,33 @@ def test_templates_are_known_by_the_type_of_their_topics():
     ]
 
 
+def test_relative_names_are_in_the_namespace_of_the_node():
+    given = {
+        'range.topic': 'uwb/{observer}_{target}',
+        'bearing.topic': '/cam/{observer}/{target}',
+        'odometry.topic': '~/{robot}',
+        'links': ['uwb/ab sensor_msgs/msg/Range a b', '/uwb/ac sensor_msgs/msg/Range a c'],
+    }
+
+    def resolve(topic):
+        return topic if topic.startswith('/') else f'/left/{topic.replace("~", "node")}'
+
+    found = settings_from(check_values({**ROBOTS, **given}), resolve)
+    assert [template.text for template in found.templates] == [
+        '/left/uwb/{observer}_{target}',
+        '/cam/{observer}/{target}',
+        '/left/node/{robot}',
+        '/left/{observer}/peers',
+    ]
+    assert [link.topic for link in found.links] == ['/left/uwb/ab', '/uwb/ac']
+
+
+def test_two_names_of_one_topic_are_refused():
+    links = ['/uwb sensor_msgs/msg/Range a b', 'uwb sensor_msgs/msg/Range b a']
+    with pytest.raises(WrongParameterError, match="topic '/uwb' is named twice"):
+        settings(links=links)
+
+
 def test_explicit_link_overrides_some_bounds():
     found = settings(links=['/uwb/ab sensor_msgs/msg/Range a b max_error=1.5 min_error=0.5'])
     assert found.links[0].topic == '/uwb/ab' and found.links[0].explicit

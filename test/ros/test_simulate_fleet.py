@@ -124,7 +124,7 @@ def test_peers_hold_what_the_single_topics_would(context, cameras):
     )
     found = {}
     for topic, message in together.items():
-        observer = topic.split('/')[1]
+        observer = topic.split('/')[0]
         reading = peers_from_message(message)
         assert reading.stamp_s == 2.0
         for peer, range_m, ray in zip(
@@ -132,9 +132,9 @@ def test_peers_hold_what_the_single_topics_would(context, cameras):
         ):
             target = simulation.ROBOTS[peer]
             if not np.isnan(range_m):
-                found[f'/{observer}/range/{target}'] = [range_m]
+                found[f'{observer}/range/{target}'] = [range_m]
             if not np.isnan(ray).any():
-                found[f'/{observer}/bearing/{target}'] = ray
+                found[f'{observer}/bearing/{target}'] = ray
     assert found.keys() == single.keys()
     for topic, message in single.items():
         vector = getattr(message, 'vector', None)

@@ -46,7 +46,7 @@ class Task:
     Attributes
     ----------
     settings : Settings
-        The parameters; topics of the links are full names, and no clock is in them.
+        The parameters, without limits that depend on a clock.
     node : str
         Full name of the node, without the first slash.
     topics : mapping of str to str
@@ -111,12 +111,10 @@ def _environment(name: str, value: str) -> Iterator[None]:
 def _task_of(node: Node) -> Task:
     settings = declare_settings(node)
     fleet = settings.fleet
-    links = [replace(link, topic=node.resolve_topic_name(link.topic)) for link in settings.links]
     outputs = [*estimate_outputs(fleet.robots), DIAGNOSTICS]
     return Task(
         settings=replace(
             settings,
-            links=tuple(links),
             fleet=replace(
                 fleet,
                 solver=replace(fleet.solver, max_seconds=math.inf),

@@ -1,7 +1,7 @@
 """Links: which topic carries whose measurement of whom."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 import re
 from string import Formatter
 
@@ -187,6 +187,23 @@ class Template:
             raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
         check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
 
+    def resolved(self, resolve: Callable[[str], str]) -> 'Template':
+        """
+        Return the template of full names.
+
+        Parameters
+        ----------
+        resolve : callable
+            Returns the full name of a topic.
+
+        """
+        if not self.text:
+            return self
+        text = resolve(self.text.format(**{name: _stand_in(name) for name in self.fields}))
+        for name in self.fields:
+            text = text.replace(_stand_in(name), f'{{{name}}}')
+        return replace(self, text=text)
+
     def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
         """
         Return the link that a topic of this name carries, None when it carries none.
@@ -222,6 +239,11 @@ class Template:
             for literal, name, _, _ in Formatter().parse(self.text)
         ]
         return re.compile(''.join(parts))
+
+
+def _stand_in(field_name: str) -> str:
+    """Return a name that stands for a field where braces are not allowed."""
+    return f'FIELD_{field_name}_FIELD'
 
 
 def check_topic(topic: str) -> None:

@@ -72,7 +72,7 @@ class SimulatedFleet:
         start = self.motion.state(0.0)
         for travelled in simulation.odometry(start, state) if self.odometry else ():
             yield (
-                f'/{travelled.robot}/odom',
+                f'{travelled.robot}/odom',
                 odometry_to_message(
                     OdometryReading(
                         stamp_s,
@@ -110,7 +110,7 @@ def _pair_messages(
     """Yield a topic and a message for each pair."""
     for distance in ranges:
         yield (
-            f'/{distance.observer}/range/{distance.target}',
+            f'{distance.observer}/range/{distance.target}',
             range_to_message(
                 RangeReading(
                     stamp_s,
@@ -123,7 +123,7 @@ def _pair_messages(
         )
     for bearing in bearings:
         yield (
-            f'/{bearing.observer}/bearing/{bearing.target}',
+            f'{bearing.observer}/bearing/{bearing.target}',
             bearing_to_message(BearingReading(stamp_s, np.array(bearing.ray), bearing.observer)),
         )
 
@@ -146,7 +146,7 @@ def _peers_messages(
             rays_xyz=np.array([rays.get(pair, NO_RAY) for pair in measured]).reshape(-1, 3),
             frame_id=observer,
         )
-        yield f'/{observer}/peers', peers_to_message(reading)
+        yield f'{observer}/peers', peers_to_message(reading)
 
 
 def quaternions(yaws_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:

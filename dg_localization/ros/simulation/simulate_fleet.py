@@ -1,12 +1,12 @@
 """
 The executable `simulate_fleet`: the fleet of the paper on real topics, with the truth beside it.
 
-It publishes, at `rate`:
+It publishes, at `rate` and in its namespace:
 
-- `/{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs;
-- `/{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
-- when `peers` is true, in the place of all these `/{observer}/peers` (sensor_msgs/PointCloud2);
-- `/{robot}/odom` (nav_msgs/Odometry), when `odometry` is true;
+- `{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs;
+- `{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
+- when `peers` is true, in the place of all these `{observer}/peers` (sensor_msgs/PointCloud2);
+- `{robot}/odom` (nav_msgs/Odometry), when `odometry` is true;
 - `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6.
 """
 

@@ -1,6 +1,6 @@
 """The settings that the parameters stand for: checked one by one, then together."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
@@ -47,9 +47,9 @@ class Settings:
     fleet : FleetConfig
         What the ROS-free part is told.
     links : tuple of Link
-        The inputs named one by one.
+        The inputs named one by one, with the full names of their topics.
     templates : tuple of Template
-        What the topics of all others are named like.
+        What the topics of all others are named like, in full.
     fixed_frame : str
         frame_id of everything that is published.
     rate_hz : float
@@ -87,7 +87,7 @@ def declare_settings(node: Node) -> Settings:
 
     """
     values = check_values(given_values(node))
-    settings = settings_from(values)
+    settings = settings_from(values, node.resolve_topic_name)
     named = named_specs(values['robots'], values['anchors.names'])
     declare(node, (*TABLE, *named), values)
     return settings
@@ -128,9 +128,23 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
-def settings_from(values: Mapping[str, Any]) -> Settings:
+def in_root_namespace(topic: str) -> str:
+    """Return the full name of a topic of a node that has no namespace."""
+    return topic if topic.startswith('/') else f'/{topic}'
+
+
+def settings_from(
+    values: Mapping[str, Any], resolve: Callable[[str], str] = in_root_namespace
+) -> Settings:
     """
     Return the settings that checked `values` stand for, with all adapters at hand.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        What `check_values` returned.
+    resolve : callable
+        Returns the full name of a topic, by the namespace and the remappings of the node.
 
     Raises
     ------
@@ -141,7 +155,7 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     for name in ('robots', 'anchors.names'):
         _check_names(name, values[name])
     _import_adapters(values['adapter_modules'])
-    explicit = _parse_links(values['links'])
+    explicit = _parse_links(values['links'], resolve)
     try:
         fleet = _fleet_config(values, explicit)
     except ValueError as error:
@@ -149,7 +163,7 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     return Settings(
         fleet=fleet,
         links=explicit,
-        templates=_templates(values),
+        templates=_templates(values, resolve),
         fixed_frame=values['fixed_frame'],
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
@@ -169,16 +183,17 @@ def _import_adapters(modules: Iterable[str]) -> None:
             ) from error
 
 
-def _parse_links(texts: Iterable[str]) -> tuple[Link, ...]:
+def _parse_links(texts: Iterable[str], resolve: Callable[[str], str]) -> tuple[Link, ...]:
     links = []
     # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
     for text in filter(None, texts):
         try:
-            links.append(parse_link(text))
+            link = parse_link(text)
         except ValueError as error:
             raise WrongParameterError(
                 f"parameter 'links': '{text}' is not allowed: {error}"
             ) from None
+        links.append(replace(link, topic=resolve(link.topic)))
     topics = [link.topic for link in links]
     for topic in topics:
         if topics.count(topic) > 1:
@@ -188,17 +203,18 @@ def _parse_links(texts: Iterable[str]) -> tuple[Link, ...]:
     return tuple(links)
 
 
-def _templates(values: Mapping[str, Any]) -> tuple[Template, ...]:
+def _templates(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Template, ...]:
     templates: dict[str, Template] = {}
     for name, type_name in TEMPLATE_TYPES.items():
         template = Template(values[name], type_name)
         try:
             template.check()
+            template = template.resolved(resolve)
             if template.text in templates:
                 raise ValueError('each kind of measurement needs topics of its own')
         except ValueError as error:
             raise WrongParameterError(
-                f"parameter '{name}': '{template.text}' is not allowed, {error}"
+                f"parameter '{name}': '{values[name]}' is not allowed, {error}"
             ) from None
         if template.text:
             templates[template.text] = template

@@ -146,9 +146,10 @@ RANGES = Section(
         Spec(
             'range.topic',
             STRING,
-            '/{observer}/range/{target}',
+            '{observer}/range/{target}',
             'template of the topics; empty for none',
-            details='Ranges may also be named one by one under links.',
+            details='It is resolved like the name of a topic: without a leading slash it is in '
+            'the namespace of the node. Ranges may also be named one by one under links.',
         ),
         Spec('range.min_error', DOUBLE, 0.0, 'least error of a range', 'm'),
         Spec(
@@ -197,7 +198,7 @@ BEARINGS = Section(
         Spec(
             'bearing.topic',
             STRING,
-            '/{observer}/bearing/{target}',
+            '{observer}/bearing/{target}',
             'template of the topics; empty for none',
         ),
         Spec(
@@ -216,7 +217,7 @@ ODOMETRY = Section(
     'Odometry',
     'Messages of type nav_msgs/Odometry. They are optional and keep older measurements sharp.',
     (
-        Spec('odometry.topic', STRING, '/{robot}/odom', 'template of the topics; empty for none'),
+        Spec('odometry.topic', STRING, '{robot}/odom', 'template of the topics; empty for none'),
         Spec(
             'odometry.relative_error',
             DOUBLE,
@@ -236,7 +237,7 @@ PEERS = Section(
     '`peer`, an integer: the index into robots, followed by the anchors that are no robots; '
     '`range` (m); and `x`, `y`, `z`, the ray in the body frame. Range or ray may be missing, or '
     'NaN.',
-    (Spec('peers.topic', STRING, '/{observer}/peers', 'template of the topics; empty for none'),),
+    (Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),),
 )
 
 LINKS = Section(

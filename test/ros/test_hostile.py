@@ -1,0 +1,181 @@
+"""A node among faults and strangers: it stays up, and what it says stays true."""
+
+from functools import partial
+import os
+import signal
+import sys
+from threading import Event
+from types import ModuleType
+
+from builtin_interfaces.msg import Time
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+
+from dg_localization.fleet import Localizer
+from dg_localization.ros import spinning
+from dg_localization.ros.node import localizer
+from msg_adapters import Level
+
+DEADLINE_S = 20.0
+
+
+@pytest.fixture
+def quick_watchdog(monkeypatch):
+    monkeypatch.setattr(localizer, 'LEAST_PATIENCE_S', 1.5)
+    monkeypatch.setattr(localizer, 'PATIENCE', 0.0)
+
+
+def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_watchdog):
+    release, hanging = Event(), Event()
+
+    class Hanging(Localizer):
+        hangs = False
+
+        def estimate(self, snapshot, cancel=None):
+            if Hanging.hangs:
+                Hanging.hangs = False
+                hanging.set()
+                assert release.wait(DEADLINE_S)
+            return super().estimate(snapshot, cancel)
+
+    make_node(make_localizer=Hanging)
+    bench.play_triangle()
+    bench.until_placements(2)
+    Hanging.hangs = True
+    bench.until(hanging.is_set, 'an estimate that hangs')
+    bench.clear()
+    bench.until_status('fleet', Level.WARN, 'late: the last answer is')
+    bench.until_status('robot robot_1', Level.WARN, 'late: the last answer is')
+    bench.until_status('fleet', Level.ERROR, 'the solver is started anew')
+    assert not bench.heard.fleet[0].poses, 'the last answer is taken back'
+    bench.until_placements(2)
+    bench.until_status('fleet', Level.WARN, 'ambiguous')
+    release.set()
+
+
+def test_clock_cannot_be_changed_while_the_node_runs(make_node):
+    node = make_node(autostart=False)
+    (result,) = node.set_parameters([Parameter('use_sim_time', value=True)])
+    assert not result.successful and 'only when the node starts' in result.reason
+    assert not node.get_parameter('use_sim_time').value
+    assert not node.get_clock().ros_time_is_active
+
+
+def test_negative_time_on_the_clock_does_not_end_the_node(bench, start_localizer):
+    bench.clear()
+    process = start_localizer('-p', "robots:=['robot_1', 'robot_2']", '-p', 'use_sim_time:=true')
+    clock = bench.publisher(Clock, '/clock')
+    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
+    bench.repeat(partial(clock.publish, Clock(clock=Time(sec=-1))))
+    bench.until(lambda: 'must not be negative' in process.output(), 'a word about it')
+    bench.repeat(partial(bench.send_clock, 100.0))
+    bench.until_status('fleet', Level.WARN, 'time has stood still')
+    bench.sending = []
+    assert process.process.poll() is None
+    code, output = process.stop()
+    assert code == 0 and output.count('a callback failed') == 1
+
+
+def test_callback_that_raises_is_reported_and_the_node_goes_on():
+    calls = []
+
+    class Failing(Node):
+        def __init__(self):
+            super().__init__('failing')
+            self.create_timer(0.01, self.fail)
+
+        def fail(self):
+            calls.append(self)
+            if len(calls) == 3:
+                os.kill(os.getpid(), signal.SIGINT)
+            raise ArithmeticError('no idea')
+
+    spinning.spin(Failing, [])
+    assert len(calls) >= 3
+
+
+def test_stranger_of_another_type_does_not_silence_an_input(bench, make_node):
+    context = Context()
+    rclpy.init(context=context)
+    stranger = Node('stranger', context=context)
+    stranger.create_publisher(String, '/robot_1/range/robot_2', 10)
+    make_node()
+    name = 'input range robot_1->robot_2'
+    status = bench.until_status(name, Level.WARN, 'wrong type')
+    assert 'std_msgs/msg/String' in status.message and 'sensor_msgs/msg/Range' in status.message
+    stranger.destroy_node()
+    rclpy.shutdown(context=context)
+    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0))
+    bench.until_status(name, Level.OK, 'in use')
+
+
+def test_huge_cloud_is_counted_and_the_node_answers(bench, make_node):
+    make_node()
+    cloud = PointCloud2(height=1, width=100_000, data=bytes(1_000_000))
+
+    def send():
+        bench.publisher(PointCloud2, '/robot_1/peers').publish(cloud)
+        bench.send_triangle()
+
+    bench.repeat(send)
+    bench.until_status('input peers robot_1', Level.WARN, 'the message has 10000')
+    bench.until_placements(2)
+
+
+def test_relative_templates_are_in_the_namespace_of_the_node(bench, make_node):
+    node = make_node('-r', '__ns:=/left', range__topic='{observer}/range/{target}')
+    bench.repeat(
+        partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/left/robot_1/range/robot_2')
+    )
+    bench.until(lambda: node.count_subscribers('/left/robot_1/range/robot_2'), 'a subscription')
+
+
+def test_second_node_of_the_same_name_is_reported(bench, make_node):
+    make_node()
+    namesake = rclpy.create_node('localizer', context=bench.context)
+    bench.until_status('fleet', Level.WARN, 'another node has the same name')
+    namesake.destroy_node()
+
+
+def test_bond_with_the_manager_is_formed_while_active(bench, make_node, monkeypatch):
+    events = []
+
+    class Bond:
+        def __init__(self, topic, identifier, node):
+            events.append((topic, identifier))
+
+        def start(self):
+            events.append('start')
+
+        def break_bond(self):
+            events.append('break')
+
+        def shutdown(self):
+            events.append('shutdown')
+
+    package, module = ModuleType('bondpy'), ModuleType('bondpy.bondpy')
+    package.__spec__ = module.__spec__ = object()
+    package.__path__ = []
+    module.Bond = Bond
+    monkeypatch.setitem(sys.modules, 'bondpy', package)
+    monkeypatch.setitem(sys.modules, 'bondpy.bondpy', module)
+    make_node(autostart=False)
+    assert bench.transition('configure') and events == []
+    assert bench.transition('activate')
+    assert events == [('bond', 'localizer'), 'start']
+    assert bench.transition('deactivate')
+    assert events[2:] == ['break', 'shutdown']
+
+
+def test_managed_node_without_bondpy_names_the_setting(bench, make_node, monkeypatch):
+    logged = []
+    node = make_node(autostart=False)
+    monkeypatch.setattr(node.get_logger(), 'info', lambda text, **_: logged.append(text))
+    assert bench.transition('configure') and bench.transition('activate')
+    assert any('bond_timeout: 0.0' in text for text in logged)
