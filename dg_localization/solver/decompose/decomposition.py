@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import Enum
 import heapq
 from itertools import combinations
 
@@ -20,46 +19,13 @@ import numpy as np
 
 from dg_localization.solver.box import IntArray
 from dg_localization.solver.decompose.graph import Pair
+from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import (
     Points,
     is_rigid,
     rigid_components,
 )
 from dg_localization.solver.decompose.separators import split_at_separators
-
-
-class JointKind(Enum):
-    """What two pieces can still do to each other."""
-
-    HINGE = 'hinge'
-    """They share q - 1 points and turn: about a point in the plane, about a line in space."""
-
-    REFLECTION = 'reflection'
-    """They share q points; either side may be mirrored in the hyperplane through them."""
-
-    LOOSE = 'loose'
-    """They share fewer points: one, in space."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """
-    What pieces share.
-
-    Attributes
-    ----------
-    pieces : tuple of int
-        Two or more pieces, by their numbers in the order of `Decomposition.pieces`.
-    points : tuple of int
-        The points that all of them share, ascending.
-    kind : JointKind
-        What the joint leaves open.
-
-    """
-
-    pieces: tuple[int, ...]
-    points: Points
-    kind: JointKind
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@ The pebble game: which points of a fleet in the plane are rigid together.
 
 Every point has two pebbles, its degrees of freedom in the plane. A pair that is independent of
 those before it takes one of them, and three that stay free on a pair are the motions of a rigid
-body (Jacobs, Hendrickson, J. Comput. Phys. 137(2), 1997). What holds is generic: it is true of almost all placements with this graph.
+body (Jacobs, Hendrickson, J. Comput. Phys. 137(2), 1997). What holds is generic: it is true of
+almost all placements with this graph.
 """
 
 from __future__ import annotations
