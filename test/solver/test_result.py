@@ -148,21 +148,24 @@ def test_max_boxes_leaves_a_complete_cover(paper_fleet, max_boxes):
 
 
 class StopAfter:
-    """Cancels after a number of looks."""
+    """Cancels after a number of boxes."""
 
-    def __init__(self, looks):
-        self.looks = looks
+    def __init__(self, boxes):
+        self.boxes = boxes
+
+    def note(self, statistics):
+        self.boxes -= 1
 
     def is_set(self):
-        self.looks -= 1
-        return self.looks < 0
+        return self.boxes <= 0
 
 
-@pytest.mark.parametrize('looks', [0, 1, 5])
-def test_cancel_leaves_a_complete_cover(paper_fleet, looks):
-    result = solve_as_one(paper_fleet.problem(), cancel=StopAfter(looks))
+@pytest.mark.parametrize('boxes', [0, 1, 5])
+def test_cancel_leaves_a_complete_cover(paper_fleet, boxes):
+    stop = StopAfter(boxes)
+    result = solve_as_one(paper_fleet.problem(), cancel=stop, progress=stop.note)
     assert result.verdict is Verdict.OUT_OF_BUDGET
-    assert result.statistics.processed == looks
+    assert result.statistics.processed == boxes
     check_claims(paper_fleet.problem(), result)
     for solution in paper_fleet.solutions:
         assert covers(result, paper_fleet.squared(solution))

@@ -114,5 +114,8 @@ class Budget:
         )
         cancel = self._cancel if boxes > 0 else _Stopped()
         cover, statistics = search(problem, options, cancel, self._report, within)
+        if boxes <= 0:
+            # What the triangle inequalities alone rule out takes no box.
+            statistics = replace(statistics, processed=0, empty=0)
         self.spent = add(self.spent, statistics)
         return cover
