@@ -8,15 +8,20 @@ import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, unbounded
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.contract.fixed_point import Contractor, Goal
+from dg_localization.solver.contract.groups import groups_of
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
 
 MOST_CONTRACTED = 40
 """Up to so many points are contracted together."""
+
+MOST_SWEEPS = 2
+"""Later sweeps over all axes narrow hardly anything of what joints leave open."""
 
 MOST_SMOOTHED = 300
 """Up to so many points chains of known distances bound those of their ends."""
@@ -75,22 +80,21 @@ def contracted(
         placement.
 
     """
-    if problem.n_points <= MOST_CONTRACTED:
-        pruner = Pruner(problem, options)
-        box = pruner.whole()
-        if box is None:
+    n_points = problem.n_points
+    box = np.zeros((4, n_points, n_points))
+    box[LOWER], box[UPPER] = problem.lower, problem.upper
+    if n_points <= MOST_SMOOTHED:
+        if not smooth_triangles(box, np.empty_like(box), np.arange(n_points), n_points):
             return None
-        pruned = pruner.prune(box, stopped)
+    if n_points <= MOST_CONTRACTED:
+        contractor = Contractor(problem)
+        n_axes = max(1, len(contractor.axes))
+        goal = Goal(options.resolution, EXPLAINED_FACTOR, MOST_SWEEPS, n_axes)
+        groups = groups_of(problem.lower, problem.upper)
+        pruned = contractor.contract(box, groups, goal, stopped)
         if pruned.status is Status.EMPTY:
             return None
         box = pruned.box
-    else:
-        box = np.zeros((4, problem.n_points, problem.n_points))
-        box[LOWER], box[UPPER] = problem.lower, problem.upper
-        points = np.arange(problem.n_points)
-        if problem.n_points <= MOST_SMOOTHED:
-            if not smooth_triangles(box, np.empty_like(box), points, problem.n_points):
-                return None
     return _common_hull(box, within)
 
 

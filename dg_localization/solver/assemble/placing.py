@@ -17,7 +17,7 @@ from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.problem import Side, SideConstraint
 
-MOST_TURNS = 16
+MOST_TURNS = 6
 """How many ways to turn a piece about a joint are tried."""
 
 
