@@ -21,6 +21,8 @@ class SolverOptions:
         Most time to spend, in seconds.
     tighten_slices : int
         How many slices of a finished box to examine, to bring its bounds towards the exact hull.
+    max_hypotheses : int
+        Most hypotheses of the whole fleet to build from those of its pieces.
 
     Raises
     ------
@@ -33,6 +35,7 @@ class SolverOptions:
     max_boxes: int = 2000
     max_seconds: float = float('inf')
     tighten_slices: int = 0
+    max_hypotheses: int = 64
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -44,6 +47,8 @@ class SolverOptions:
             raise ValueError(f'max_seconds is {self.max_seconds} s, it must be positive')
         if self.tighten_slices < 0:
             raise ValueError(f'tighten_slices is {self.tighten_slices}, it must not be negative')
+        if self.max_hypotheses < 1:
+            raise ValueError(f'max_hypotheses is {self.max_hypotheses}, it must be at least 1')
 
 
 class Cancel(Protocol):

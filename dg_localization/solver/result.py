@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dg_localization.solver.decompose.joints import Joint
 
 
 class Verdict(Enum):
@@ -70,9 +73,82 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
+class Piece:
+    """
+    Points that the measurements hold rigid, and all their placements.
+
+    Attributes
+    ----------
+    points : tuple of int
+        The points, ascending.
+    hypotheses : tuple of Hypothesis
+        What holds every placement of these points; rows and columns are in the order of `points`.
+
+    """
+
+    points: tuple[int, ...]
+    hypotheses: tuple[Hypothesis, ...]
+
+
+class WholeFleet(Protocol):
+    """What the hypotheses of the pieces make together, computed when it is asked for."""
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Hypotheses of all points."""
+        ...
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper bounds of all squared distances in m^2."""
+        ...
+
+
+@dataclass(frozen=True)
 class Result:
-    """The answer to a problem."""
+    """
+    The answer to a problem.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        What is proved.
+    statistics : Statistics
+        The effort of all searches.
+    pieces : tuple of Piece
+        The rigid parts. Where a contradiction was found, only a piece that it leaves without a
+        hypothesis.
+    joints : tuple of Joint
+        What the pieces share.
+    n_hypotheses : int
+        How many hypotheses of the whole fleet the pieces make together. It is exact, and may be
+        far beyond what could be listed.
+
+    """
 
     verdict: Verdict
-    hypotheses: tuple[Hypothesis, ...]
     statistics: Statistics
+    pieces: tuple[Piece, ...]
+    joints: tuple[Joint, ...]
+    n_hypotheses: int
+    whole_fleet: WholeFleet = field(repr=False, compare=False)
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """
+        The hypotheses of the whole fleet, built when first asked for.
+
+        Where there are several pieces, at most `SolverOptions.max_hypotheses` combinations of
+        theirs; one that a contraction of the whole fleet proves to be empty is left out.
+        """
+        return self.whole_fleet.hypotheses
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lower bounds of all squared distances over all placements in m^2, shape (n, n)."""
+        return self.whole_fleet.bounds[0]
+
+    @property
+    def upper(self) -> NDArray[np.float64]:
+        """Upper bounds of all squared distances over all placements in m^2, shape (n, n)."""
+        return self.whole_fleet.bounds[1]

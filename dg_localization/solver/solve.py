@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 import time
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel, SolverOptions
-from dg_localization.solver.problem import Chirality, Problem
-from dg_localization.solver.result import Result, Statistics, Verdict
+from dg_localization.solver.problem import Chirality, InvalidProblemError, Problem
+from dg_localization.solver.result import Result, Statistics
+
+FloatArray = NDArray[np.float64]
 
 
 @default_environment()
@@ -20,6 +23,7 @@ def solve(
     options: SolverOptions | None = None,
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
+    within: Sequence[tuple[ArrayLike, ArrayLike]] | None = None,
 ) -> Result:
     """
     Return every placement that agrees with a problem, or the proof that there is none.
@@ -34,12 +38,20 @@ def solve(
         Stops the search when set; what was not examined is part of the answer.
     progress : callable, optional
         Called with the statistics so far after every box.
+    within : sequence of (lower, upper), optional
+        Boxes that are known to hold every placement of interest, such as those of an earlier
+        answer: lower and upper bounds of all squared distances in m^2, shape (n, n) each.
 
     Returns
     -------
     Result
-        The verdict, the hypotheses that hold every placement, and the effort. With
-        ``Verdict.INFEASIBLE`` there is no hypothesis, and none was missed.
+        The verdict, the pieces, the hypotheses that hold every placement, and the effort.
+        With ``Verdict.INFEASIBLE`` there is no hypothesis, and none was missed.
+
+    Raises
+    ------
+    InvalidProblemError
+        If a box of `within` is not of the shape of the problem.
 
     Notes
     -----
@@ -50,19 +62,30 @@ def solve(
 
     """
     # The kernels import numba, which takes longer than the rest of the package together.
-    from dg_localization.solver.place.hypotheses import hypotheses_of
-    from dg_localization.solver.search.search import search
+    from dg_localization.solver.assemble.answer import answer
+    from dg_localization.solver.assemble.budget import Budget
 
     load_kernels()
-    cover, statistics = search(problem, options or SolverOptions(), cancel, progress)
-    hypotheses = hypotheses_of(problem, cover.kept + cover.pending)
-    if cover.pending:
-        verdict = Verdict.OUT_OF_BUDGET
-    elif hypotheses:
-        verdict = Verdict.COVERED
-    else:
-        verdict = Verdict.INFEASIBLE
-    return Result(verdict, hypotheses, statistics)
+    boxes = None if within is None else _boxes(problem, within)
+    budget = Budget(options or SolverOptions(), cancel, progress)
+    return answer(problem, budget, boxes)
+
+
+def _boxes(
+    problem: Problem, within: Sequence[tuple[ArrayLike, ArrayLike]]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Check the boxes that placements have to lie in, and return them as arrays."""
+    boxes = []
+    for x, box in enumerate(within):
+        lower, upper = (np.array(bound, dtype=np.float64) for bound in box)
+        for name, bound in (('lower', lower), ('upper', upper)):
+            if bound.shape != problem.lower.shape or np.isnan(bound).any():
+                raise InvalidProblemError(
+                    f'within[{x}]: {name} has shape {bound.shape}, numbers of shape '
+                    f'{problem.lower.shape} are needed'
+                )
+        boxes.append((np.maximum(lower, lower.T), np.minimum(upper, upper.T)))
+    return boxes
 
 
 @cache
@@ -85,19 +108,25 @@ def load_kernels() -> float:
 
     """
     from dg_localization.interval.kernels import COMPILED
-    from dg_localization.solver.place.hypotheses import hypotheses_of
-    from dg_localization.solver.search.search import search
+    from dg_localization.solver.assemble.answer import answer
+    from dg_localization.solver.assemble.budget import Budget
 
     start = time.perf_counter()
     if not COMPILED:
         return 0.0
-    # A flexible chain with a handedness, two of them to compare, and a point that nobody knows.
-    upper = np.full((4, 4), np.inf)
-    upper[[0, 1, 0, 2, 1, 2], [1, 0, 2, 0, 2, 1]] = 1.0
-    np.fill_diagonal(upper, 0.0)
-    lower = np.where(np.isfinite(upper), 0.9 * upper, 0.0)
-    chiralities = (Chirality((0, 1, 2), 1), Chirality((0, 1, 3), 1))
-    problem = Problem(lower, upper, 2, chiralities=chiralities)
-    cover, _ = search(problem, SolverOptions(max_boxes=4))
-    hypotheses_of(problem, cover.kept + cover.pending)
+    options = SolverOptions(max_boxes=8)
+    for dimension in (2, 3):
+        # Two simplices that share a face, a bar, and a point that nobody knows.
+        n_points = dimension + 4
+        upper = np.full((n_points, n_points), np.inf)
+        upper[: dimension + 2, : dimension + 2] = 1.0
+        upper[dimension, dimension + 1] = upper[dimension + 1, dimension] = np.inf
+        upper[0, n_points - 2] = upper[n_points - 2, 0] = 1.0
+        np.fill_diagonal(upper, 0.0)
+        lower = np.where(np.isfinite(upper), 0.9 * upper, 0.0)
+        face = tuple(range(dimension))
+        chiralities = [Chirality((*face, dimension + x), 1) for x in range(2)]
+        problem = Problem(lower, upper, dimension, chiralities=chiralities)
+        result = answer(problem, Budget(options))
+        len(result.hypotheses)
     return time.perf_counter() - start

@@ -1,5 +1,6 @@
 """The paper's fleet (Section 5.1) against the paper and against its exact hulls."""
 
+from joined_cases import solve_as_one
 import numpy as np
 import pytest
 from solver_cases import box_of, covers
@@ -34,22 +35,33 @@ def test_smoothing_turns_d1_into_d2(paper_fleet):
         assert box[:2][:, *pair] == pytest.approx(ends, abs=0.02), pair
 
 
-def test_without_sides_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
+def test_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
     result = solve(paper_fleet.problem())
     assert result.verdict is Verdict.COVERED
     assert len(result.hypotheses) == 8
     done = result.statistics
-    assert (done.processed, done.empty, done.kept) == (15, 0, 8)
+    assert (done.processed, done.empty, done.kept) == (4, 0, 4), 'one box for each triangle'
     assert all(hypothesis.proved for hypothesis in result.hypotheses)
     assert not any(hypothesis.flexible for hypothesis in result.hypotheses)
     for hull in paper_fleet.exact_hulls:
         assert sum(holds_hull(hypothesis, hull) for hypothesis in result.hypotheses) == 1
 
 
-def test_three_sides_leave_the_solution_of_the_paper(paper_fleet):
-    result = solve(paper_fleet.problem(paper_fleet.SIDES))
+def test_in_one_piece_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
+    """The count of the paper, whose method knows no pieces."""
+    result = solve_as_one(paper_fleet.problem())
+    done = result.statistics
+    assert (done.processed, done.empty, done.kept) == (15, 0, 8)
+    assert len(result.hypotheses) == 8
+    for hull in paper_fleet.exact_hulls:
+        assert sum(holds_hull(hypothesis, hull) for hypothesis in result.hypotheses) == 1
+
+
+@pytest.mark.parametrize('solver', [solve, solve_as_one])
+def test_three_sides_leave_the_solution_of_the_paper(paper_fleet, solver):
+    result = solver(paper_fleet.problem(paper_fleet.SIDES))
     assert result.verdict is Verdict.COVERED
-    assert result.statistics.processed == 1
+    assert result.statistics.processed == len(result.pieces), 'nothing is split'
     (hypothesis,) = result.hypotheses
     assert hypothesis.proved and not hypothesis.flexible
     (hull,) = (

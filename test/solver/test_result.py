@@ -3,6 +3,7 @@
 from fractions import Fraction
 import threading
 
+from joined_cases import solve_as_one
 import numpy as np
 import pytest
 from solver_cases import bounds, covers, orientation, random_case, squared_distances
@@ -52,7 +53,9 @@ def check_claims(problem, result):
     assert done.processed == done.empty + done.split + done.kept
     assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
     assert (result.verdict is Verdict.INFEASIBLE) <= (not result.hypotheses)
-    assert sum(len(h.boxes) for h in result.hypotheses) == done.kept + done.pending
+    in_pieces = [h for piece in result.pieces for h in piece.hypotheses]
+    assert sum(len(h.boxes) for h in in_pieces) == done.kept + done.pending
+    assert len(result.hypotheses) <= result.n_hypotheses
     n_points, dimension = problem.n_points, problem.dimension
     for hypothesis in result.hypotheses:
         assert hypothesis.boxes.shape[1:] == (2, n_points, n_points)
@@ -136,7 +139,7 @@ def test_tetrahedra_exist_in_space():
 
 @pytest.mark.parametrize('max_boxes', [1, 2, 7, 14])
 def test_max_boxes_leaves_a_complete_cover(paper_fleet, max_boxes):
-    result = solve(paper_fleet.problem(), SolverOptions(max_boxes=max_boxes))
+    result = solve_as_one(paper_fleet.problem(), SolverOptions(max_boxes=max_boxes))
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert result.statistics.processed == max_boxes
     check_claims(paper_fleet.problem(), result)
@@ -145,28 +148,31 @@ def test_max_boxes_leaves_a_complete_cover(paper_fleet, max_boxes):
 
 
 class StopAfter:
-    """Cancels after a number of looks."""
+    """Cancels after a number of boxes."""
 
-    def __init__(self, looks):
-        self.looks = looks
+    def __init__(self, boxes):
+        self.boxes = boxes
+
+    def note(self, statistics):
+        self.boxes -= 1
 
     def is_set(self):
-        self.looks -= 1
-        return self.looks < 0
+        return self.boxes <= 0
 
 
-@pytest.mark.parametrize('looks', [0, 1, 5])
-def test_cancel_leaves_a_complete_cover(paper_fleet, looks):
-    result = solve(paper_fleet.problem(), cancel=StopAfter(looks))
+@pytest.mark.parametrize('boxes', [0, 1, 5])
+def test_cancel_leaves_a_complete_cover(paper_fleet, boxes):
+    stop = StopAfter(boxes)
+    result = solve_as_one(paper_fleet.problem(), cancel=stop, progress=stop.note)
     assert result.verdict is Verdict.OUT_OF_BUDGET
-    assert result.statistics.processed == looks
+    assert result.statistics.processed == boxes
     check_claims(paper_fleet.problem(), result)
     for solution in paper_fleet.solutions:
         assert covers(result, paper_fleet.squared(solution))
 
 
 def test_no_time_leaves_a_complete_cover(paper_fleet):
-    result = solve(paper_fleet.problem(), SolverOptions(max_seconds=1e-9))
+    result = solve_as_one(paper_fleet.problem(), SolverOptions(max_seconds=1e-9))
     assert result.verdict is Verdict.OUT_OF_BUDGET
     check_claims(paper_fleet.problem(), result)
     for solution in paper_fleet.solutions:
@@ -177,7 +183,7 @@ def test_no_time_leaves_a_complete_cover(paper_fleet):
 def test_a_long_search_stops_soon(stop):
     """A flex at a resolution it will not reach is stopped from outside within a short time."""
     problem = Problem(*bounds(6, {(i, (i + 1) % 6): (1, 1) for i in range(6)}))
-    solve(problem, SolverOptions(max_boxes=1))  # compiles, which nothing can interrupt
+    solve_as_one(problem, SolverOptions(max_boxes=1))  # compiles, which nothing interrupts
     options = {'resolution': 1e-4, 'max_boxes': 10**9}
     event = threading.Event()
     if stop == 'cancel':
@@ -185,7 +191,7 @@ def test_a_long_search_stops_soon(stop):
         timer.start()
     else:
         options['max_seconds'] = 0.2
-    result = solve(problem, SolverOptions(**options), cancel=event)
+    result = solve_as_one(problem, SolverOptions(**options), cancel=event)
     assert result.verdict is Verdict.OUT_OF_BUDGET
     # Twenty milliseconds late at most, were this the only process of the machine.
     assert 0.15 < result.statistics.seconds < 1.0
@@ -280,7 +286,7 @@ def test_wide_measurements_are_no_flex(paper_fleet):
 def test_a_flex_is_covered_at_the_resolution():
     """Every posture of the four-bar linkage lies in the cover, and no box is wider than asked."""
     resolution = 0.05
-    result = solve(Problem(*bounds(4, FOUR_BAR)), SolverOptions(resolution=resolution))
+    result = solve_as_one(Problem(*bounds(4, FOUR_BAR)), SolverOptions(resolution=resolution))
     assert result.verdict is Verdict.COVERED
     for h in result.hypotheses:
         assert (np.sqrt(h.boxes[:, 1]) - np.sqrt(h.boxes[:, 0])).max() <= resolution

@@ -95,7 +95,7 @@ class Queue:
 
 
 def branch_and_prune(
-    whole: FloatArray,
+    boxes: Iterable[FloatArray],
     prune: Callable[[list[FloatArray]], Iterable[Pruned]],
     split: Callable[[Pruned], list[FloatArray]],
     budget: Budget,
@@ -103,12 +103,12 @@ def branch_and_prune(
     progress: Callable[[Statistics], None] | None = None,
 ) -> Cover:
     """
-    Cover all placements in a box by smaller boxes.
+    Cover all placements in some boxes by smaller boxes.
 
     Parameters
     ----------
-    whole : ndarray, shape (4, n, n)
-        The box in m^2.
+    boxes : iterable of ndarray, shape (4, n, n)
+        The boxes in m^2.
     prune : callable
         Contracts several boxes, which may be empty afterwards.
     split : callable
@@ -127,7 +127,8 @@ def branch_and_prune(
 
     """
     cover, queue = Cover(), Queue()
-    queue.push(whole)
+    for box in boxes:
+        queue.push(box)
     while queue and cover.processed < budget.max_boxes and not budget.stopped():
         for pruned in prune(queue.pop(min(at_once, budget.max_boxes - cover.processed))):
             if pruned.status is Status.UNFINISHED:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
 from itertools import repeat
 import os
 
-from dg_localization.solver.box import FloatArray
+import numpy as np
+
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Problem
@@ -28,6 +30,7 @@ def search(
     options: SolverOptions,
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
+    within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
 ) -> tuple[Cover, Statistics]:
     """
     Cover all placements of a problem by boxes.
@@ -42,6 +45,8 @@ def search(
         Stops the search when set, as a limit would.
     progress : callable, optional
         Called with the statistics so far, once a box.
+    within : sequence of (ndarray, ndarray), shapes (n, n), optional
+        Lower and upper bounds, in m^2, of the boxes to search in; everywhere without any.
 
     Returns
     -------
@@ -60,10 +65,25 @@ def search(
         with ExitStack() as stack:
             prune = _prune_step(pruners, budget, stack)
             split_here = partial(split, resolution_m=options.resolution)
-            cover = branch_and_prune(whole, prune, split_here, budget, len(pruners), progress)
+            starts = [whole] if within is None else _common_parts(whole, within)
+            cover = branch_and_prune(starts, prune, split_here, budget, len(pruners), progress)
     if not cover.pending and options.tighten_slices:
         _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
     return cover, budget.statistics(cover, len(cover.pending))
+
+
+def _common_parts(
+    whole: FloatArray, within: Sequence[tuple[FloatArray, FloatArray]]
+) -> list[FloatArray]:
+    """Return what a box has in common with others."""
+    parts = []
+    for lower, upper in within:
+        part = whole.copy()
+        part[LOWER] = np.maximum(whole[LOWER], lower)
+        part[UPPER] = np.minimum(whole[UPPER], upper)
+        if (part[LOWER] <= part[UPPER]).all():
+            parts.append(part)
+    return parts
 
 
 def _n_workers(problem: Problem) -> int:

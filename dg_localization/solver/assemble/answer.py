@@ -1,0 +1,136 @@
+"""The answer to a problem, in pieces: decompose, solve, link, combine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dg_localization.solver.assemble.budget import Budget
+from dg_localization.solver.assemble.combinations import Combinations
+from dg_localization.solver.assemble.links import Linker
+from dg_localization.solver.assemble.pieces import Bounds, PieceSolver, SolvedPieces
+from dg_localization.solver.assemble.product import Nothing, Product
+from dg_localization.solver.assemble.subproblem import Constraint, points_of
+from dg_localization.solver.decompose.decomposition import Decomposition, Part, decompose
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Piece, Result, Statistics, Verdict
+
+
+def answer(
+    problem: Problem,
+    budget: Budget,
+    within: Sequence[Bounds] | None = None,
+    decomposition: Decomposition | None = None,
+) -> Result:
+    """
+    Return every placement of a problem, in pieces.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    budget : Budget
+        What the call may take.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+    decomposition : Decomposition, optional
+        The pieces to take, instead of those that the graph of measured pairs has.
+
+    Returns
+    -------
+    Result
+        The answer.
+
+    """
+    if decomposition is None:
+        measured = np.argwhere(np.triu(np.isfinite(problem.upper), 1))
+        decomposition = decompose(problem.n_points, measured, problem.dimension)
+    solved = PieceSolver(problem, decomposition, budget, within).run()
+    if solved.contradiction is not None:
+        return _infeasible(solved.contradiction, problem, budget)
+    links = Linker(problem, solved, budget, within).links(solved.joints)
+    combinations = Combinations([len(piece.hypotheses) for piece in solved.pieces], links)
+    if combinations.contradiction is not None:
+        points = solved.pieces[combinations.contradiction].points
+        return _infeasible(points, problem, budget)
+    product = Product(problem, budget.options, solved, combinations, within)
+    if len(solved.pieces) > 1 and product.is_empty(
+        _is_crossed(problem, solved), _has_loop(solved)
+    ):
+        return _infeasible(tuple(range(problem.n_points)), problem, budget)
+    return _result(solved, combinations, product, budget)
+
+
+def in_one_piece(n_points: int) -> Decomposition:
+    """Return the decomposition that leaves a fleet as it is."""
+    return Decomposition((Part(tuple(range(n_points)), ()),), ())
+
+
+def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
+    """Return the answer that there is no placement, with the piece that is left without any."""
+    spent = budget.spent
+    statistics = Statistics(
+        processed=spent.processed,
+        empty=spent.empty + spent.kept,
+        split=spent.split,
+        kept=0,
+        pending=0,
+        seconds=budget.seconds(),
+    )
+    piece = Piece(points, ())
+    return Result(Verdict.INFEASIBLE, statistics, (piece,), (), 0, Nothing(problem.n_points))
+
+
+def _result(
+    solved: SolvedPieces, combinations: Combinations, product: Product, budget: Budget
+) -> Result:
+    """Return the answer that the pieces and their combinations are."""
+    pieces = tuple(
+        Piece(piece.points, tuple(piece.hypotheses[x] for x in sorted(left)))
+        for piece, left in zip(solved.pieces, combinations.left, strict=True)
+    )
+    n_left = n_pending = 0
+    for solved_piece, piece in zip(solved.pieces, pieces, strict=True):
+        n_left += sum(len(hypothesis.boxes) for hypothesis in piece.hypotheses)
+        if solved_piece.pending:
+            boxes = (box for hypothesis in piece.hypotheses for box in hypothesis.boxes)
+            n_pending += sum(box.tobytes() in solved_piece.pending for box in boxes)
+    spent = budget.spent
+    # Boxes that the neighbors of a piece rule out hold nothing.
+    kept = n_left - n_pending
+    statistics = replace(
+        spent,
+        empty=spent.empty + spent.kept - kept,
+        kept=kept,
+        pending=n_pending,
+        seconds=budget.seconds(),
+    )
+    verdict = Verdict.OUT_OF_BUDGET if n_pending else Verdict.COVERED
+    joints = tuple(solved.joints)
+    return Result(verdict, statistics, pieces, joints, combinations.number, product)
+
+
+def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
+    """Return whether something but distances is known between different pieces."""
+    inside = np.zeros((problem.n_points, problem.n_points), dtype=np.bool_)
+    for piece in solved.pieces:
+        inside[np.ix_(piece.points, piece.points)] = True
+    if (problem.lower[~inside] > 0.0).any() or len(problem.chiralities) > 1:
+        return True
+    sets = [set(piece.points) for piece in solved.pieces]
+    constraints: list[Constraint] = [*problem.sides, *problem.chiralities]
+    return any(not any(s.issuperset(points_of(c)) for s in sets) for c in constraints)
+
+
+def _has_loop(solved: SolvedPieces) -> bool:
+    """Return whether pieces and joints close a loop, as the bars of a linkage do."""
+    group = list(range(len(solved.pieces)))
+    for joint in solved.joints:
+        together = {group[piece] for piece in joint.pieces}
+        if len(together) < len(joint.pieces):
+            return True
+        group = [min(together) if number in together else number for number in group]
+    return False

@@ -1,0 +1,121 @@
+"""The effort of one call, shared by the searches of its pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+import time
+
+from dg_localization.solver.box import FloatArray
+from dg_localization.solver.options import Cancel, SolverOptions
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Statistics
+from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.search import search
+
+SHORTEST_S = 1e-9
+"""A search with less time than this left does not look at a single box."""
+
+
+class _Stopped:
+    """Stops a search before its first box: what it covers is all pending."""
+
+    def is_set(self) -> bool:
+        return True
+
+
+def add(first: Statistics, second: Statistics) -> Statistics:
+    """Return the effort of two searches together."""
+    return Statistics(
+        first.processed + second.processed,
+        first.empty + second.empty,
+        first.split + second.split,
+        first.kept + second.kept,
+        first.pending + second.pending,
+        first.seconds + second.seconds,
+    )
+
+
+class Budget:
+    """
+    What is left of the boxes and of the time that a call may take.
+
+    Parameters
+    ----------
+    options : SolverOptions
+        The limits of the whole call.
+    cancel : object with ``is_set()``, optional
+        Stops every search when set.
+    progress : callable, optional
+        Called with the statistics of all searches so far after every box.
+
+    """
+
+    def __init__(
+        self,
+        options: SolverOptions,
+        cancel: Cancel | None = None,
+        progress: Callable[[Statistics], None] | None = None,
+    ) -> None:
+        self.options = options
+        self.spent = Statistics(0, 0, 0, 0, 0, 0.0)
+        self._cancel = cancel
+        self._progress = progress
+        self._start = time.perf_counter()
+
+    def seconds(self) -> float:
+        """Return the time since the call began."""
+        return time.perf_counter() - self._start
+
+    def is_over(self) -> bool:
+        """Return whether the call is to come to an end."""
+        if self._cancel and self._cancel.is_set():
+            return True
+        return self.seconds() > self.options.max_seconds
+
+    def _report(self, statistics: Statistics) -> None:
+        if self._progress:
+            self._progress(add(self.spent, statistics))
+
+    def take_back(self, n_pending: int) -> None:
+        """Note that boxes which a search left pending are examined after all."""
+        self.spent = replace(self.spent, pending=self.spent.pending - n_pending)
+
+    def search(
+        self,
+        problem: Problem,
+        share: float,
+        within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+    ) -> Cover:
+        """
+        Cover the placements of a piece with a share of what is left.
+
+        Parameters
+        ----------
+        problem : Problem
+            The piece.
+        share : float
+            The fraction of the boxes and of the time left that the search may take.
+        within : sequence of (lower, upper), optional
+            The boxes in m^2 to search in; everywhere when there are none.
+
+        Returns
+        -------
+        Cover
+            The cover; complete, whatever is left.
+
+        """
+        boxes = self.options.max_boxes - self.spent.processed
+        seconds = self.options.max_seconds - (self.seconds() if self.spent.processed else 0.0)
+        options = replace(
+            self.options,
+            max_boxes=max(1, int(share * boxes)),
+            max_seconds=max(SHORTEST_S, share * seconds),
+        )
+        cancel = self._cancel if boxes > 0 else _Stopped()
+        cover, statistics = search(problem, options, cancel, self._report, within)
+        if boxes <= 0:
+            # What the triangle inequalities alone rule out takes no box.
+            statistics = replace(statistics, processed=0, empty=0)
+        self.spent = add(self.spent, statistics)
+        return cover

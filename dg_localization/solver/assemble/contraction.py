@@ -1,0 +1,109 @@
+"""One contraction, without a split, of several pieces together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dg_localization.solver.assemble.subproblem import Bounds, unbounded
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.contract.fixed_point import Contractor, Goal
+from dg_localization.solver.contract.groups import groups_of
+from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.triangles import smooth_triangles
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.options import SolverOptions
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
+
+MOST_CONTRACTED = 40
+"""Up to so many points are contracted together."""
+
+MOST_SWEEPS = 2
+"""Later sweeps over all axes narrow hardly anything of what joints leave open."""
+
+MOST_SMOOTHED = 300
+"""Up to so many points chains of known distances bound those of their ends."""
+
+
+def bounds_within(points: Points, parts: Sequence[tuple[Points, Bounds]]) -> Bounds:
+    """
+    Return the bounds of the distances of some points, from those of some pieces.
+
+    Parameters
+    ----------
+    points : tuple of int
+        The points, ascending; those of the pieces are among them.
+    parts : sequence of (tuple of int, (ndarray, ndarray))
+        The points of each piece, and lower and upper bounds of their squared distances in m^2.
+
+    Returns
+    -------
+    tuple of ndarray, shape (k, k)
+        Lower and upper bounds in m^2.
+
+    """
+    lower, upper = unbounded(len(points))
+    for members, (low, high) in parts:
+        index = np.ix_(*[np.searchsorted(points, members)] * 2)
+        lower[index] = np.maximum(lower[index], low)
+        upper[index] = np.minimum(upper[index], high)
+    np.fill_diagonal(upper, 0.0)
+    return lower, upper
+
+
+def contracted(
+    problem: Problem,
+    options: SolverOptions,
+    within: Sequence[Bounds] | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Bounds | None:
+    """
+    Contract a problem once, as far as its size allows.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    options : SolverOptions
+        Its resolution.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+    stopped : callable, optional
+        Whether to stop early.
+
+    Returns
+    -------
+    tuple of ndarray or None
+        Lower and upper bounds of all squared distances in m^2; None is a proof that there is no
+        placement.
+
+    """
+    n_points = problem.n_points
+    box = np.zeros((4, n_points, n_points))
+    box[LOWER], box[UPPER] = problem.lower, problem.upper
+    if n_points <= MOST_SMOOTHED:
+        if not smooth_triangles(box, np.empty_like(box), np.arange(n_points), n_points):
+            return None
+    if n_points <= MOST_CONTRACTED:
+        contractor = Contractor(problem)
+        n_axes = max(1, len(contractor.axes))
+        goal = Goal(options.resolution, EXPLAINED_FACTOR, MOST_SWEEPS, n_axes)
+        groups = groups_of(problem.lower, problem.upper)
+        pruned = contractor.contract(box, groups, goal, stopped)
+        if pruned.status is Status.EMPTY:
+            return None
+        box = pruned.box
+    return _common_hull(box, within)
+
+
+def _common_hull(box: FloatArray, within: Sequence[Bounds] | None) -> Bounds | None:
+    """Return the hull of what a box has in common with others, None where it has nothing."""
+    if within is None:
+        return box[LOWER].copy(), box[UPPER].copy()
+    common = [(np.maximum(box[LOWER], low), np.minimum(box[UPPER], high)) for low, high in within]
+    left = [(low, high) for low, high in common if (low <= high).all()]
+    if not left:
+        return None
+    return np.min([low for low, _ in left], axis=0), np.max([high for _, high in left], axis=0)

@@ -1,0 +1,125 @@
+"""
+Which side of a face a piece lies on, and whether that is certain.
+
+q shared points span a hyperplane, their face. A piece lies on one side of it for certain when one
+of its points, its apex, is off the hyperplane in every placement of a hypothesis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.contract.chiralities import volume_product
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.result import Hypothesis
+
+
+@kernel
+def least_volume(box: FloatArray, simplex: IntArray) -> float:
+    """
+    Return a lower bound of det[p2 - p1, ...]^2 of a simplex over a box.
+
+    The square is a Cayley-Menger determinant, concave in every squared distance: the coefficient
+    of its square is minus that of a smaller one. So it is least at a corner of the box.
+
+    Parameters
+    ----------
+    box : ndarray, shape (2, n, n)
+        Bounds in m^2.
+    simplex : ndarray of int, shape (q + 1,)
+        The corners of the simplex.
+
+    Returns
+    -------
+    float
+        The bound in m^(2 q), rounded down; minus infinity where a distance is unbounded.
+
+    """
+    size = len(simplex)
+    points = np.arange(size)
+    corner = np.zeros((2, size, size))
+    n_pairs = size * (size - 1) // 2
+    least = np.inf
+    for number in range(1 << n_pairs):
+        pair = 0
+        for x in range(size):
+            for y in range(x + 1, size):
+                end = UPPER if number >> pair & 1 else LOWER
+                value = box[end, simplex[x], simplex[y]]
+                if np.isinf(value):
+                    return -np.inf
+                corner[:, x, y] = value
+                corner[:, y, x] = value
+                pair += 1
+        least = min(least, volume_product(corner, points, points)[0])
+    return least
+
+
+@kernel
+def _best_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
+    """Return the point of `others` farthest from a hyperplane for certain, -1 without one."""
+    best = -1
+    farthest = 0.0
+    simplex = np.empty(len(face) + 1, dtype=np.int64)
+    simplex[:-1] = face
+    for point in others:
+        simplex[-1] = point
+        volume = least_volume(box, simplex)
+        if volume > farthest:
+            best, farthest = point, volume
+    return best
+
+
+def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
+    """
+    Return a point of a piece that is off the hyperplane of a face in every placement.
+
+    Parameters
+    ----------
+    points : tuple of int
+        The points of the piece, ascending.
+    hypothesis : Hypothesis
+        One of its hypotheses.
+    face : tuple of int
+        q of its points.
+
+    Returns
+    -------
+    int or None
+        The point that is farthest off for certain; None where all may lie in the hyperplane.
+
+    """
+    local = np.searchsorted(points, face)
+    others = np.setdiff1d(np.arange(len(points)), local)
+    best = int(_best_apex(np.stack([hypothesis.lower, hypothesis.upper]), local, others))
+    return points[best] if best >= 0 else None
+
+
+def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m: float) -> bool:
+    """
+    Tell whether a face spans no hyperplane to speak of, so that a piece can turn about it.
+
+    Parameters
+    ----------
+    points : tuple of int
+        The points of a piece, ascending.
+    hypothesis : Hypothesis
+        One of its hypotheses.
+    face : tuple of int
+        q of its points.
+    width_m : float
+        How wide, in m, the face has to be.
+
+    Returns
+    -------
+    bool
+        True when the face of the placement is narrower in some direction.
+
+    """
+    if len(face) < 2 or hypothesis.positions is None:
+        return False
+    corners = hypothesis.positions[np.searchsorted(points, face)]
+    widths = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+    return bool(widths[len(face) - 2] <= width_m)

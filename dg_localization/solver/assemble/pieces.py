@@ -1,0 +1,272 @@
+"""
+The pieces of a fleet, solved one by one.
+
+A piece that its own measurements do not hold rigid takes the distances of the points it shares
+from a piece solved before: it is solved once for each of the ranges that these may lie in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from dg_localization.solver.assemble.budget import Budget
+from dg_localization.solver.assemble.faces import is_degenerate
+from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.decompose.decomposition import Decomposition, pairs_of
+from dg_localization.solver.decompose.graph import Pair
+from dg_localization.solver.decompose.joints import Joint, JointKind
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis
+
+MOST_RANGES = 16
+"""A piece is solved at most so often, for different ranges of what it is given."""
+
+FIRST_SHARE = 0.5
+"""At first a piece may take this part of a fair share: easy ones do not wait for hard ones."""
+
+Ranges = dict[Pair, tuple[float, float]]
+
+
+@dataclass
+class SolvedPiece:
+    """A piece, and the hypotheses that hold all its placements."""
+
+    points: Points
+    hypotheses: list[Hypothesis]
+    pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
+
+
+@dataclass
+class SolvedPieces:
+    """
+    All pieces and joints, or the one piece that cannot exist.
+
+    Attributes
+    ----------
+    pieces : list of SolvedPiece
+        The pieces in the order in which they were solved.
+    joints : list of Joint
+        The joints between them.
+    contradiction : tuple of int or None
+        Points whose measurements contradict each other; the lists are not complete then.
+
+    """
+
+    pieces: list[SolvedPiece] = field(default_factory=list)
+    joints: list[Joint] = field(default_factory=list)
+    contradiction: Points | None = None
+
+
+@dataclass
+class _Search:
+    """One problem of a piece, for one choice of what it is given, and its cover so far."""
+
+    problem: Problem
+    kept: list[FloatArray]
+    pending: list[FloatArray]
+
+
+@dataclass(eq=False)
+class _Task:
+    """A piece that is to be solved, and what became of it."""
+
+    points: Points
+    numbers: list[int]  # in the decomposition: several where pieces were merged
+    searches: list[_Search] = field(default_factory=list)
+    hypotheses: list[Hypothesis] | None = None
+
+    def gather(self) -> None:
+        """Write the hypotheses that the covers of all searches make."""
+        self.hypotheses = [
+            hypothesis
+            for search in self.searches
+            for hypothesis in hypotheses_of(search.problem, search.kept + search.pending)
+        ]
+
+    def solved(self) -> SolvedPiece:
+        """Return the piece as it is now."""
+        pending = (box for search in self.searches for box in search.pending)
+        keys = {box[: UPPER + 1].tobytes() for box in pending}
+        return SolvedPiece(self.points, self.hypotheses or [], keys)
+
+
+class PieceSolver:
+    """
+    Solves the pieces of a decomposition in their order.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem of the whole fleet.
+    decomposition : Decomposition
+        Its pieces and joints.
+    budget : Budget
+        What the call may take.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        decomposition: Decomposition,
+        budget: Budget,
+        within: Sequence[Bounds] | None,
+    ) -> None:
+        self._problem = problem
+        self._orientations = Orientations(problem)
+        self._budget = budget
+        self._within = within
+        self._joints = decomposition.joints
+        parts = enumerate(decomposition.pieces)
+        self._tasks = [_Task(part.points, [number]) for number, part in parts]
+        self._joints_of: list[list[Joint]] = [[] for _ in self._tasks]
+        for joint in self._joints:
+            for number in joint.pieces:
+                self._joints_of[number].append(joint)
+
+    def run(self) -> SolvedPieces:
+        """Solve all pieces, until one of them cannot exist."""
+        for number in range(len(self._tasks)):
+            self._merge_degenerate(number)
+            task = self._tasks[number]
+            self._solve(task, self._share(number))
+            if not task.hypotheses:
+                return SolvedPieces(contradiction=task.points)
+        for task in self._resumed():
+            if not task.hypotheses:
+                return SolvedPieces(contradiction=task.points)
+        return self._solved()
+
+    def _share(self, number: int) -> float:
+        """Return which part of what is left a piece may take at first."""
+        if len(self._tasks) == 1:
+            return 1.0
+        return FIRST_SHARE / (len(self._tasks) - number)
+
+    def _resumed(self) -> Iterator[_Task]:
+        """Go on with the pieces that were not finished, small ones first."""
+        tasks = sorted(set(self._tasks), key=lambda task: (len(task.points), task.numbers))
+        searches = [(task, s) for task in tasks for s in task.searches if s.pending]
+        for x, (task, search) in enumerate(searches):
+            if self._budget.is_over():
+                break
+            starts = [(box[LOWER], box[UPPER]) for box in search.pending]
+            self._budget.take_back(len(starts))
+            cover = self._budget.search(search.problem, 1.0 / (len(searches) - x), starts)
+            search.kept += cover.kept
+            search.pending = cover.pending
+            task.gather()
+            yield task
+
+    def _merge_degenerate(self, number: int) -> None:
+        """
+        Merge a piece with those it shares a face with that spans no hyperplane.
+
+        Pieces turn about such a face: what the graph takes for a reflection is a flex.
+        """
+        width_m = self._budget.options.resolution
+        for joint in self._joints_of[number]:
+            if joint.kind is not JointKind.REFLECTION:
+                continue
+            for other in joint.pieces:
+                task, earlier = self._tasks[number], self._tasks[other]
+                if earlier is task or earlier.hypotheses is None:
+                    continue
+                flat = (
+                    is_degenerate(earlier.points, hypothesis, joint.points, width_m)
+                    for hypothesis in earlier.hypotheses
+                )
+                if any(flat):
+                    merged = _Task(
+                        tuple(sorted({*task.points, *earlier.points})),
+                        task.numbers + earlier.numbers,
+                    )
+                    for x in merged.numbers:
+                        self._tasks[x] = merged
+
+    def _solve(self, task: _Task, share: float) -> None:
+        """Solve a piece for all that earlier pieces say of its points."""
+        given = self._given(task)
+        index = np.ix_(task.points, task.points)
+        within = self._within and [(lower[index], upper[index]) for lower, upper in self._within]
+        constraints = self._orientations.among(task.points)
+        for x, bounds in enumerate(given):
+            problem = restricted(self._problem, task.points, bounds, constraints)
+            if problem is None:
+                continue
+            cover = self._budget.search(problem, share / (len(given) - x), within)
+            task.searches.append(_Search(problem, cover.kept, cover.pending))
+        task.gather()
+
+    def _given(self, task: _Task) -> list[Bounds]:
+        """Return the bounds that earlier pieces put on pairs of a piece which nobody measured."""
+        choices: list[list[Ranges]] = []
+        for joint in (joint for number in task.numbers for joint in self._joints_of[number]):
+            pairs = [p for p in pairs_of(joint.points) if np.isinf(self._problem.upper[p])]
+            solved = (self._tasks[x] for x in joint.pieces)
+            holder = next((t for t in solved if t is not task and t.hypotheses), None)
+            if pairs and holder is not None:
+                choices.append(_ranges(holder, pairs))
+        while np.prod([float(len(ranges)) for ranges in choices]) > MOST_RANGES:
+            longest = max(range(len(choices)), key=lambda x: len(choices[x]))
+            choices[longest] = [_hull(choices[longest])]
+        return [self._bounds(task.points, ranges) for ranges in product(*choices)]
+
+    def _bounds(self, points: Points, ranges: Iterable[Ranges]) -> Bounds:
+        """Return the bounds of all pairs of some points from those of a few."""
+        lower, upper = unbounded(len(points))
+        for pair, (low, high) in (item for given in ranges for item in given.items()):
+            i, j = np.searchsorted(points, pair)
+            lower[i, j] = lower[j, i] = max(low, lower[i, j])
+            upper[i, j] = upper[j, i] = min(high, upper[i, j])
+        return lower, upper
+
+    def _solved(self) -> SolvedPieces:
+        """Return the pieces under their final numbers."""
+        tasks = list(dict.fromkeys(self._tasks))
+        number_of = {task: number for number, task in enumerate(tasks)}
+        answer = SolvedPieces([task.solved() for task in tasks])
+        for joint in self._joints:
+            numbers = sorted({number_of[self._tasks[x]] for x in joint.pieces})
+            if len(numbers) > 1:
+                answer.joints.append(Joint(tuple(numbers), joint.points, joint.kind))
+        return answer
+
+
+def _ranges(piece: _Task, pairs: list[Pair]) -> list[Ranges]:
+    """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
+    found: list[Ranges] = []
+    for hypothesis in piece.hypotheses or []:
+        new: Ranges = {}
+        for pair in pairs:
+            index = tuple(np.searchsorted(piece.points, pair))
+            new[pair] = float(hypothesis.lower[index]), float(hypothesis.upper[index])
+        while touching := [ranges for ranges in found if _touch(ranges, new)]:
+            found = [ranges for ranges in found if ranges not in touching]
+            new = _hull([new, *touching])
+        found.append(new)
+    return found
+
+
+def _touch(first: Ranges, second: Ranges) -> bool:
+    """Tell whether two sets of ranges of the same pairs have a point in common."""
+    return all(
+        low <= second[pair][1] and second[pair][0] <= high for pair, (low, high) in first.items()
+    )
+
+
+def _hull(ranges: list[Ranges]) -> Ranges:
+    """Return the smallest ranges that hold several."""
+    return {
+        pair: (min(r[pair][0] for r in ranges), max(r[pair][1] for r in ranges))
+        for pair in ranges[0]
+    }

@@ -1,0 +1,156 @@
+"""
+One placement of the whole fleet from one placement of every piece.
+
+Pieces are laid against each other by their shared points, mirrored as a combination says. What a
+joint leaves open is chosen such that the pieces keep apart. Nothing is proved here.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dg_localization.solver.box import FloatArray
+from dg_localization.solver.decompose.joints import Joint
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.problem import Side, SideConstraint
+
+MOST_TURNS = 6
+"""How many ways to turn a piece about a joint are tried."""
+
+
+def _orthogonal(rng: np.random.Generator, dimension: int) -> FloatArray:
+    """Return a random rotation or reflection."""
+    matrix, upper = np.linalg.qr(rng.standard_normal((dimension, dimension)))
+    return np.asarray(matrix * np.sign(np.diag(upper)))
+
+
+def _aligned(
+    local: FloatArray, shared: FloatArray, target: FloatArray, turn: FloatArray, sign: int
+) -> FloatArray:
+    """Lay turned points against others by some that they share, with a rotation or reflection."""
+    turned = shared @ turn
+    center, target_center = turned.mean(axis=0), target.mean(axis=0)
+    left, _, right = np.linalg.svd((turned - center).T @ (target - target_center))
+    flip = np.ones(len(left))
+    flip[-1] = sign * np.sign(np.linalg.det(left @ right) * np.linalg.det(turn))
+    return np.asarray((local @ turn - center) @ (left * flip) @ right + target_center)
+
+
+def _volume(face: FloatArray, apex: FloatArray) -> float:
+    """Return the signed volume of a simplex."""
+    return float(np.linalg.det(np.vstack([face[1:], apex]) - face[0]))
+
+
+class Placer:
+    """
+    Lays pieces against each other.
+
+    Parameters
+    ----------
+    pieces : sequence of (tuple of int, ndarray)
+        The points of each piece and a placement of them in m.
+    joints : sequence of Joint
+        What they share.
+    reflections : mapping
+        For (face, first, second), two pieces that share a face, the sides that they lie on.
+    dimension : int
+        The dimension q of the space.
+    seed : int
+        What is open is chosen anew for every seed.
+
+    """
+
+    def __init__(
+        self,
+        pieces: Sequence[tuple[Points, FloatArray]],
+        joints: Sequence[Joint],
+        reflections: Mapping[tuple[Points, int, int], SideConstraint],
+        dimension: int,
+        seed: int,
+    ) -> None:
+        self._pieces = pieces
+        self._joints_of: list[list[Joint]] = [[] for _ in pieces]
+        for joint in joints:
+            for number in joint.pieces:
+                self._joints_of[number].append(joint)
+        self._reflections = reflections
+        self._dimension = dimension
+        self._rng = np.random.default_rng(seed)
+        n_points = 1 + max(max(points) for points, _ in pieces)
+        self.positions = np.full((n_points, dimension), np.nan)
+
+    def place(self, clearance_m: float) -> FloatArray:
+        """Place all pieces, those that nothing joins beside each other."""
+        done = [False] * len(self._pieces)
+        edge_m = 0.0
+        for root, (points, local) in enumerate(self._pieces):
+            if done[root]:
+                continue
+            placed = np.isfinite(self.positions[:, 0])
+            self.positions[list(points)] = local
+            done[root] = True
+            queue = deque([root])
+            while queue:
+                number = queue.popleft()
+                for joint in self._joints_of[number]:
+                    # The others say on which side of the first they lie.
+                    for other in joint.pieces:
+                        if not done[other]:
+                            self._add(joint, number, other)
+                            done[other] = True
+                            queue.append(other)
+            new = np.isfinite(self.positions[:, 0]) & ~placed
+            if placed.any():
+                self.positions[new, 0] += edge_m - self.positions[new, 0].min()
+            edge_m = float(self.positions[new, 0].max()) + clearance_m
+        return self.positions
+
+    def _add(self, joint: Joint, placed: int, number: int) -> None:
+        """Lay a piece against those that are placed."""
+        points, local = self._pieces[number]
+        members, face = np.array(points), list(joint.points)
+        shared = local[np.searchsorted(members, face)]
+        target = self.positions[face]
+        if len(face) == self._dimension:
+            sign = self._sign(joint, placed, number, local, shared, target)
+            identity = np.eye(self._dimension)
+            candidates = [_aligned(local, shared, target, identity, sign)]
+        else:
+            candidates = [
+                _aligned(local, shared, target, _orthogonal(self._rng, self._dimension), sign)
+                for sign in (1, -1)
+                for _ in range(MOST_TURNS // 2)
+            ]
+        new = ~np.isfinite(self.positions[members, 0])
+        if not new.any():
+            return
+        old = self.positions[np.isfinite(self.positions[:, 0])]
+        best = max(
+            candidates,
+            key=lambda p: float(np.linalg.norm(p[new][:, None] - old, axis=-1).min()),
+        )
+        self.positions[members[new]] = best[new]
+
+    def _sign(
+        self,
+        joint: Joint,
+        placed: int,
+        number: int,
+        local: FloatArray,
+        shared: FloatArray,
+        target: FloatArray,
+    ) -> int:
+        """Return whether to mirror a piece, by the side of the face that it has to lie on."""
+        hub = joint.pieces[0]
+        other = placed if number == hub else number
+        known = self._reflections.get((joint.points, hub, other))
+        if known is None:
+            return int(self._rng.choice([1, -1]))
+        # The first apex is that of the hub.
+        apexes = (known.first, known.second) if number == hub else (known.second, known.first)
+        apex = local[self._pieces[number][0].index(apexes[0])]
+        side = _volume(shared, apex) * _volume(target, self.positions[apexes[1]])
+        return 1 if (side < 0.0) == (known.side is Side.OPPOSITE) else -1

@@ -1,0 +1,214 @@
+"""
+The whole fleet: bounds and placements of the combinations that the pieces make together.
+
+Nothing here is computed before it is asked for. A combination narrows the original problem to
+what its hypotheses say of their pieces, with a side for every reflection that is decided; one
+contraction, without a split, bounds the distances between the pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+import math
+
+import numpy as np
+
+from dg_localization.interval.environment import default_environment
+from dg_localization.solver.assemble.combinations import Combination, Combinations
+from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
+from dg_localization.solver.assemble.pieces import Bounds, SolvedPieces
+from dg_localization.solver.assemble.placing import Placer
+from dg_localization.solver.assemble.subproblem import Constraint, restricted
+from dg_localization.solver.box import FloatArray
+from dg_localization.solver.decompose.joints import JointKind
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.options import SolverOptions
+from dg_localization.solver.place.hypotheses import place_problem
+from dg_localization.solver.place.placements import agrees, refine, with_handedness
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis
+
+MOST_REFINED = 100
+"""Up to so many points a placement is refined by least squares, which takes their cube of time."""
+
+MOST_ATTEMPTS = 4
+"""How often a placement is put together until it is proved to agree."""
+
+
+class Nothing:
+    """The whole fleet where there is no placement at all: an empty set, with reversed bounds."""
+
+    hypotheses: tuple[Hypothesis, ...] = ()
+
+    def __init__(self, n_points: int) -> None:
+        self.bounds = (
+            np.full((n_points, n_points), np.inf),
+            np.full((n_points, n_points), -np.inf),
+        )
+
+
+class Product:
+    """
+    All whole-fleet hypotheses of pieces that were solved one by one.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem of the whole fleet.
+    options : SolverOptions
+        Its options.
+    solved : SolvedPieces
+        The pieces and joints.
+    combinations : Combinations
+        The combinations that the joints allow.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in.
+
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: SolverOptions,
+        solved: SolvedPieces,
+        combinations: Combinations,
+        within: Sequence[Bounds] | None,
+    ) -> None:
+        self._problem = problem
+        self._options = options
+        self.solved = solved
+        self.combinations = combinations
+        self._within = within
+        self._all_points = tuple(range(problem.n_points))
+
+    @cached_property
+    @default_environment()
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The first combinations, but those that turn out to hold no placement."""
+        if len(self.solved.pieces) == 1:
+            return tuple(self.solved.pieces[0].hypotheses)
+        count = min(self.combinations.number, self._options.max_hypotheses)
+        found = (self._hypothesis(self.combinations[rank]) for rank in range(count))
+        return tuple(hypothesis for hypothesis in found if hypothesis is not None)
+
+    @cached_property
+    @default_environment()
+    def bounds(self) -> Bounds:
+        """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
+        return self._all or Nothing(self._problem.n_points).bounds
+
+    def is_empty(self, is_crossed: bool, has_loop: bool) -> bool:
+        """
+        Prove that no combination holds a placement, or return False.
+
+        Parameters
+        ----------
+        is_crossed : bool
+            Sides, chiralities or least distances are known between different pieces.
+        has_loop : bool
+            The joints close a loop.
+
+        Returns
+        -------
+        bool
+            True is a proof.
+
+        """
+        n_points = self._problem.n_points
+        if not (is_crossed or has_loop) or n_points > MOST_CONTRACTED:
+            return False
+        if self._all is None:
+            return True
+        few = self.combinations.number <= self._options.max_hypotheses
+        return is_crossed and few and not self.hypotheses
+
+    @cached_property
+    def _all(self) -> Bounds | None:
+        """The bounds of all combinations together; None when they prove that there is none."""
+        parts: list[tuple[Points, Bounds]] = []
+        for piece, left in zip(self.solved.pieces, self.combinations.left, strict=True):
+            hypotheses = [piece.hypotheses[x] for x in sorted(left)]
+            lower = np.min([h.lower for h in hypotheses], axis=0)
+            upper = np.max([h.upper for h in hypotheses], axis=0)
+            parts.append((piece.points, (lower, upper)))
+        if len(parts) == 1:
+            return parts[0][1]
+        problem = self._narrowed(parts, None)
+        return contracted(problem, self._options, self._within) if problem else None
+
+    def _narrowed(
+        self,
+        parts: Sequence[tuple[Points, Bounds]],
+        combination: Combination | None,
+    ) -> Problem | None:
+        """Return the problem within the bounds of its pieces and with the sides that are known."""
+        constraints: list[Constraint] = [*self._problem.sides, *self._problem.chiralities]
+        if combination is not None:
+            constraints += combination.constraints()
+        bounds = bounds_within(self._all_points, parts)
+        return restricted(self._problem, self._all_points, bounds, constraints)
+
+    def _hypothesis(self, combination: Combination) -> Hypothesis | None:
+        """Return the whole fleet as a combination has it; None when that is impossible."""
+        chosen = [
+            piece.hypotheses[x]
+            for piece, x in zip(self.solved.pieces, combination.hypotheses, strict=True)
+        ]
+        parts = [
+            (piece.points, (hypothesis.lower, hypothesis.upper))
+            for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
+        ]
+        problem = self._narrowed(parts, combination)
+        bounds = contracted(problem, self._options, self._within) if problem else None
+        if problem is None or bounds is None:
+            return None
+        positions, proved = self._placement(problem, bounds, combination, chosen)
+        flexible = self._turns or any(hypothesis.flexible for hypothesis in chosen)
+        boxes = np.stack(bounds)[None]
+        return Hypothesis(bounds[0], bounds[1], boxes, positions, proved, flexible)
+
+    @cached_property
+    def _turns(self) -> bool:
+        """Whether some joint is open, or some pieces are not joined at all."""
+        group = list(range(len(self.solved.pieces)))
+        for joint in self.solved.joints:
+            if joint.kind is not JointKind.REFLECTION:
+                return True
+            together = {group[piece] for piece in joint.pieces}
+            group = [min(together) if number in together else number for number in group]
+        return len(set(group)) > 1
+
+    def _placement(
+        self,
+        problem: Problem,
+        bounds: Bounds,
+        combination: Combination,
+        chosen: Sequence[Hypothesis],
+    ) -> tuple[FloatArray | None, bool]:
+        """Return a placement of a combination, and whether it is proved to agree."""
+        pieces = [
+            (piece.points, hypothesis.positions)
+            for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
+            if hypothesis.positions is not None
+        ]
+        reflections = combination.reflections()
+        clearance_m = 1.0 + 2.0 * math.sqrt(problem.lower.max())
+        known = np.stack([problem.lower, problem.upper])
+        first = None
+        for seed in range(MOST_ATTEMPTS):
+            placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
+            positions = with_handedness(self._problem, placer.place(clearance_m))
+            if agrees(self._problem, positions):
+                return positions, True
+            if problem.n_points <= MOST_REFINED:
+                positions = with_handedness(self._problem, refine(positions, known))
+                if agrees(self._problem, positions):
+                    return positions, True
+            if first is None:
+                first = positions
+        if problem.n_points <= MOST_CONTRACTED:
+            positions = place_problem(problem, np.concatenate([bounds, np.zeros_like(bounds)]))
+            if agrees(self._problem, positions):
+                return positions, True
+        return first, False

@@ -1,0 +1,304 @@
+"""
+Decomposition of a fleet: which points are rigid together, and how these pieces are joined.
+
+The rigid components of the graph of measured pairs are split at their separating sets. A piece
+that the measurements among its own points do not hold rigid takes the distances of the points it
+shares from a piece that comes before it. (Hendrickson, SIAM J. Comput. 21(1), 1992, has the
+conditions in the plane.)
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+import heapq
+from itertools import combinations
+
+import numpy as np
+
+from dg_localization.solver.box import IntArray
+from dg_localization.solver.decompose.graph import Pair
+from dg_localization.solver.decompose.joints import Joint, JointKind
+from dg_localization.solver.decompose.rigid_components import (
+    Points,
+    is_rigid,
+    rigid_components,
+)
+from dg_localization.solver.decompose.separators import split_at_separators
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    A piece as the graph knows it.
+
+    Attributes
+    ----------
+    points : tuple of int
+        Its points, ascending.
+    given : tuple of pair
+        The pairs of shared points that nobody measured and an earlier piece implies.
+
+    """
+
+    points: Points
+    given: tuple[Pair, ...]
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """Pieces in an order to solve them in, and the joints between them."""
+
+    pieces: tuple[Part, ...]
+    joints: tuple[Joint, ...]
+
+
+def pairs_of(points: Iterable[int]) -> tuple[Pair, ...]:
+    """Return all pairs of some points, the smaller point first."""
+    return tuple(combinations(sorted(points), 2))
+
+
+def decompose(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
+    """
+    Decompose a fleet into rigid pieces and joints.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The measured pairs, each once, the smaller point first.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    Decomposition
+        Every point and every measured pair lies in some piece.
+
+    """
+    measured = {(i, j) for i, j in pairs.tolist()}
+    components = rigid_components(n_points, pairs, dimension)
+    shared = _shared_pairs(components, dimension)
+    builder = _Builder(measured, dimension)
+    for component in components:
+        builder.add_component(component, pairs, shared)
+    builder.join_components(components)
+    return builder.ordered()
+
+
+def _shared_pairs(components: list[Points], dimension: int) -> set[Pair]:
+    """Return the pairs of points that lie in two rigid components; in space there are some."""
+    if dimension < 3:
+        return set()
+    seen: set[Pair] = set()
+    shared: set[Pair] = set()
+    n_components: dict[int, int] = defaultdict(int)
+    for component in components:
+        for point in component:
+            n_components[point] += 1
+    for component in components:
+        new = set(pairs_of(point for point in component if n_components[point] > 1))
+        shared |= seen & new
+        seen |= new
+    return shared
+
+
+class _Builder:
+    """Collects the parts of all components and the joints between them."""
+
+    def __init__(self, measured: set[Pair], dimension: int) -> None:
+        self._measured = measured
+        self._dimension = dimension
+        self._parts: list[Points] = []
+        self._joints: list[tuple[list[int], Points, JointKind]] = []
+
+    def add_component(self, component: Points, pairs: IntArray, shared: set[Pair]) -> None:
+        """Split a rigid component at its separating sets."""
+        if len(component) <= self._dimension + 1:
+            self._parts.append(component)
+            return
+        points = np.array(component)
+        local = np.full(int(max(points.max(), pairs.max(initial=0))) + 1, -1)
+        local[points] = np.arange(len(points))
+        inner = local[pairs]
+        inner = inner[(inner >= 0).all(axis=1)]
+        taken = [
+            (local[i], local[j])
+            for i, j in shared - self._measured
+            if i < len(local) and j < len(local) and min(local[i], local[j]) >= 0
+        ]
+        if taken:
+            inner = np.concatenate([inner, np.array(taken)])
+        parts, separators = split_at_separators(len(points), inner, self._dimension)
+        first = len(self._parts)
+        self._parts.extend(tuple(points[part].tolist()) for part in parts)
+        for separator, sharing in separators:
+            numbers = [first + x for x in sharing]
+            face = tuple(sorted(points[separator].tolist()))
+            self._joints.append((numbers, face, JointKind.REFLECTION))
+
+    def join_components(self, components: list[Points]) -> None:
+        """Add the joints between different rigid components."""
+        if self._dimension == 1:
+            return
+        holders: dict[Points, list[int]] = defaultdict(list)
+        parts_of: dict[int, set[int]] = defaultdict(set)
+        for x, part in enumerate(self._parts):
+            for point in part:
+                parts_of[point].add(x)
+        of_point: dict[int, list[int]] = defaultdict(list)
+        for x, component in enumerate(components):
+            for point in component:
+                of_point[point].append(x)
+        if self._dimension == 2:
+            for point, numbers in of_point.items():
+                if len(numbers) > 1:
+                    holders[(point,)] = numbers
+        else:
+            self._share_in_space(components, of_point, holders)
+        inside = [set(component) for component in components]
+        for points, numbers in sorted(holders.items()):
+            sharing = set.intersection(*(parts_of[point] for point in points))
+            pieces = []
+            for number in numbers:
+                pieces += [
+                    x for x in sorted(sharing) if inside[number].issuperset(self._parts[x])
+                ][:1]
+            kind = JointKind.HINGE if len(points) == self._dimension - 1 else JointKind.LOOSE
+            if len(pieces) > 1:
+                self._joints.append((pieces, points, kind))
+
+    def _share_in_space(
+        self,
+        components: list[Points],
+        of_point: dict[int, list[int]],
+        holders: dict[Points, list[int]],
+    ) -> None:
+        """Write which components share two points, and which only one."""
+        for point, numbers in of_point.items():
+            hinged: dict[int, int] = {}
+            for first, second in combinations(numbers, 2):
+                common = set(components[first]) & set(components[second])
+                if len(common) == 2:
+                    line = tuple(sorted(common))
+                    if point == line[0]:
+                        known = holders[line]
+                        known += [x for x in (first, second) if x not in known]
+                    root = hinged.get(first, first)
+                    old = hinged.get(second, second)
+                    for x in numbers:
+                        if hinged.get(x, x) == old:
+                            hinged[x] = root
+            free = sorted({hinged.get(x, x) for x in numbers})
+            if len(free) > 1:
+                holders[(point,)] = free
+
+    def ordered(self) -> Decomposition:
+        """Return the pieces in an order in which each can be solved."""
+        order = _Order(self._parts, self._joints, self._measured, self._dimension)
+        return order.decomposition()
+
+
+class _Order:
+    """
+    Puts parts into an order in which each is rigid once the earlier ones are known.
+
+    Parts that wait for each other, which only happens in space, are merged.
+    """
+
+    def __init__(
+        self,
+        parts: list[Points],
+        joints: list[tuple[list[int], Points, JointKind]],
+        measured: set[Pair],
+        dimension: int,
+    ) -> None:
+        self._points: dict[int, Points] = dict(enumerate(parts))
+        self._joints = joints
+        self._known = set(measured)
+        self._measured = measured
+        self._dimension = dimension
+        self._joints_of: dict[int, set[int]] = {x: set() for x in self._points}
+        for number, (pieces, _, _) in enumerate(joints):
+            for x in pieces:
+                self._joints_of[x].add(number)
+        self._order: list[int] = []
+        self._given: list[tuple[Pair, ...]] = []
+        self._waiting = set(self._points)
+        self._ready = [(len(points), x) for x, points in self._points.items() if self._is_ready(x)]
+        heapq.heapify(self._ready)
+
+    def _shared(self, part: int) -> set[Pair]:
+        """Return the pairs of a part that nobody measured and a joint shares."""
+        shared = {
+            pair for number in self._joints_of[part] for pair in pairs_of(self._joints[number][1])
+        }
+        return shared - self._measured
+
+    def _is_ready(self, part: int) -> bool:
+        """Return whether a part is rigid by what is measured and what is known by now."""
+        shared = self._shared(part)
+        if shared <= self._known:
+            return True
+        points = self._points[part]
+        pairs = [pair for pair in pairs_of(points) if pair in self._known]
+        local = np.searchsorted(np.array(points), np.array(pairs).reshape(-1, 2))
+        return is_rigid(len(points), local, self._dimension)
+
+    def _take(self, part: int) -> None:
+        """Make a part the next piece, and look who was waiting for it."""
+        self._waiting.remove(part)
+        shared = self._shared(part)
+        self._order.append(part)
+        self._given.append(tuple(sorted(shared & self._known)))
+        if shared <= self._known:
+            return
+        self._known |= shared
+        neighbors = {x for number in self._joints_of[part] for x in self._joints[number][0]}
+        queued = {x for _, x in self._ready}
+        for x in sorted(neighbors & self._waiting - queued):
+            if self._is_ready(x):
+                heapq.heappush(self._ready, (len(self._points[x]), x))
+
+    def _merge(self) -> None:
+        """Merge the waiting parts of one joint, or give up waiting where there is none."""
+        for pieces, _, _ in self._joints:
+            stuck = [x for x in pieces if x in self._waiting]
+            if len(stuck) > 1:
+                break
+        else:
+            stuck = [min(self._waiting, key=lambda x: (len(self._points[x]), x))]
+        merged, *others = stuck
+        self._points[merged] = tuple(sorted({p for x in stuck for p in self._points[x]}))
+        for x in others:
+            self._waiting.remove(x)
+            for number in self._joints_of.pop(x):
+                pieces = self._joints[number][0]
+                pieces[:] = sorted({merged if y == x else y for y in pieces})
+                self._joints_of[merged].add(number)
+        for number in sorted(self._joints_of[merged]):
+            if len(self._joints[number][0]) < 2:
+                self._joints_of[merged].remove(number)
+        if not others or self._is_ready(merged):
+            heapq.heappush(self._ready, (len(self._points[merged]), merged))
+
+    def decomposition(self) -> Decomposition:
+        """Return all pieces and joints, in order."""
+        while self._waiting:
+            if self._ready:
+                self._take(heapq.heappop(self._ready)[1])
+            else:
+                self._merge()
+        number_of = {part: number for number, part in enumerate(self._order)}
+        joints = [
+            (tuple(sorted(number_of[x] for x in pieces)), points, kind)
+            for pieces, points, kind in self._joints
+            if len(pieces) > 1
+        ]
+        parts = zip((self._points[x] for x in self._order), self._given, strict=True)
+        return Decomposition(
+            tuple(Part(points, given) for points, given in parts),
+            tuple(Joint(*joint) for joint in sorted(joints, key=lambda joint: joint[:2])),
+        )

@@ -1,0 +1,158 @@
+"""
+Graphs of measured pairs: neighbors, connected parts, and points whose removal disconnects them.
+
+Everything in this room works on the graph alone. What it finds decides how much work a search
+has, never what is true: any set of points may be solved as a problem of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import IntArray
+
+Pair = tuple[int, int]
+BoolArray = NDArray[np.bool_]
+
+
+class Graph(NamedTuple):
+    """The neighbors of point i are ``neighbors[start[i]:start[i + 1]]``."""
+
+    start: IntArray
+    neighbors: IntArray
+
+
+@kernel
+def graph_of(n_points: int, pairs: IntArray) -> Graph:
+    """
+    Return the graph of some pairs of points.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs, each once.
+
+    Returns
+    -------
+    Graph
+        The neighbors of every point.
+
+    """
+    start = np.zeros(n_points + 1, dtype=np.int64)
+    for x in range(len(pairs)):
+        start[pairs[x, 0] + 1] += 1
+        start[pairs[x, 1] + 1] += 1
+    start = np.cumsum(start)
+    end = start[:-1].copy()
+    neighbors = np.empty(2 * len(pairs), dtype=np.int64)
+    for x in range(len(pairs)):
+        for side in range(2):
+            point = pairs[x, side]
+            neighbors[end[point]] = pairs[x, 1 - side]
+            end[point] += 1
+    return Graph(start, neighbors)
+
+
+@kernel
+def connected_parts(graph: Graph, removed: BoolArray) -> IntArray:
+    """
+    Return the connected parts of a graph without some of its points.
+
+    Parameters
+    ----------
+    graph : Graph
+        The graph.
+    removed : ndarray of bool, shape (n,)
+        The points to leave out.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        The number of the part of each point, from 0; -1 where it was removed.
+
+    """
+    n_points = len(graph.start) - 1
+    part = np.full(n_points, -1)
+    stack = np.empty(n_points, dtype=np.int64)
+    n_parts = 0
+    for seed in range(n_points):
+        if removed[seed] or part[seed] >= 0:
+            continue
+        part[seed] = n_parts
+        stack[0] = seed
+        height = 1
+        while height:
+            height -= 1
+            point = stack[height]
+            for x in range(graph.start[point], graph.start[point + 1]):
+                other = graph.neighbors[x]
+                if part[other] < 0 and not removed[other]:
+                    part[other] = n_parts
+                    stack[height] = other
+                    height += 1
+        n_parts += 1
+    return part
+
+
+@kernel
+def cut_points(graph: Graph, removed: BoolArray) -> BoolArray:
+    """
+    Tell whose removal leaves more connected parts, after some points are removed already.
+
+    Parameters
+    ----------
+    graph : Graph
+        The graph.
+    removed : ndarray of bool, shape (n,)
+        The points that are removed already.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        The articulation points (Tarjan, 1972).
+
+    """
+    n_points = len(graph.start) - 1
+    is_cut = np.zeros(n_points, dtype=np.bool_)
+    number = np.full(n_points, -1)
+    lowest = np.empty(n_points, dtype=np.int64)
+    parent = np.full(n_points, -1)
+    following = graph.start[:-1].copy()
+    count = 0
+    for root in range(n_points):
+        if removed[root] or number[root] >= 0:
+            continue
+        n_children = 0
+        number[root] = lowest[root] = count
+        count += 1
+        point = root
+        while point >= 0:
+            if following[point] < graph.start[point + 1]:
+                other = graph.neighbors[following[point]]
+                following[point] += 1
+                if removed[other] or other == parent[point]:
+                    continue
+                if number[other] >= 0:
+                    lowest[point] = min(lowest[point], number[other])
+                    continue
+                parent[other] = point
+                number[other] = lowest[other] = count
+                count += 1
+                if point == root:
+                    n_children += 1
+                point = other
+                continue
+            above = parent[point]
+            if above >= 0:
+                lowest[above] = min(lowest[above], lowest[point])
+                if above != root and lowest[point] >= number[above]:
+                    is_cut[above] = True
+            point = above
+        is_cut[root] = n_children > 1
+    return is_cut

@@ -1,0 +1,145 @@
+"""Rigid components: the maximal sets of points that measured pairs hold rigid, generically."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import IntArray
+from dg_localization.solver.decompose.clusters import without_interiors
+from dg_localization.solver.decompose.generic_rank import generic_rank, implied_pairs, rigid_rank
+from dg_localization.solver.decompose.graph import BoolArray, connected_parts, graph_of
+from dg_localization.solver.decompose.pebble_game import play, rigid_components_2d
+
+Points = tuple[int, ...]
+
+
+@kernel
+def _next_component(
+    implied: BoolArray, covered: BoolArray, i: int, j: int, member: BoolArray
+) -> bool:
+    """Write the next component that holds an implied pair; False when there is no other one."""
+    n_points = len(implied)
+    for k in range(n_points):
+        if k == i or k == j or not (implied[i, k] and implied[j, k]) or covered[k]:
+            continue
+        for point in range(n_points):
+            member[point] = implied[i, point] and implied[j, point] and implied[k, point]
+            covered[point] |= member[point]
+        return True
+    return False
+
+
+def _components_of_implied(implied: BoolArray) -> list[IntArray]:
+    """
+    Return the sets of three and more points in space all of whose distances are implied.
+
+    Three points whose distances are implied lie in one such set, and in no other.
+    """
+    found: list[IntArray] = []
+    known: list[set[int]] = [set() for _ in implied]
+    member = np.empty(len(implied), dtype=np.bool_)
+    for i, j in np.argwhere(np.triu(implied, 1)).tolist():
+        covered = np.zeros(len(implied), dtype=np.bool_)
+        for number in known[i] & known[j]:
+            covered[found[number]] = True
+        while _next_component(implied, covered, i, j, member):
+            points = np.flatnonzero(member)
+            found.append(points)
+            for point in points.tolist():
+                known[point].add(len(found) - 1)
+    return found
+
+
+def _components_3d(n_points: int, pairs: IntArray) -> list[IntArray]:
+    """Return the rigid components in space that hold a measured pair or three implied ones."""
+    clusters, fewer = without_interiors(n_points, pairs)
+    points, ends = np.unique(fewer, return_inverse=True)
+    implied = implied_pairs(len(points), ends.reshape(fewer.shape), 3)
+    components = [points[members] for members in _components_of_implied(implied)]
+    for x, component in enumerate(components):
+        for cluster in clusters:
+            # Three common points make a component and a cluster one body.
+            if len(np.intersect1d(component, cluster)) >= 3:
+                component = np.union1d(component, cluster)
+        components[x] = component
+    held = np.zeros(len(pairs), dtype=np.bool_)
+    for component in components:
+        held |= np.isin(pairs, component).all(axis=1)
+    return components + list(np.sort(pairs[~held], axis=1))
+
+
+def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Points]:
+    """
+    Return the maximal sets of points that are rigid together at generic coordinates.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The measured pairs.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    list of tuple of int
+        The points of each component, ascending. A pair lies in some component; a point without
+        measured pairs is one of its own. Two components share q - 1 points at most.
+
+    """
+    if dimension == 1:
+        part = connected_parts(graph_of(n_points, pairs), np.zeros(n_points, dtype=np.bool_))
+        components = [np.flatnonzero(part == k) for k in range(part.max() + 1)]
+    else:
+        if dimension == 2:
+            offsets, members = rigid_components_2d(n_points, pairs)
+            components = [members[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+        elif len(pairs):
+            components = _components_3d(n_points, pairs)
+        else:
+            components = []
+        alone = np.ones(n_points, dtype=np.bool_)
+        alone[pairs] = False
+        components.extend(np.flatnonzero(alone)[:, None])
+    return sorted(tuple(component.tolist()) for component in components)
+
+
+def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
+    """
+    Tell whether pairs hold all points rigid at generic coordinates.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    bool
+        True when the distances of all other pairs are implied, up to finitely many values.
+
+    """
+    if len(pairs) == n_points * (n_points - 1) // 2:
+        return True
+    most = rigid_rank(n_points, dimension)
+    if len(pairs) < most:
+        return False
+    if dimension == 2:
+        return bool(play(n_points, pairs)[1] == most)
+    if dimension == 3:
+        clusters, pairs = without_interiors(n_points, pairs)
+        if any(len(cluster) == n_points for cluster in clusters):
+            return True
+        points, ends = np.unique(pairs, return_inverse=True)
+        if len(clusters) == 0 and len(points) < n_points:
+            return False
+        return generic_rank(len(points), ends.reshape(pairs.shape), 3) == rigid_rank(
+            len(points), 3
+        )
+    return generic_rank(n_points, pairs, dimension) == most

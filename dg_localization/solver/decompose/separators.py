@@ -1,0 +1,121 @@
+"""
+Separating sets: q points of a rigid component whose removal disconnects it.
+
+What lies on either side of them may be mirrored in the hyperplane that they span, whatever the
+measured distances are, and each side is a smaller problem.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import IntArray
+from dg_localization.solver.decompose.graph import Graph, connected_parts, cut_points, graph_of
+
+MOST_TRIPLES = 100
+"""In space, sets of three among more points are looked for at points with three pairs only."""
+
+
+@kernel
+def _separators(graph: Graph, dimension: int) -> IntArray:
+    """Return all separating sets of so many points."""
+    n_points = len(graph.start) - 1
+    removed = np.zeros(n_points, dtype=np.bool_)
+    found = np.empty((16, dimension), dtype=np.int64)
+    count = 0
+    n_first = n_points if dimension > 1 else 1
+    for i in range(n_first):
+        last = n_points if dimension == 3 else i + 2
+        for j in range(i + 1, last):
+            if dimension > 1:
+                removed[i] = True
+            if dimension > 2:
+                removed[j] = True
+            is_cut = cut_points(graph, removed)
+            first = 0 if dimension == 1 else (i + 1 if dimension == 2 else j + 1)
+            for k in range(first, n_points):
+                if not is_cut[k]:
+                    continue
+                if count == len(found):
+                    more = np.empty((2 * count, dimension), dtype=np.int64)
+                    more[:count] = found
+                    found = more
+                found[count, dimension - 1] = k
+                if dimension > 1:
+                    found[count, 0] = i
+                if dimension > 2:
+                    found[count, 1] = j
+                count += 1
+            removed[i] = removed[min(j, n_points - 1)] = False
+    return found[:count].copy()
+
+
+def _neighborhoods(graph: Graph, size: int) -> IntArray:
+    """Return the sets of neighbors of the points that have so many."""
+    sets = {
+        tuple(sorted(graph.neighbors[a:b].tolist()))
+        for a, b in zip(graph.start[:-1], graph.start[1:], strict=True)
+        if b - a == size
+    }
+    return np.array(sorted(sets), dtype=np.int64).reshape(-1, size)
+
+
+def split_at_separators(
+    n_points: int, pairs: IntArray, dimension: int
+) -> tuple[list[IntArray], list[tuple[IntArray, list[int]]]]:
+    """
+    Split a rigid component at its separating sets of q points.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs that connect them.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    parts : list of ndarray of int
+        The points of each part, ascending; they share separating sets.
+    separators : list of (ndarray of int, list of int)
+        Each separating set, with the parts that share it.
+
+    """
+    graph = graph_of(n_points, pairs)
+    if n_points <= dimension + 1:
+        separators = np.empty((0, dimension), dtype=np.int64)
+    elif dimension == 3 and n_points > MOST_TRIPLES:
+        separators = _neighborhoods(graph, dimension)
+    else:
+        separators = _separators(graph, dimension)
+    parts = [np.ones(n_points, dtype=np.bool_)]
+    parts_of = [{0} for _ in range(n_points)]
+    used: list[IntArray] = []
+    for separator in separators:
+        removed = np.zeros(n_points, dtype=np.bool_)
+        removed[separator] = True
+        side = connected_parts(graph, removed)
+        holders = set.intersection(*(parts_of[point] for point in separator))
+        if len(holders) != 1:
+            continue
+        (holder,) = holders
+        whole = parts[holder]
+        sides = np.unique(side[whole & ~removed])
+        if len(sides) < 2:
+            continue
+        used.append(separator)
+        for number in sides:
+            part = (whole & (side == number)) | removed
+            if number == sides[0]:
+                for point in np.flatnonzero(whole & ~part):
+                    parts_of[point].remove(holder)
+                parts[holder] = part
+                continue
+            for point in np.flatnonzero(part):
+                parts_of[point].add(len(parts))
+            parts.append(part)
+    sharing = [sorted(set.intersection(*(parts_of[point] for point in s))) for s in used]
+    return [np.flatnonzero(part) for part in parts], list(zip(used, sharing, strict=True))

@@ -1,0 +1,207 @@
+"""Problems that fall into pieces, whose truth is known exactly, and what answers must say."""
+
+import os
+
+import numpy as np
+from solver_cases import Case, covers, orientation, squared_distances
+
+from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions
+from dg_localization.solver.assemble.answer import answer, in_one_piece
+from dg_localization.solver.assemble.budget import Budget
+
+PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '10000'))
+FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
+
+
+def solve_as_one(problem, options=None, cancel=None, progress=None, within=None):
+    """Solve a problem without taking it to pieces."""
+    budget = Budget(options or SolverOptions(), cancel, progress)
+    return answer(problem, budget, within, in_one_piece(problem.n_points))
+
+
+def joined_case(seed, max_points=9):
+    """Return a random problem of bodies that are hinged, share faces, or are not joined at all."""
+    rng = np.random.default_rng(seed)
+    dimension = int(rng.choice([1, 2, 2, 2, 2, 3]))
+    bodies = _bodies(rng, dimension, int(rng.integers(3, max_points + 1)))
+    n_points = 1 + max(max(body) for body in bodies)
+    positions = _positions(rng, n_points, dimension, bodies)
+    measured = _measured_pairs(rng, n_points, bodies)
+    squared = squared_distances(positions)
+    sides, chiralities = _known_orientations(rng, positions.tolist(), bodies)
+    lower, upper = _bounds(rng, squared, measured)
+    size = max(float(np.sqrt(squared.max())), 1e-12)
+    options = SolverOptions(
+        resolution=size * float(rng.choice([1e-6, 1e-3, 1e-2, 0.1])),
+        max_boxes=int(rng.choice([2, 10, 40, 100])),
+        tighten_slices=int(rng.choice([0, 0, 0, 0, 20])),
+    )
+    return Case(Problem(lower, upper, dimension, sides, chiralities), options, positions)
+
+
+def _bodies(rng, dimension, n_points):
+    """Return sets of points, each sharing some with one of those before it, in any order."""
+    names = rng.permutation(n_points).tolist()
+    first = min(len(names), int(rng.integers(1, dimension + 3)))
+    bodies, names = [names[:first]], names[first:]
+    while names:
+        n_shared = int(rng.integers(0, dimension + 1))
+        base = bodies[rng.integers(len(bodies))]
+        shared = rng.permutation(base)[:n_shared].tolist()
+        # Now and then what is shared belongs to two bodies, and a loop is closed.
+        if n_shared and rng.random() < 0.2:
+            shared[0] = int(rng.choice(bodies[rng.integers(len(bodies))]))
+        size = min(len(names), int(rng.choice([1, 1, 1, 2, 3])))
+        bodies.append([*dict.fromkeys(shared), *names[:size]])
+        names = names[size:]
+    return bodies
+
+
+def _positions(rng, n_points, dimension, bodies):
+    """Scatter points on integers, often with some of them together, or a body in a hyperplane."""
+    reach = int(rng.choice([1, 3, 10, 1000, 10**6]))
+    positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
+    shape = rng.choice(['general', 'general', 'general', 'flat body', 'flat', 'line', 'together'])
+    if shape == 'flat body':
+        body = bodies[rng.integers(len(bodies))]
+        positions[body, -1] = positions[body[0], -1]
+    elif shape == 'flat':
+        positions[:, -1] = rng.integers(0, 2, n_points) * (rng.random() < 0.5)
+    elif shape == 'line':
+        steps = rng.integers(-5, 6, n_points)
+        positions = positions[0] + np.outer(steps, rng.integers(-3, 4, dimension))
+    elif shape == 'together':
+        positions = positions[rng.integers(0, n_points, n_points)]
+    return positions * 2.0 ** rng.choice([0, 0, 0, -40, 40])
+
+
+def _measured_pairs(rng, n_points, bodies):
+    """Return which pairs are measured: most of those within a body, and few others."""
+    measured = np.zeros((n_points, n_points), dtype=bool)
+    density = rng.choice([0.6, 0.85, 1.0, 1.0])
+    for body in bodies:
+        inside = np.ix_(body, body)
+        measured[inside] |= rng.random((len(body), len(body))) < density
+    if rng.random() < 0.3:
+        i, j = rng.integers(n_points, size=2)
+        measured[i, j] = True
+    measured = np.triu(measured | measured.T, 1)
+    return measured | measured.T
+
+
+def _bounds(rng, squared, measured):
+    """Return bounds around squared distances; of some pairs only that they are not shorter."""
+
+    def symmetric(values):
+        upper = np.triu(values, 1)
+        return upper + upper.T
+
+    width = rng.choice([0, 1e-15, 1e-12, 1e-6, 1e-3, 0.01, 0.1, 0.3], size=squared.shape)
+    if rng.random() < 0.7:
+        width[:] = width[0, 0]
+    width, below = symmetric(width), symmetric(rng.random(squared.shape))
+    # Rounding is monotone: neither product crosses the squared distance.
+    lower = squared * (1.0 - width * below)
+    upper = squared * (1.0 + width * (1.0 - below))
+    apart = symmetric(rng.random(squared.shape) < rng.choice([0.0, 0.0, 0.0, 0.2, 1.0]))
+    least = squared * rng.choice([0.1, 0.9, 1.0])
+    unknown = ~measured & ~np.eye(len(squared), dtype=bool)
+    return (
+        np.where(unknown, np.where(apart, least, 0.0), lower),
+        np.where(unknown, np.inf, upper),
+    )
+
+
+def _known_orientations(rng, positions, bodies):
+    """Return some sides and chiralities, within bodies and across; flat simplices have either."""
+    n_points, dimension = len(positions), len(positions[0])
+
+    def known(*simplex):
+        return orientation([positions[point] for point in simplex])
+
+    def some(number):
+        body = bodies[rng.integers(len(bodies))]
+        pool = body if len(body) >= number and rng.random() < 0.5 else range(n_points)
+        return [int(point) for point in rng.permutation(pool)[:number]]
+
+    sides, chiralities = [], []
+    for _ in range(rng.choice([0, 0, 0, 1, 3]) if n_points >= dimension + 2 else 0):
+        *face, first, second = some(dimension + 2)
+        side = -known(*face, first) * known(*face, second) or rng.choice([-1, 1])
+        sides.append(SideConstraint(tuple(face), first, second, Side(int(side))))
+    for _ in range(rng.choice([0, 0, 0, 1, 3]) if n_points >= dimension + 1 else 0):
+        points = some(dimension + 1)
+        chiralities.append(Chirality(tuple(points), int(known(*points) or rng.choice([-1, 1]))))
+    return sides, chiralities
+
+
+def holds(result, positions, squared):
+    """
+    Tell whether a factored answer holds a placement.
+
+    It must lie in a hypothesis of every piece, on sides that every joint allows, within the bounds
+    of the fleet, and in a whole hypothesis when all of these are listed.
+    """
+    return not missing(result, positions, squared)
+
+
+def missing(result, positions, squared):
+    """Return where in an answer a placement is missing."""
+    found = []
+    if not ((result.lower <= squared) & (squared <= result.upper)).all():
+        found.append('bounds')
+    inside = []
+    for piece in result.pieces:
+        part = squared[np.ix_(piece.points, piece.points)]
+        inside.append(
+            {
+                x
+                for x, hypothesis in enumerate(piece.hypotheses)
+                if any(((box[0] <= part) & (part <= box[1])).all() for box in hypothesis.boxes)
+            }
+        )
+        if not inside[-1]:
+            found.append(f'piece {piece.points}')
+    listed = len(result.hypotheses)
+    if result.n_hypotheses <= max(listed, 64) and not covers(result, squared):
+        found.append(f'hypotheses: {listed} of {result.n_hypotheses}')
+    if len(result.pieces) > 1:
+        found += _missing_links(result, positions, squared)
+    return found
+
+
+def _missing_links(result, positions, squared):
+    """Return the joints that allow the sides of a placement in none of its hypotheses."""
+    combinations = result.whole_fleet.combinations
+    found = []
+    for link in combinations.links:
+        true = set()
+        for pair, sides in link.allowed.items():
+            for side in sides:
+                constraint = link.constraint(*pair, side)
+                if constraint is None or _is_on_sides(constraint, positions):
+                    true.add(pair)
+        pieces = [result.whole_fleet.solved.pieces[x] for x in (link.first, link.second)]
+        if not any(
+            all(_is_in(piece, x, squared) for piece, x in zip(pieces, pair, strict=True))
+            for pair in true
+        ):
+            found.append(f'link {link.first}-{link.second} at {link.joint.points}')
+    return found
+
+
+def _is_in(piece, x, squared):
+    part = squared[np.ix_(piece.points, piece.points)]
+    boxes = piece.hypotheses[x].boxes
+    return any(((box[0] <= part) & (part <= box[1])).all() for box in boxes)
+
+
+def _is_on_sides(constraint, positions):
+    from fractions import Fraction
+
+    points = [[Fraction(x) for x in point] for point in positions.tolist()]
+    signs = [
+        orientation([points[p] for p in (*constraint.face, apex)])
+        for apex in (constraint.first, constraint.second)
+    ]
+    return signs[0] * signs[1] != int(constraint.side)

@@ -1,0 +1,217 @@
+"""Pieces and joints of known graphs, and of random ones against the rank of their matrices."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from dg_localization.solver.decompose.decomposition import JointKind, decompose, pairs_of
+from dg_localization.solver.decompose.generic_rank import generic_rank, implied_pairs, rigid_rank
+from dg_localization.solver.decompose.rigid_components import is_rigid, rigid_components
+
+HINGE, REFLECTION, LOOSE = JointKind.HINGE, JointKind.REFLECTION, JointKind.LOOSE
+
+
+def complete(*points, without=()):
+    return {pair for pair in combinations(points, 2) if pair not in without}
+
+
+def as_array(pairs):
+    return np.array(sorted(tuple(sorted(pair)) for pair in pairs), dtype=np.int64).reshape(-1, 2)
+
+
+def decomposed(n_points, pairs, dimension=2):
+    """Return the points of the pieces and (points, kind, points of each piece) of the joints."""
+    answer = decompose(n_points, as_array(pairs), dimension)
+    pieces = [part.points for part in answer.pieces]
+    joints = {
+        (joint.points, joint.kind, frozenset(pieces[x] for x in joint.pieces))
+        for joint in answer.joints
+    }
+    return set(pieces), joints
+
+
+def test_two_rigid_fours_that_share_a_robot_are_hinged():
+    first, second = (0, 1, 2, 3), (3, 4, 5, 6)
+    pieces, joints = decomposed(7, complete(*first) | complete(*second))
+    assert pieces == {first, second}
+    assert joints == {((3,), HINGE, frozenset({first, second}))}
+
+
+@pytest.mark.parametrize('length', [2, 10, 40])
+def test_a_strip_of_fours_reflects_at_every_shared_edge(length):
+    fours = [tuple(range(2 * k, 2 * k + 4)) for k in range(length)]
+    pieces, joints = decomposed(2 * length + 2, set().union(*(complete(*f) for f in fours)))
+    assert pieces == set(fours)
+    assert joints == {
+        (second[:2], REFLECTION, frozenset({first, second}))
+        for first, second in zip(fours[:-1], fours[1:], strict=True)
+    }
+
+
+def test_a_four_bar_linkage_is_a_loop_of_bars():
+    bars = {(0, 1), (1, 2), (2, 3), (0, 3)}
+    pieces, joints = decomposed(4, bars)
+    assert pieces == bars
+    assert {(points, kind) for points, kind, _ in joints} == {((k,), HINGE) for k in range(4)}
+
+
+@pytest.mark.parametrize(
+    'pairs',
+    [
+        complete(0, 1, 2) | complete(3, 4, 5) | {(0, 3), (1, 4), (2, 5)},  # the prism
+        {(i, j) for i in (0, 1, 2) for j in (3, 4, 5)},  # K33, flexible where points are special
+    ],
+)
+def test_what_has_no_separating_pair_is_one_piece(pairs):
+    assert decomposed(6, pairs) == ({tuple(range(6))}, set())
+
+
+def test_a_point_with_two_distances_takes_the_third_side_from_the_piece_it_hangs_on():
+    answer = decompose(5, as_array(complete(0, 1, 2, 3, without={(1, 3)}) | {(1, 4), (3, 4)}), 2)
+    assert [part.points for part in answer.pieces] == [(0, 1, 2, 3), (1, 3, 4)]
+    assert [part.given for part in answer.pieces] == [(), ((1, 3),)]
+    (joint,) = answer.joints
+    assert (joint.pieces, joint.points, joint.kind) == ((0, 1), (1, 3), REFLECTION)
+
+
+def test_three_triangles_on_one_edge_share_one_joint():
+    pieces, joints = decomposed(5, {(0, 1)} | {(i, j) for i in (0, 1) for j in (2, 3, 4)})
+    assert pieces == {(0, 1, 2), (0, 1, 3), (0, 1, 4)}
+    assert joints == {((0, 1), REFLECTION, frozenset(pieces))}
+
+
+def test_points_that_nobody_measured_are_pieces_without_joints():
+    pieces, joints = decomposed(6, complete(0, 1, 2) | {(3, 4)})
+    assert pieces == {(0, 1, 2), (3, 4), (5,)}
+    assert joints == set()
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_nothing_is_measured(dimension):
+    assert decomposed(3, set(), dimension) == ({(0,), (1,), (2,)}, set())
+
+
+def test_on_a_line_a_shared_point_reflects():
+    pieces, joints = decomposed(5, {(0, 1), (1, 2), (2, 3), (1, 3)}, dimension=1)
+    assert pieces == {(0, 1), (1, 2, 3), (4,)}
+    assert joints == {((1,), REFLECTION, frozenset({(0, 1), (1, 2, 3)}))}
+
+
+def test_the_double_banana_turns_about_a_line():
+    """As many pairs as eight rigid points need, and yet a flex: Maxwell's count fails in space."""
+    first, second = (0, 1, 2, 3, 4), (0, 1, 5, 6, 7)
+    pairs = complete(*first, without={(0, 1)}) | complete(*second, without={(0, 1)})
+    assert len(pairs) == rigid_rank(8, 3)
+    pieces, joints = decomposed(8, pairs, dimension=3)
+    assert pieces == {first, second}
+    assert joints == {((0, 1), HINGE, frozenset({first, second}))}
+
+
+def test_points_in_space_with_three_two_and_one_distances():
+    pairs = complete(0, 1, 2, 3) | {(0, 4), (1, 4), (2, 4), (0, 5), (1, 5), (3, 6)}
+    pieces, joints = decomposed(7, pairs, dimension=3)
+    assert pieces == {(0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 5), (3, 6)}
+    assert {(points, kind) for points, kind, _ in joints} == {
+        ((0, 1, 2), REFLECTION),
+        ((0, 1), HINGE),
+        ((3,), LOOSE),
+    }
+
+
+def test_two_bodies_in_space_that_share_a_point_are_loose():
+    first, second = (0, 1, 2, 3), (3, 4, 5, 6)
+    pieces, joints = decomposed(7, complete(*first) | complete(*second), dimension=3)
+    assert pieces == {first, second}
+    assert joints == {((3,), LOOSE, frozenset({first, second}))}
+
+
+def near_pairs(rng, n_points, dimension, degree):
+    """Return the closest pairs of random points."""
+    positions = rng.random((n_points, dimension))
+    distance = np.linalg.norm(positions[:, None] - positions, axis=-1)
+    i, j = np.triu_indices(n_points, 1)
+    closest = np.argsort(distance[i, j])[: n_points * degree // 2]
+    return as_array(zip(i[closest].tolist(), j[closest].tolist(), strict=True))
+
+
+def float_rank(n_points, pairs, dimension, rng):
+    positions = rng.random((n_points, dimension))
+    rows = np.zeros((len(pairs), n_points, dimension))
+    for row, (i, j) in zip(rows, pairs, strict=True):
+        row[i] = positions[i] - positions[j]
+        row[j] = -row[i]
+    return np.linalg.matrix_rank(rows.reshape(len(pairs), -1), tol=1e-9) if len(pairs) else 0
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_ranks_are_those_of_random_coordinates(dimension):
+    rng = np.random.default_rng(dimension)
+    for _ in range(150):
+        n_points = int(rng.integers(2, 10))
+        every = as_array(complete(*range(n_points)))
+        pairs = every[rng.random(len(every)) < rng.random()]
+        rank = float_rank(n_points, pairs, dimension, rng)
+        assert generic_rank(n_points, pairs, dimension) == rank
+        assert is_rigid(n_points, pairs, dimension) == (rank == rigid_rank(n_points, dimension))
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_components_are_the_largest_sets_of_implied_pairs(dimension):
+    rng = np.random.default_rng(dimension)
+    for trial in range(150):
+        n_points = int(rng.integers(2, 12))
+        pairs = near_pairs(rng, n_points, dimension, degree=int(rng.integers(1, 9)))
+        implied = implied_pairs(n_points, pairs, dimension)
+        components = rigid_components(n_points, pairs, dimension)
+        for component in components:
+            assert implied[np.ix_(component, component)].all(), trial
+            together = implied[list(component)].all(axis=0)
+            assert together.sum() == len(component), trial
+        for first, second in combinations(components, 2):
+            assert len(set(first) & set(second)) < dimension, trial
+        for pair in pairs.tolist():
+            assert any(set(pair) <= set(component) for component in components), trial
+
+
+def check_pieces(n_points, pairs, dimension):
+    """Assert what a decomposition promises."""
+    answer = decompose(n_points, pairs, dimension)
+    measured = {tuple(pair) for pair in pairs.tolist()}
+    assert set().union(*(part.points for part in answer.pieces)) == set(range(n_points))
+    assert measured <= set().union(*(pairs_of(part.points) for part in answer.pieces))
+    known = set(measured)
+    for number, part in enumerate(answer.pieces):
+        assert set(part.given) <= known - measured
+        own = [pair for pair in pairs_of(part.points) if pair in known]
+        local = np.searchsorted(part.points, np.array(own).reshape(-1, 2))
+        assert is_rigid(len(part.points), local, dimension)
+        for joint in answer.joints:
+            if number in joint.pieces:
+                assert set(joint.points) <= set(part.points)
+                known.update(pairs_of(joint.points))
+    for joint in answer.joints:
+        assert len(joint.pieces) > 1
+        shared = {HINGE: [dimension - 1], REFLECTION: [dimension]}
+        assert len(joint.points) in shared.get(joint.kind, range(1, dimension - 1))
+    return answer
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_every_piece_is_rigid_by_what_comes_before_it(dimension):
+    rng = np.random.default_rng(10 + dimension)
+    for _ in range(100):
+        n_points = int(rng.integers(1, 15))
+        check_pieces(
+            n_points, near_pairs(rng, n_points, dimension, int(rng.integers(1, 9))), dimension
+        )
+
+
+@pytest.mark.parametrize('degree', [2, 4, 6, 8, 10])
+def test_a_thousand_points_in_the_plane(degree):
+    check_pieces(1000, near_pairs(np.random.default_rng(degree), 1000, 2, degree), 2)
+
+
+@pytest.mark.parametrize(('n_points', 'degree'), [(100, 6), (300, 8), (1000, 12)])
+def test_many_points_in_space(n_points, degree):
+    check_pieces(n_points, near_pairs(np.random.default_rng(degree), n_points, 3, degree), 3)

@@ -1,0 +1,307 @@
+"""Answers in pieces: what is joined, how many fleets that makes, and what rules them out."""
+
+import threading
+
+from joined_cases import holds, solve_as_one
+import numpy as np
+import pytest
+from solver_cases import bounds, orientation, squared_distances
+
+from dg_localization import (
+    Chirality,
+    InvalidProblemError,
+    JointKind,
+    Problem,
+    Side,
+    SideConstraint,
+    SolverOptions,
+    Verdict,
+    solve,
+)
+
+TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]], dtype=float)
+FOURS = ((0, 1, 2, 3), (3, 4, 5, 6))
+
+
+def known(positions, bodies, relative_error=0.01, apart=(), **constraints):
+    """Return the problem that knows all distances within bodies, and that some are not shorter."""
+    squared = squared_distances(positions)
+    ranges = {}
+    for body in bodies:
+        for i in body:
+            for j in body:
+                if i < j:
+                    ranges[i, j] = (
+                        squared[i, j] * (1 - relative_error) ** 2,
+                        squared[i, j] * (1 + relative_error) ** 2,
+                    )
+    ranges |= {pair: (least, np.inf) for pair, least in dict(apart).items()}
+    return Problem(*bounds(len(positions), ranges), positions.shape[1], **constraints)
+
+
+def strip_m(length):
+    """Return the corners of a strip of fours, two by two."""
+    grid = np.array([[4.0 * (k // 2), 3.0 * (k % 2)] for k in range(2 * length + 2)])
+    return grid + np.random.default_rng(1).uniform(-0.5, 0.5, grid.shape)
+
+
+def strip(length, **constraints):
+    fours = [range(2 * k, 2 * k + 4) for k in range(length)]
+    return known(strip_m(length), fours, **constraints)
+
+
+def test_two_fours_that_share_a_robot_take_a_box_each():
+    result = solve(known(TWO_FOURS_M, FOURS))
+    assert result.verdict is Verdict.COVERED
+    assert result.statistics.processed == 2
+    assert [piece.points for piece in result.pieces] == list(FOURS)
+    (joint,) = result.joints
+    assert (joint.pieces, joint.points, joint.kind) == ((0, 1), (3,), JointKind.HINGE)
+    assert result.n_hypotheses == 1
+    for piece in result.pieces:
+        (hypothesis,) = piece.hypotheses
+        assert hypothesis.proved and not hypothesis.flexible
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.proved and hypothesis.flexible
+
+
+@pytest.mark.parametrize('angle_rad', np.linspace(0.0, 6.0, 13))
+@pytest.mark.parametrize('mirrored', [False, True])
+def test_every_turn_of_a_hinge_is_in_the_answer(angle_rad, mirrored):
+    result = solve(known(TWO_FOURS_M, FOURS))
+    turn = np.array(
+        [[np.cos(angle_rad), np.sin(angle_rad)], [-np.sin(angle_rad), np.cos(angle_rad)]]
+    )
+    turned = TWO_FOURS_M.copy()
+    arms = (turned[3:] - turned[3]) * ([1.0, -1.0] if mirrored else 1.0)
+    turned[3:] = turned[3] + arms @ turn
+    assert holds(result, turned, squared_distances(turned))
+
+
+@pytest.mark.parametrize('length', [1, 2, 3, 10, 40])
+def test_a_strip_folds_at_every_shared_edge(length):
+    result = solve(strip(length))
+    assert result.verdict is Verdict.COVERED
+    assert result.n_hypotheses == 2 ** (length - 1)
+    assert result.statistics.processed == length
+    assert [joint.kind for joint in result.joints] == [JointKind.REFLECTION] * (length - 1)
+    assert len(solve(strip(min(length, 4))).hypotheses) == 2 ** (min(length, 4) - 1)
+
+
+def test_the_folds_of_a_strip_are_apart_and_each_is_proved():
+    result = solve(strip(3, relative_error=0.001))
+    assert len(result.hypotheses) == 4
+    for x, first in enumerate(result.hypotheses):
+        assert first.proved and not first.flexible
+        for second in result.hypotheses[:x]:
+            apart = (first.lower > second.upper) | (second.lower > first.upper)
+            assert apart.any()
+    whole = solve_as_one(strip(3, relative_error=0.001))
+    assert len(whole.hypotheses) == 4
+    for hypothesis in whole.hypotheses:
+        assert any(
+            (h.lower <= hypothesis.upper).all() and (hypothesis.lower <= h.upper).all()
+            for h in result.hypotheses
+        )
+
+
+def test_at_most_so_many_hypotheses_are_listed():
+    result = solve(strip(8), SolverOptions(max_hypotheses=5))
+    assert result.n_hypotheses == 128
+    assert len(result.hypotheses) == 5
+    with pytest.raises(ValueError, match='max_hypotheses is 0'):
+        SolverOptions(max_hypotheses=0)
+
+
+@pytest.mark.parametrize('side', [Side.SAME, Side.OPPOSITE])
+def test_a_side_decides_its_joint(side):
+    sides = [SideConstraint((2, 3), 0, 4, side)]
+    result = solve(strip(2, sides=sides))
+    assert result.n_hypotheses == 1
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.proved
+    holds_truth = holds(result, strip_m(2), squared_distances(strip_m(2)))
+    assert holds_truth == (side is Side.OPPOSITE)
+
+
+@pytest.mark.parametrize('second_sign', [-1, 1])
+def test_two_chiralities_decide_the_joint_between_their_pieces(second_sign):
+    positions = strip_m(2)
+    first = orientation(positions[[0, 1, 2]].tolist())
+    second = second_sign * orientation(positions[[3, 4, 5]].tolist())
+    chiralities = [Chirality((0, 1, 2), first), Chirality((3, 4, 5), second)]
+    result = solve(strip(2, chiralities=chiralities))
+    assert result.n_hypotheses == 1
+    assert holds(result, positions, squared_distances(positions)) == (second_sign == 1)
+
+
+def test_a_least_distance_unfolds_a_joint():
+    squared = squared_distances(strip_m(2))
+    result = solve(strip(2, apart={(0, 4): 0.9 * squared[0, 4]}))
+    assert result.n_hypotheses == 1
+    assert holds(result, strip_m(2), squared)
+
+
+def test_a_least_distance_that_no_fold_reaches_is_a_contradiction():
+    result = solve(strip(2, apart={(0, 4): 400.0}))
+    assert result.verdict is Verdict.INFEASIBLE
+    assert (result.n_hypotheses, result.hypotheses, result.joints) == (0, (), ())
+
+
+def test_a_least_distance_across_several_joints_is_a_contradiction():
+    result = solve(strip(3, apart={(0, 7): 900.0}))
+    assert result.verdict is Verdict.INFEASIBLE
+
+
+def test_a_contradiction_names_the_piece_that_it_is_in():
+    positions = TWO_FOURS_M
+    problem = known(positions, FOURS)
+    lower, upper = problem.lower.copy(), problem.upper.copy()
+    lower[4, 6] = lower[6, 4] = upper[4, 6] = upper[6, 4] = 400.0
+    result = solve(Problem(lower, upper))
+    assert result.verdict is Verdict.INFEASIBLE
+    (piece,) = result.pieces
+    assert (piece.points, piece.hypotheses) == ((3, 4, 5, 6), ())
+    assert (result.lower > result.upper).all()
+
+
+def test_a_chain_of_bars_that_cannot_close_is_a_contradiction():
+    bars = {(0, 1): (1, 1), (1, 2): (1, 1), (2, 3): (1, 1), (0, 3): (16, 16)}
+    assert solve(Problem(*bounds(4, bars))).verdict is Verdict.INFEASIBLE
+
+
+def test_a_point_with_two_distances_has_two_places_for_each_distance_between_their_ends():
+    """Two triangles on one edge, and a point that hangs on their tips: folded, they are close."""
+    positions = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0], [2.5, -2.0], [6.0, 1.0]])
+    problem = known(positions, [(0, 1, 2), (0, 1, 3), (2, 4), (3, 4)], 0.001)
+    result = solve(problem)
+    assert {piece.points for piece in result.pieces} == {(0, 1, 2, 3), (2, 3, 4)}
+    hanging = next(piece for piece in result.pieces if piece.points == (2, 3, 4))
+    assert len(hanging.hypotheses) == 2
+    assert result.n_hypotheses == 4
+    assert holds(result, positions, squared_distances(positions))
+    assert len(solve_as_one(problem).hypotheses) == 4
+
+
+def test_a_fold_whose_shared_points_coincide_is_a_flex():
+    """Two rods that meet in both ends turn about the point where their ends lie together."""
+    positions = np.array([[0.0, 0.0], [0.0, 0.0], [3.0, 0.0], [0.0, 2.0]])
+    problem = known(positions, [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3)])
+    result = solve(problem, SolverOptions(resolution=0.5))
+    assert result.verdict is Verdict.COVERED
+    assert all(hypothesis.flexible for hypothesis in result.hypotheses)
+    for angle_rad in np.linspace(0.0, 6.0, 20):
+        positions[3] = 2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad)
+        squared = squared_distances(positions)
+        squared[0, 3] = squared[3, 0] = squared[1, 3] = squared[3, 1] = 4.0
+        assert holds(result, positions, squared)
+
+
+def test_a_piece_that_may_lie_on_the_fold_makes_one_hypothesis():
+    """Where a side is not certain there is no choice to count, and both are covered."""
+    positions = np.array([[0.0, 0.0], [4.0, 0.0], [2.0, 3.0], [2.0, 0.0]])
+    result = solve(known(positions, [(0, 1, 2), (0, 1, 3)], 0.01))
+    assert result.n_hypotheses == 1
+    for height in (-0.1, 0.0, 0.1):
+        positions[3, 1] = height
+        assert holds(result, positions, squared_distances(positions))
+
+
+def test_bounds_hold_for_all_placements():
+    result = solve(known(TWO_FOURS_M, FOURS))
+    squared = squared_distances(TWO_FOURS_M)
+    assert (result.lower <= squared).all() and (squared <= result.upper).all()
+    reach_m = np.sqrt(squared[0, 3]) + np.sqrt(squared[3, 6])
+    assert reach_m**2 < result.upper[0, 6] < (1.03 * reach_m) ** 2
+    (hypothesis,) = result.hypotheses
+    assert (hypothesis.lower >= result.lower).all() and (hypothesis.upper <= result.upper).all()
+
+
+def test_pieces_that_nothing_joins_know_nothing_of_each_other():
+    result = solve(known(TWO_FOURS_M, [(0, 1, 2), (3, 4, 5, 6)]))
+    assert result.joints == ()
+    assert np.isinf(result.upper[:3, 3:]).all()
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.flexible and hypothesis.proved
+
+
+def linkage_and_four():
+    """Return Dixon's linkage, which moves although K33 is rigid generically, and an easy four."""
+    linkage = np.array([[1, 0], [2, 0], [-3, 0], [0, 1], [0, 2], [0, -3]], dtype=float)
+    positions = np.concatenate([linkage, TWO_FOURS_M[:4] + 20.0])
+    bars = [(i, j) for i in (0, 1, 2) for j in (3, 4, 5)]
+    return positions, known(positions, [*bars, (6, 7, 8, 9)], 1e-12)
+
+
+@pytest.mark.parametrize('max_boxes', [1, 2, 3, 5])
+def test_a_hard_piece_leaves_the_others_their_answers(max_boxes):
+    positions, problem = linkage_and_four()
+    result = solve(problem, SolverOptions(resolution=1e-3, max_boxes=max_boxes))
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert result.statistics.processed <= max_boxes
+    assert result.statistics.pending > 0
+    assert holds(result, positions, squared_distances(positions))
+    easy = next(piece for piece in result.pieces if piece.points == (6, 7, 8, 9))
+    if max_boxes > 1:
+        (hypothesis,) = easy.hypotheses
+        assert hypothesis.proved
+        (alone,) = solve(known(TWO_FOURS_M[:4] + 20.0, [(0, 1, 2, 3)], 1e-12)).hypotheses
+        assert np.array_equal(hypothesis.upper, alone.upper)
+
+
+def test_what_easy_pieces_leave_goes_to_hard_ones():
+    _, problem = linkage_and_four()
+    options = SolverOptions(resolution=1e-3, max_boxes=50)
+    assert solve(problem, options).statistics.processed == 50
+
+
+def test_a_stopped_call_leaves_a_complete_cover():
+    positions, problem = linkage_and_four()
+    event = threading.Event()
+    event.set()
+    for result in (
+        solve(problem, cancel=event),
+        solve(problem, SolverOptions(max_seconds=1e-9)),
+    ):
+        assert result.verdict is Verdict.OUT_OF_BUDGET
+        assert result.statistics.processed == 0
+        assert holds(result, positions, squared_distances(positions))
+
+
+def test_progress_adds_up_over_pieces():
+    seen = []
+    result = solve(strip(5), progress=seen.append)
+    assert [statistics.processed for statistics in seen] == [1, 2, 3, 4, 5]
+    assert seen[-1].kept == result.statistics.kept == 5
+
+
+def test_within_keeps_to_what_was_proved_before():
+    problem = strip(3, relative_error=0.001)
+    result = solve(problem)
+    for hypothesis in result.hypotheses:
+        box = hypothesis.lower, hypothesis.upper
+        again = solve(problem, within=[box])
+        assert again.verdict is Verdict.COVERED
+        assert len(again.hypotheses) == 1
+        assert again.hypotheses[0].proved
+        assert (again.lower >= hypothesis.lower).all()
+        assert (again.upper <= hypothesis.upper).all()
+    both = solve(problem, within=[(h.lower, h.upper) for h in result.hypotheses[:2]])
+    assert len(both.hypotheses) == 2
+    assert solve(problem, within=[]).verdict is Verdict.INFEASIBLE
+
+
+def test_within_a_single_piece():
+    problem = known(TWO_FOURS_M[:4], [(0, 1, 2), (0, 1, 3)], 0.001)
+    whole = solve_as_one(problem)
+    assert len(whole.hypotheses) == 2
+    for hypothesis in whole.hypotheses:
+        again = solve_as_one(problem, within=[(hypothesis.lower, hypothesis.upper)])
+        (kept,) = again.hypotheses
+        assert (kept.lower >= hypothesis.lower).all()
+        assert (kept.upper <= hypothesis.upper).all()
+
+
+def test_within_of_the_wrong_shape_is_refused():
+    with pytest.raises(InvalidProblemError, match=r'within\[0\]: lower has shape \(2, 2\)'):
+        solve(strip(2), within=[(np.zeros((2, 2)), np.ones((2, 2)))])

@@ -1,0 +1,116 @@
+"""
+The promise of answers in pieces: nothing is lost where fleets are hinged, folded or not joined.
+
+DG_PROPERTY_PROBLEMS sets how many random fleets are tried and DG_PROPERTY_SEED the first one.
+"""
+
+from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing, solve_as_one
+import numpy as np
+import pytest
+from solver_cases import squared_distances
+
+from dg_localization import Problem, SolverOptions, Verdict, solve
+
+CHUNK = 250
+END = FIRST_SEED + PROBLEMS
+CHUNKS = [range(seed, min(seed + CHUNK, END)) for seed in range(FIRST_SEED, END, CHUNK)]
+
+DIFFERENTIAL_PROBLEMS = max(1, PROBLEMS // 10)
+DIFFERENTIAL_END = FIRST_SEED + DIFFERENTIAL_PROBLEMS
+DIFFERENTIAL_CHUNKS = [
+    range(seed, min(seed + CHUNK, DIFFERENTIAL_END))
+    for seed in range(FIRST_SEED, DIFFERENTIAL_END, CHUNK)
+]
+
+ROUNDING = 1e-9
+"""The squared distances of proved positions are computed to this fraction of the largest."""
+
+
+def first_and_last(seeds):
+    return f'{seeds[0]}-{seeds[-1]}'
+
+
+def check(seed):
+    """Return what the answer to the problem of a seed lacks."""
+    case = joined_case(seed)
+    result = solve(case.problem, case.options)
+    if result.verdict is Verdict.INFEASIBLE:
+        return ['everything']
+    done = result.statistics
+    boxes = sum(len(h.boxes) for piece in result.pieces for h in piece.hypotheses)
+    assert done.processed == done.empty + done.split + done.kept <= case.options.max_boxes
+    assert done.kept + done.pending == boxes
+    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
+    assert set(range(case.problem.n_points)) == {
+        p for piece in result.pieces for p in piece.points
+    }
+    assert len(result.hypotheses) <= result.n_hypotheses
+    return missing(result, case.positions, case.squared)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('seeds', CHUNKS, ids=first_and_last)
+def test_no_truth_is_lost(seeds):
+    lost = {}
+    for seed in seeds:
+        try:
+            if lacks := check(seed):
+                lost[seed] = lacks
+        except Exception as error:
+            error.add_note(f'This was seed {seed}.')
+            raise
+    assert not lost
+
+
+def disturbed(problem, rng):
+    """Return the problem with the bounds of one pair moved: most often a contradiction."""
+    lower, upper = problem.lower.copy(), problem.upper.copy()
+    i, j = rng.integers(problem.n_points, size=2)
+    factor = rng.choice([0.5, 0.9, 1.1, 2.0])
+    lower[i, j] = lower[j, i] = lower[i, j] * factor
+    upper[i, j] = upper[j, i] = upper[i, j] * factor
+    return Problem(lower, upper, problem.dimension, problem.sides, problem.chiralities)
+
+
+def lacks_placement(result, positions):
+    """Tell whether an answer lacks a placement that was proved to agree, up to rounding."""
+    if result.verdict is Verdict.INFEASIBLE:
+        return True
+    squared = squared_distances(positions)
+    slack = ROUNDING * squared.max()
+
+    def is_in(lower, upper, part):
+        return bool(((lower - slack <= part) & (part <= upper + slack)).all())
+
+    for piece in result.pieces:
+        part = squared[np.ix_(piece.points, piece.points)]
+        boxes = (box for hypothesis in piece.hypotheses for box in hypothesis.boxes)
+        if not any(is_in(*box, part) for box in boxes):
+            return True
+    if result.n_hypotheses > max(64, len(result.hypotheses)):
+        return not is_in(result.lower, result.upper, squared)
+    boxes = (box for hypothesis in result.hypotheses for box in hypothesis.boxes)
+    return not any(is_in(*box, squared) for box in boxes)
+
+
+@pytest.mark.parametrize('seeds', DIFFERENTIAL_CHUNKS, ids=first_and_last)
+def test_answers_in_pieces_and_in_one_agree(seeds):
+    """What either proves to be a placement is in the other, contradictory problems included."""
+    for seed in seeds:
+        case = joined_case(seed, max_points=7)
+        problem = case.problem
+        if seed % 2:
+            problem = disturbed(problem, np.random.default_rng(seed))
+        options = SolverOptions(resolution=case.options.resolution, max_boxes=40)
+        result, whole = solve(problem, options), solve_as_one(problem, options)
+        for answer, other in ((result, whole), (whole, result)):
+            for hypothesis in other.hypotheses:
+                if hypothesis.proved:
+                    assert not lacks_placement(answer, hypothesis.positions), seed
+        if Verdict.INFEASIBLE not in (result.verdict, whole.verdict):
+            for piece in result.pieces:
+                index = np.ix_(piece.points, piece.points)
+                upper = np.max([h.upper for h in piece.hypotheses], axis=0)
+                lower = np.min([h.lower for h in piece.hypotheses], axis=0)
+                assert (whole.lower[index] <= upper).all(), seed
+                assert (lower <= whole.upper[index]).all(), seed
