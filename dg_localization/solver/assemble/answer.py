@@ -58,7 +58,7 @@ def answer(
         return _infeasible(points, problem, budget)
     product = Product(problem, budget.options, solved, combinations, within)
     if len(solved.pieces) > 1 and product.is_empty(
-        _is_crossed(problem, solved), _has_loop(solved)
+        _is_crossed(problem, solved), _has_loop(solved), budget.is_over
     ):
         return _infeasible(tuple(range(problem.n_points)), problem, budget)
     return _result(solved, combinations, product, budget)

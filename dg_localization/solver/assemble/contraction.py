@@ -15,7 +15,9 @@ from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
+from dg_localization.solver.search.tightening import tighten
 
 MOST_CONTRACTED = 40
 """Up to so many points are contracted together."""
@@ -60,14 +62,14 @@ def contracted(
     stopped: Callable[[], bool] = lambda: False,
 ) -> Bounds | None:
     """
-    Contract a problem once, as far as its size allows.
+    Contract a problem once, as far as its size allows, and tighten what is left.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     options : SolverOptions
-        Its resolution.
+        The resolution, and how many slices to tighten with.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
     stopped : callable, optional
@@ -95,6 +97,11 @@ def contracted(
         if pruned.status is Status.EMPTY:
             return None
         box = pruned.box
+        if options.tighten_slices:
+            tightened = tighten(Pruner(problem, options), box, options.tighten_slices, stopped)
+            if tightened is None:
+                return None
+            box = tightened
     return _common_hull(box, within)
 
 

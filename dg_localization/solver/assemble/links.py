@@ -10,7 +10,7 @@ chiralities and least distances between the two may rule out either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -159,7 +159,8 @@ class Linker:
         index = np.ix_(points, points)
         within = self._within and [(lower[index], upper[index]) for lower, upper in self._within]
         stopped = self._budget.is_over
-        return contracted(problem, self._budget.options, within, stopped) is not None
+        options = replace(self._budget.options, tighten_slices=0)
+        return contracted(problem, options, within, stopped) is not None
 
 
 def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece], shared: Points) -> BoolArray:

@@ -82,6 +82,10 @@ class _Task:
     searches: list[_Search] = field(default_factory=list)
     hypotheses: list[Hypothesis] | None = None
 
+    def is_pending(self) -> bool:
+        """Return whether some boxes were not examined, and may be about anything."""
+        return any(search.pending for search in self.searches)
+
     def gather(self) -> None:
         """Write the hypotheses that the covers of all searches make."""
         self.hypotheses = [
@@ -179,7 +183,7 @@ class PieceSolver:
                 continue
             for other in joint.pieces:
                 task, earlier = self._tasks[number], self._tasks[other]
-                if earlier is task or earlier.hypotheses is None:
+                if earlier is task or earlier.hypotheses is None or earlier.is_pending():
                     continue
                 flat = (
                     is_degenerate(earlier.points, hypothesis, joint.points, width_m)

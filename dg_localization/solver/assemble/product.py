@@ -8,9 +8,11 @@ contraction, without a split, bounds the distances between the pieces.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 import math
+import time
 
 import numpy as np
 
@@ -86,10 +88,15 @@ class Product:
     @default_environment()
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The first combinations, but those that turn out to hold no placement."""
+        start = time.perf_counter()
+        return self._build(lambda: time.perf_counter() - start > self._options.max_seconds)
+
+    def _build(self, stopped: Callable[[], bool]) -> tuple[Hypothesis, ...]:
+        """Build the hypotheses, less tight ones from when there is no time left."""
         if len(self.solved.pieces) == 1:
             return tuple(self.solved.pieces[0].hypotheses)
         count = min(self.combinations.number, self._options.max_hypotheses)
-        found = (self._hypothesis(self.combinations[rank]) for rank in range(count))
+        found = (self._hypothesis(self.combinations[rank], stopped) for rank in range(count))
         return tuple(hypothesis for hypothesis in found if hypothesis is not None)
 
     @cached_property
@@ -98,7 +105,7 @@ class Product:
         """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
         return self._all or Nothing(self._problem.n_points).bounds
 
-    def is_empty(self, is_crossed: bool, has_loop: bool) -> bool:
+    def is_empty(self, is_crossed: bool, has_loop: bool, stopped: Callable[[], bool]) -> bool:
         """
         Prove that no combination holds a placement, or return False.
 
@@ -108,6 +115,8 @@ class Product:
             Sides, chiralities or least distances are known between different pieces.
         has_loop : bool
             The joints close a loop.
+        stopped : callable
+            Whether there is no time left to look.
 
         Returns
         -------
@@ -116,12 +125,14 @@ class Product:
 
         """
         n_points = self._problem.n_points
-        if not (is_crossed or has_loop) or n_points > MOST_CONTRACTED:
+        if not (is_crossed or has_loop) or n_points > MOST_CONTRACTED or stopped():
             return False
         if self._all is None:
             return True
-        few = self.combinations.number <= self._options.max_hypotheses
-        return is_crossed and few and not self.hypotheses
+        if not is_crossed or self.combinations.number > self._options.max_hypotheses or stopped():
+            return False
+        self.hypotheses = self._build(stopped)
+        return not self.hypotheses
 
     @cached_property
     def _all(self) -> Bounds | None:
@@ -135,7 +146,8 @@ class Product:
         if len(parts) == 1:
             return parts[0][1]
         problem = self._narrowed(parts, None)
-        return contracted(problem, self._options, self._within) if problem else None
+        options = replace(self._options, tighten_slices=0)
+        return contracted(problem, options, self._within) if problem else None
 
     def _narrowed(
         self,
@@ -149,7 +161,9 @@ class Product:
         bounds = bounds_within(self._all_points, parts)
         return restricted(self._problem, self._all_points, bounds, constraints)
 
-    def _hypothesis(self, combination: Combination) -> Hypothesis | None:
+    def _hypothesis(
+        self, combination: Combination, stopped: Callable[[], bool]
+    ) -> Hypothesis | None:
         """Return the whole fleet as a combination has it; None when that is impossible."""
         chosen = [
             piece.hypotheses[x]
@@ -160,7 +174,7 @@ class Product:
             for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
         ]
         problem = self._narrowed(parts, combination)
-        bounds = contracted(problem, self._options, self._within) if problem else None
+        bounds = contracted(problem, self._options, self._within, stopped) if problem else None
         if problem is None or bounds is None:
             return None
         positions, proved = self._placement(problem, bounds, combination, chosen)
