@@ -22,6 +22,9 @@ DIFFERENTIAL_CHUNKS = [
     for seed in range(FIRST_SEED, DIFFERENTIAL_END, CHUNK)
 ]
 
+LARGE_EVERY, WITHIN_EVERY = 50, 5
+"""One in so many problems is large, or is to be solved within some boxes."""
+
 ROUNDING = 1e-9
 """The squared distances of proved positions are computed to this fraction of the largest."""
 
@@ -30,10 +33,23 @@ def first_and_last(seeds):
     return f'{seeds[0]}-{seeds[-1]}'
 
 
+def boxes_around(case, seed):
+    """Return boxes of which one holds the truth, and others do not or only just."""
+    rng = np.random.default_rng([seed, 1])
+    squared = case.squared
+    boxes = []
+    for shift in rng.choice([0.5, 0.9, 1.0, 1.1, 2.0], size=rng.integers(0, 4)):
+        boxes.append((shift * 0.95 * squared, shift * 1.05 * squared))
+    margin = rng.choice([0.0, 0.01, 0.5])
+    boxes.insert(rng.integers(len(boxes) + 1), ((1 - margin) * squared, (1 + margin) * squared))
+    return boxes
+
+
 def check(seed):
     """Return what the answer to the problem of a seed lacks."""
-    case = joined_case(seed)
-    result = solve(case.problem, case.options)
+    case = joined_case(seed, max_points=25 if seed % LARGE_EVERY == 0 else 9)
+    within = boxes_around(case, seed) if seed % WITHIN_EVERY == 0 else None
+    result = solve(case.problem, case.options, within=within)
     if result.verdict is Verdict.INFEASIBLE:
         return ['everything']
     done = result.statistics

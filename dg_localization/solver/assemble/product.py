@@ -34,6 +34,9 @@ from dg_localization.solver.result import Hypothesis
 MOST_REFINED = 100
 """Up to so many points a placement is refined by least squares, which takes their cube of time."""
 
+MOST_LISTED = 6400
+"""Combinations times the square of the points, up to which all are looked at for a placement."""
+
 MOST_ATTEMPTS = 4
 """How often a placement is put together until it is proved to agree."""
 
@@ -129,7 +132,8 @@ class Product:
             return False
         if self._all is None:
             return True
-        if not is_crossed or self.combinations.number > self._options.max_hypotheses or stopped():
+        most = min(self._options.max_hypotheses, MOST_LISTED // n_points**2)
+        if not is_crossed or self.combinations.number > most or stopped():
             return False
         self.hypotheses = self._build(stopped)
         return not self.hypotheses
