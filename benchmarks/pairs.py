@@ -360,7 +360,7 @@ def draw(picture: Path) -> None:
         )
         axis.plot(*position[:2], 'k.', label='truth')
         axis.plot(0.0, 0.0, 'k^', label='body A')
-        limits = {'xlim': (-6.8, 6.8), 'ylim': (-6.8, 6.8)}
+        limits = {'xlim': (-5.5, 5.5), 'ylim': (-5.5, 5.5)}
         axis.set(xlabel='x (m)', ylabel='y (m)', aspect='equal', **limits)
         parts = len(cover.components)
         name = 'component' if parts == 1 else 'components'
@@ -371,7 +371,7 @@ def draw(picture: Path) -> None:
     figure.savefig(picture, dpi=110)
 
 
-PICTURED = 17
+PICTURED = 0
 """The seed of the drawn robots."""
 
 

@@ -117,7 +117,7 @@ class Cover:
         return Hull(
             self.boxes[:, LOW, :YAW].min(axis=0),
             self.boxes[:, HIGH, :YAW].max(axis=0),
-            _arc(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW]),
+            arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW]),
         )
 
     def moved(self, a: PastPoses, b: PastPoses) -> Cover:
@@ -158,7 +158,7 @@ class Cover:
         return Cover(np.concatenate([np.empty((0, 2, 4)), *parts]), self.refined)
 
 
-def _arc(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
+def arc_around(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
     """Return the shortest arc that holds all of some arcs; its lower end is within a half turn."""
     start = np.remainder(lower, TURN)
     order = np.argsort(start)
@@ -195,7 +195,7 @@ def _gridded(boxes: np.ndarray, max_boxes: int) -> np.ndarray:
 
 def _unrolled(boxes: np.ndarray) -> np.ndarray:
     """Return the boxes with their yaws in one piece, whole turns added where the arc needs it."""
-    start = _arc(boxes[:, LOW, YAW], boxes[:, HIGH, YAW])[0]
+    start = arc_around(boxes[:, LOW, YAW], boxes[:, HIGH, YAW])[0]
     turns = np.floor((boxes[:, LOW, YAW] - start) / TURN)
     unrolled = boxes.copy()
     unrolled[:, LOW, YAW] = angle_down(boxes[:, LOW, YAW] - turns * TURN)
