@@ -1,7 +1,7 @@
 """
 Shape first, then headings: what ranges and odometry tell fleets that move.
 
-    python -m benchmarks.headings [--runs 50] [--cells 64] [--robots 2 3 4 6]
+    python -m benchmarks.headings [--runs 50] [--cells 128] [--robots 2 3 4 6]
 
 Every pair of robots ranges at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn. The
 places now are known to 0.1 m in a frame of their own, of which the mirror image is as good.
@@ -107,7 +107,7 @@ def main() -> None:
     """Read the command line and print the table."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.headings', description=__doc__)
     parser.add_argument('--runs', type=int, default=50)
-    parser.add_argument('--cells', type=int, default=64)
+    parser.add_argument('--cells', type=int, default=128)
     parser.add_argument('--seconds', type=float, nargs='+', default=[14.0])
     parser.add_argument('--robots', type=int, nargs='+', default=[2, 3, 4, 6])
     arguments = parser.parse_args()

@@ -324,14 +324,16 @@ def two_robots(
 
 def report_two(runs: int) -> None:
     """Print what ranges and odometry alone tell two robots."""
-    print('| seconds ' + HEADER)
+    print('| seconds | mirror image ruled out ' + HEADER)
     options = PairOptions(resolution_m=0.1)
     for seconds in (5.0, 10.0, 14.0):
-        tally = Tally.empty()
+        tally, ruled_out = Tally.empty(), 0
         for seed in range(runs):
             readings, position, yaw = two_robots(seed, seconds, 0.03, 0.05)
-            tally.add(*timed(readings, options), position, yaw)
-        print(f'| {seconds:.0f} | {tally.row()} |')
+            cover, used_s = timed(readings, options)
+            tally.add(cover, used_s, position, yaw)
+            ruled_out += not cover.contains(position * [1.0, -1.0, 1.0], -yaw)
+        print(f'| {seconds:.0f} | {ruled_out} of {runs} | {tally.row()} |')
 
 
 def draw(picture: Path) -> None:

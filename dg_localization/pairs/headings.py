@@ -48,7 +48,7 @@ class HeadingOptions:
 
     """
 
-    cells: int = 64
+    cells: int = 128
     max_outliers: int = 0
     max_rounds: int = 3
 
