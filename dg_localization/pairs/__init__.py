@@ -4,16 +4,22 @@ The pairs room: relative poses of two bodies from everything they measured of ea
 Set inversion over a window of readings that odometry carries to now. Knows no fleet and no ROS.
 """
 
+from dg_localization.pairs.consistency import count_agreeing
 from dg_localization.pairs.cover import Cover, Hull
+from dg_localization.pairs.headings import HeadingOptions, Headings, narrow_headings
 from dg_localization.pairs.readings import NO_RAY_RAD, PairReadings, PastPoses
 from dg_localization.pairs.search import PairOptions, cover_poses
 
 __all__ = [
     'NO_RAY_RAD',
     'Cover',
+    'HeadingOptions',
+    'Headings',
     'Hull',
     'PairOptions',
     'PairReadings',
     'PastPoses',
+    'count_agreeing',
     'cover_poses',
+    'narrow_headings',
 ]

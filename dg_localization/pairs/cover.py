@@ -11,9 +11,13 @@ import numpy as np
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs.components import covered_area, label_boxes
+from dg_localization.pairs.grid import fill_cells
 from dg_localization.pairs.half_spaces import HIGH, LOW, YAW
 from dg_localization.pairs.readings import PastPoses
 from dg_localization.pairs.turns import HALF_TURN_UP, TURN, principal, turned
+
+WIDEST_YAW_RAD = TURN / 16.0
+"""Cuts are sharp to second order in the yaw: a search starts with boxes no wider than this."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ class Cover:
         return Hull(
             self.boxes[:, LOW, :YAW].min(axis=0),
             self.boxes[:, HIGH, :YAW].max(axis=0),
-            _arc(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW]),
+            arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW]),
         )
 
     def moved(self, a: PastPoses, b: PastPoses) -> Cover:
@@ -142,15 +146,19 @@ class Cover:
         return Cover(boxes, self.refined)
 
     def coarsened(self, max_boxes: int) -> Cover:
-        """Return a cover of at most `max_boxes` boxes, or one per component, around these."""
-        if len(self) <= max_boxes:
-            return self
-        share = max_boxes / len(self)
-        parts = [_merged(part.boxes, int(share * len(part))) for part in self.components]
-        return Cover(np.concatenate(parts), self.refined)
+        """
+        Return a cover of at most `max_boxes` boxes, or a few per component, around these.
+
+        Its boxes do not overlap, as those of a cover that was moved do.
+        """
+        parts = [
+            _gridded(part.boxes, int(max_boxes * len(part) / len(self)))
+            for part in self.components
+        ]
+        return Cover(np.concatenate([np.empty((0, 2, 4)), *parts]), self.refined)
 
 
-def _arc(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
+def arc_around(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
     """Return the shortest arc that holds all of some arcs; its lower end is within a half turn."""
     start = np.remainder(lower, TURN)
     order = np.argsort(start)
@@ -168,30 +176,26 @@ def _arc(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
     return angle_down(first - turns), angle_up(last - turns)
 
 
-def _merged(boxes: np.ndarray, max_boxes: int) -> np.ndarray:
-    """Return hulls of neighboring boxes of one component, at most `max_boxes` or one."""
+def _gridded(boxes: np.ndarray, max_boxes: int) -> np.ndarray:
+    """Return what the cells of a grid have in common with the boxes of one component."""
     boxes = _unrolled(boxes)
     low, high = boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0)
-    middle = 0.5 * boxes[:, LOW] + 0.5 * boxes[:, HIGH]
-    widths = np.where(high > low, high - low, 1.0)
-    for cells in range(int(max_boxes ** (1 / 3)) + 2, 0, -1):
-        place = np.clip((cells * (middle - low) / widths).astype(np.int64), 0, cells - 1)
-        _, group = np.unique(place @ cells ** np.arange(4), return_inverse=True)
-        count = int(group.max()) + 1
-        if count <= max_boxes:
+    slices = math.ceil((high[YAW] - low[YAW]) / WIDEST_YAW_RAD)
+    best = fill_cells(boxes, low, high, np.ones(4, np.int64))
+    for across in range(1, max_boxes + 1):
+        shape = np.array([across, across, across if high[2] > low[2] else 1, slices])
+        cells = fill_cells(boxes, low, high, shape)
+        if len(cells) > max_boxes:
             break
-    merged = np.empty((count, 2, 4))
-    merged[:, LOW], merged[:, HIGH] = math.inf, -math.inf
-    np.minimum.at(merged[:, LOW], group, boxes[:, LOW])
-    np.maximum.at(merged[:, HIGH], group, boxes[:, HIGH])
-    yaw = principal(Interval(merged[:, LOW, YAW], merged[:, HIGH, YAW]))
-    merged[:, LOW, YAW], merged[:, HIGH, YAW] = yaw.lower, yaw.upper
-    return merged
+        best = cells
+    yaw = principal(Interval(best[:, LOW, YAW], best[:, HIGH, YAW]))
+    best[:, LOW, YAW], best[:, HIGH, YAW] = yaw.lower, yaw.upper
+    return best
 
 
 def _unrolled(boxes: np.ndarray) -> np.ndarray:
     """Return the boxes with their yaws in one piece, whole turns added where the arc needs it."""
-    start = _arc(boxes[:, LOW, YAW], boxes[:, HIGH, YAW])[0]
+    start = arc_around(boxes[:, LOW, YAW], boxes[:, HIGH, YAW])[0]
     turns = np.floor((boxes[:, LOW, YAW] - start) / TURN)
     unrolled = boxes.copy()
     unrolled[:, LOW, YAW] = angle_down(boxes[:, LOW, YAW] - turns * TURN)

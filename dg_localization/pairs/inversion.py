@@ -56,7 +56,7 @@ def _record(tops: np.ndarray, faces: np.ndarray, box: np.ndarray) -> None:
 
 
 @kernel(borrows=True)
-def _read_all(
+def read_all(
     box: np.ndarray,
     table: np.ndarray,
     listed: np.ndarray,
@@ -95,7 +95,7 @@ def _read_all(
 
 
 @kernel(borrows=True)
-def _cut_to(box: np.ndarray, tops: np.ndarray, spare: int) -> float:
+def cut_to(box: np.ndarray, tops: np.ndarray, spare: int) -> float:
     """Cut a box where more than `spare` readings do; return the share left, zero for none."""
     share = 1.0
     for axis in range(4):
@@ -188,13 +188,13 @@ def examine(
         spent, first, count = tickets[number]
         untried = max(0, count - most)
         undecided = next_pool[listed : listed + count]
-        count, ruled_out = _read_all(
+        count, ruled_out = read_all(
             box, table, pool[first : first + count], undecided, most, max_outliers - spent, work
         )
         spent += ruled_out
         if spent > max_outliers:
             continue
-        share = _cut_to(box, tops, max_outliers - spent)
+        share = cut_to(box, tops, max_outliers - spent)
         if share == 0.0:
             continue
         axis, change = _split_axis(box, view, smear)

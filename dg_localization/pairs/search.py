@@ -10,16 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
-from dg_localization.pairs.cover import Cover
+from dg_localization.pairs.cover import WIDEST_YAW_RAD, Cover
 from dg_localization.pairs.cuts import B_ERROR, BY_B, OBSERVER, B
 from dg_localization.pairs.half_spaces import HIGH, LOW, YAW, Z
 from dg_localization.pairs.inversion import COUNT, FIRST, examine
 from dg_localization.pairs.readings import PairReadings, start_bounds
-from dg_localization.pairs.turns import HALF_TURN_UP
-
-SLICES = 16
-"""Slices of the full turn to start with, where a reading depends on the yaw: cuts are sharp to
-second order in it."""
+from dg_localization.pairs.turns import HALF_TURN_UP, TURN
 
 GLANCE = 48
 GLANCES = 4
@@ -131,7 +127,7 @@ def _start_boxes(
     if np.any(lower > upper):
         return np.empty((0, 2, 4))
     turns = np.any(table[:, B : B_ERROR + 2] != 0.0) or np.any(table[:, OBSERVER] == BY_B)
-    slices = SLICES if turns else 1
+    slices = round(TURN / WIDEST_YAW_RAD) if turns else 1
     boxes = np.empty((slices, 2, 4))
     boxes[:, LOW, :YAW], boxes[:, HIGH, :YAW] = lower, upper
     edges = np.linspace(-math.pi, math.pi, slices + 1)

@@ -1,0 +1,400 @@
+"""
+Pair sets: how wide, how fast, and whether the truth is inside; the figures of docs/pair-sets.md.
+
+    python -m benchmarks.pairs mrclam [--data ../shared/data/mrclam] [--every 5]
+    python -m benchmarks.pairs carried
+    python -m benchmarks.pairs two [--runs 100]
+    python -m benchmarks.pairs picture docs/pair-sets.png
+
+MRCLAM (UTIAS, Leung et al., IJRR 30(8), 2011) is a recording of five robots with cameras among 15
+landmarks. Odometry is the velocity that was commanded.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.odometry import MotionLimits, OdometryErrorModel, OdometryPath
+from dg_localization.interval.arrays import Interval
+from dg_localization.pairs import Cover, PairOptions, PairReadings, PastPoses, cover_poses
+
+FloatArray = NDArray[np.float64]
+
+EXCERPT = 'excerpt_D7_t200_440'
+ROBOTS = range(1, 6)
+WINDOW_S = 90.0
+SAMPLE_S = 0.1
+"""Commands come every 15 ms; integrated, they are sampled this often."""
+RANGE_ERROR = 0.15
+BEARING_ERROR_RAD = 0.12
+LIMITS = MotionLimits(speed_m_s=0.3, turn_rate_rad_s=1.0)
+
+RESOLUTIONS_M = (0.1, 0.25, 0.5)
+
+
+def odometry_error(per_turn: float) -> OdometryErrorModel:
+    """Return the bounds of commanded odometry: the robot follows about 0.2 s later."""
+    return OdometryErrorModel(
+        translation_per_m=0.1, rotation_per_rad=per_turn, constant_m=0.04, constant_rad=0.12
+    )
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One robot of the excerpt: truth, odometry and what it saw of landmarks."""
+
+    truth: FloatArray
+    commands: FloatArray
+    sightings: FloatArray
+    landmarks: dict[int, FloatArray]
+
+    @classmethod
+    def load(cls, folder: Path, robot: int) -> Recording:
+        """Read the files of a robot."""
+        subjects = {int(row[1]): int(row[0]) for row in np.loadtxt(folder / 'Barcodes.dat')}
+        landmarks = {
+            int(row[0]): row[1:3] for row in np.loadtxt(folder / 'Landmark_Groundtruth.dat')
+        }
+        seen = np.loadtxt(folder / f'Robot{robot}_Measurement.dat')
+        seen[:, 1] = [subjects.get(int(barcode), 0) for barcode in seen[:, 1]]
+        return cls(
+            np.loadtxt(folder / f'Robot{robot}_Groundtruth.dat'),
+            np.loadtxt(folder / f'Robot{robot}_Odometry.dat'),
+            seen[np.isin(seen[:, 1], list(landmarks))],
+            landmarks,
+        )
+
+    @cached_property
+    def track(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Stamps, positions and yaws of the integrated commands."""
+        stamps, speeds, rates = self.commands.T
+        steps_s = np.diff(stamps)
+        yaws = np.concatenate([[0.0], np.cumsum(rates[:-1] * steps_s)])
+        middles = yaws[:-1] + 0.5 * rates[:-1] * steps_s
+        steps = (speeds[:-1] * steps_s)[:, None] * np.stack(
+            [np.cos(middles), np.sin(middles), np.zeros(len(middles))], axis=-1
+        )
+        positions = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+        kept = np.unique(np.round((stamps - stamps[0]) / SAMPLE_S), return_index=True)[1]
+        return stamps[kept], positions[kept], yaws[kept]
+
+    def readings(
+        self, now_s: float, error: OdometryErrorModel, window_s: float = WINDOW_S
+    ) -> PairReadings:
+        """Return what the robot saw in the window before `now_s`."""
+        times = self.sightings[:, 0]
+        seen = self.sightings[(times > now_s - window_s) & (times <= now_s)]
+        poses = self.past_poses(seen[:, 0], now_s, error, window_s)
+        bearings, ranges = seen[:, 3], seen[:, 2]
+        directions = np.stack([np.cos(bearings), np.sin(bearings), 0.0 * bearings], axis=-1)
+        places = np.array([[*self.landmarks[int(subject)], 0.0] for subject in seen[:, 1]])
+        return PairReadings.of(
+            Interval.point(places.reshape(-1, 3)),
+            poses.points_now(Interval.point(np.zeros((len(seen), 3)))),
+            Interval(ranges * (1.0 - RANGE_ERROR), ranges * (1.0 + RANGE_ERROR)),
+            *poses.rays_now(directions, np.full(len(seen), BEARING_ERROR_RAD)),
+            True,
+        )
+
+    def past_poses(
+        self, times_s: FloatArray, now_s: float, error: OdometryErrorModel, window_s: float
+    ) -> PastPoses:
+        """Return where the robot was at some times, seen from now."""
+        stamps, positions, yaws = self.track
+        used = slice(
+            max(0, np.searchsorted(stamps, now_s - window_s) - 1),
+            np.searchsorted(stamps, now_s, side='right') + 1,
+        )
+        rotations = [rotation(yaw) for yaw in yaws[used]]
+        path = OdometryPath(stamps[used], positions[used], rotations, error, LIMITS)
+        return path.past_poses(times_s, now_s)
+
+    def pose(self, time_s: float) -> tuple[FloatArray, float]:
+        """Return the true pose at a time."""
+        x, y, yaw = (
+            np.interp(time_s, self.truth[:, 0], column)
+            for column in (self.truth[:, 1], self.truth[:, 2], np.unwrap(self.truth[:, 3]))
+        )
+        return np.array([x, y, 0.0]), float(yaw)
+
+
+def rotation(yaw_rad: float) -> FloatArray:
+    """Return the rotation about the vertical axis."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass
+class Tally:
+    """Figures of many covers."""
+
+    widths_m: list[float]
+    yaws_rad: list[float]
+    off_m: list[float]
+    milliseconds: list[float]
+    inside: list[bool]
+    boxes: list[int]
+    components: list[int]
+
+    @classmethod
+    def empty(cls) -> Tally:
+        """Return a tally of nothing."""
+        return cls([], [], [], [], [], [], [])
+
+    def add(self, cover: Cover, seconds: float, position_m: FloatArray, yaw_rad: float) -> None:
+        """Count a cover and its truth."""
+        self.inside.append(cover.contains(position_m, yaw_rad))
+        self.milliseconds.append(1000.0 * seconds)
+        self.boxes.append(len(cover))
+        if not cover.empty:
+            hull = cover.hull
+            self.widths_m.append(float(hull.widths_m.max()))
+            self.yaws_rad.append(hull.yaw_width_rad)
+            middle = 0.5 * (hull.lower_m + hull.upper_m)
+            self.off_m.append(float(np.linalg.norm(middle - position_m)))
+            self.components.append(len(cover.components))
+
+    def row(self) -> str:
+        """Return the figures as cells of a table."""
+
+        def quantiles(values: list[Any]) -> str:
+            low, middle, high = np.percentile(values, [5, 50, 95])
+            return f'{middle:.2f} ({low:.2f} to {high:.2f})'
+
+        return ' | '.join(
+            [
+                f'{sum(self.inside)} of {len(self.inside)}',
+                quantiles(self.widths_m),
+                f'{np.median(self.off_m):.2f}',
+                quantiles(self.yaws_rad),
+                f'{np.median(self.components):.0f}',
+                f'{np.median(self.boxes):.0f}',
+                quantiles(self.milliseconds),
+            ]
+        )
+
+
+HEADER = (
+    '| truth inside | width (m) | center off by (m) | yaw width (rad) | components | boxes | ms |'
+)
+
+
+def timed(*arguments: Any, **keywords: Any) -> tuple[Cover, float]:
+    """Cover poses; return the cover and the seconds of the processor it took."""
+    start = time.process_time()
+    cover = cover_poses(*arguments, **keywords)
+    return cover, time.process_time() - start
+
+
+def windows(
+    folder: Path, every_s: float, longest_s: float = math.inf
+) -> Iterator[tuple[Recording, float]]:
+    """Yield the robots at times after a full window."""
+    for robot in ROBOTS:
+        recording = Recording.load(folder / EXCERPT, robot)
+        start_s, end_s = recording.truth[0, 0] + WINDOW_S + 5.0, recording.truth[-1, 0]
+        end_s = min(end_s, start_s + longest_s)
+        for now_s in np.arange(start_s, end_s, every_s):
+            yield recording, float(now_s)
+
+
+def report_mrclam(folder: Path, every_s: float) -> None:
+    """Print the table of one robot and the landmarks as two bodies."""
+    cases = list(windows(folder, every_s))
+    print(f'{len(cases)} windows of {WINDOW_S:.0f} s')
+    print('| odometry turn | outliers | resolution (m) ' + HEADER)
+    for per_turn in (0.1, 0.2):
+        counts, prepared = [], []
+        for recording, now_s in cases:
+            readings = recording.readings(now_s, odometry_error(per_turn))
+            counts.append(len(readings))
+            prepared.append((readings, recording.pose(now_s)))
+        for outliers in (0, 5):
+            for resolution_m in RESOLUTIONS_M:
+                options = PairOptions(outliers, resolution_m, max_boxes=5000)
+                cover_poses(prepared[0][0], options)
+                tally = Tally.empty()
+                for readings, pose in prepared:
+                    tally.add(*timed(readings, options), *pose)
+                print(f'| {per_turn:.0%} | {outliers} | {resolution_m} | {tally.row()} |')
+    print(f'readings per window: {np.percentile(counts, [5, 50, 95])}')
+
+
+def report_carried(folder: Path, tick_s: float = 1.0, start_boxes: int = 30) -> None:
+    """Print what it saves to start from the cover of the tick before."""
+    error = odometry_error(0.2)
+    options = PairOptions(max_outliers=5)
+    tallies = {name: Tally.empty() for name in ('anew', 'carried', 'carried, new readings only')}
+    covers: dict[str, Cover] = {}
+    robot = None
+    for recording, now_s in windows(folder, tick_s, tick_s * 30):
+        if recording is not robot:
+            robot, covers = recording, {}
+        pose = recording.pose(now_s)
+        for name, tally in tallies.items():
+            window_s = tick_s if 'only' in name and name in covers else WINDOW_S
+            readings = recording.readings(now_s, error, window_s)
+            start = time.process_time()
+            within = None
+            if name != 'anew' and name in covers and not covers[name].empty:
+                step = recording.past_poses(np.array([now_s - tick_s]), now_s, error, 10.0)
+                within = covers[name].moved(PastPoses.at_rest(1), step).coarsened(start_boxes)
+            moving_s = time.process_time() - start
+            covers[name], seconds = timed(readings, options, within=within)
+            tally.add(covers[name], seconds + moving_s, *pose)
+    print(f'a tick every {tick_s} s, {options.max_outliers} outliers')
+    print('| start ' + HEADER)
+    for name, tally in tallies.items():
+        print(f'| {name} | {tally.row()} |')
+
+
+STEP_S = 0.1
+
+
+def integrate(lengths: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions (n + 1, 3) and yaws (n + 1,) of a robot that steps, then turns, n times."""
+    yaws = np.concatenate([[0.0], np.cumsum(turns)])
+    directions = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(len(yaws))], axis=-1)[:-1]
+    steps = lengths[:, None] * directions
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), yaws
+
+
+@dataclass(frozen=True)
+class SimulatedRobot:
+    """A robot that drives and turns, and its odometry, which errs by a share of both."""
+
+    positions_m: FloatArray
+    yaws_rad: FloatArray
+    path: OdometryPath
+
+    @classmethod
+    def drive(
+        cls,
+        rng: np.random.Generator,
+        seconds: float,
+        odometry: float,
+        place_m: FloatArray,
+        yaw_rad: float,
+    ) -> SimulatedRobot:
+        """Draw a drive from a place: every 2 s the robot picks another turn rate."""
+        count = int(seconds / STEP_S)
+        rates = np.repeat(rng.uniform(-0.8, 0.8, count // 20 + 1), 20)[:count]
+        lengths = np.full(count, rng.uniform(0.3, 0.8) * STEP_S)
+        true = integrate(lengths, rates * STEP_S)
+        # Drift that lasts is worse than drift that averages out.
+        off = 1.0 + rng.uniform(-odometry, odometry, 2)
+        positions, yaws = integrate(lengths / off[0], rates * STEP_S / off[1])
+        error = OdometryErrorModel(translation_per_m=odometry, rotation_per_rad=odometry)
+        stamps = np.arange(count + 1) * STEP_S
+        path = OdometryPath(stamps, positions, [rotation(yaw) for yaw in yaws], error)
+        return cls(place_m + true[0] @ rotation(yaw_rad).T, yaw_rad + true[1], path)
+
+
+def two_robots(
+    seed: int, seconds: float, range_error: float, odometry: float
+) -> tuple[PairReadings, FloatArray, float]:
+    """Simulate two robots with ranges and odometry; return readings, and the pose at the end."""
+    rng = np.random.default_rng(seed)
+    start, yaw_rad = rng.uniform(-5.0, 5.0, 3) * [1.0, 1.0, 0.0], rng.uniform(-math.pi, math.pi)
+    first = SimulatedRobot.drive(rng, seconds, odometry, np.zeros(3), 0.0)
+    second = SimulatedRobot.drive(rng, seconds, odometry, start, yaw_rad)
+    between = second.positions_m - first.positions_m
+    ranges = np.linalg.norm(between, axis=-1)
+    ranges *= 1.0 + rng.uniform(-range_error, range_error, len(ranges))
+    stamps = np.arange(len(ranges)) * STEP_S
+    origin = Interval.point(np.zeros((len(stamps), 3)))
+    points = [
+        robot.path.past_poses(stamps, stamps[-1]).points_now(origin) for robot in (first, second)
+    ]
+    bounds = Interval(ranges / (1.0 + range_error), ranges / (1.0 - range_error))
+    turned_rad = float(second.yaws_rad[-1] - first.yaws_rad[-1])
+    position = rotation(-first.yaws_rad[-1]) @ between[-1]
+    return PairReadings.of(*points, bounds), position, turned_rad
+
+
+def report_two(runs: int) -> None:
+    """Print what ranges and odometry alone tell two robots."""
+    print('| seconds | mirror image ruled out ' + HEADER)
+    options = PairOptions(resolution_m=0.1)
+    for seconds in (5.0, 10.0, 14.0):
+        tally, ruled_out = Tally.empty(), 0
+        for seed in range(runs):
+            readings, position, yaw = two_robots(seed, seconds, 0.03, 0.05)
+            cover, used_s = timed(readings, options)
+            tally.add(cover, used_s, position, yaw)
+            ruled_out += not cover.contains(position * [1.0, -1.0, 1.0], -yaw)
+        print(f'| {seconds:.0f} | {ruled_out} of {runs} | {tally.row()} |')
+
+
+def draw(picture: Path) -> None:
+    """Draw how the set of two robots shrinks while they move."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Rectangle
+
+    figure, axes = pyplot.subplots(1, 3, figsize=(10.5, 3.9), layout='constrained')
+    for axis, seconds in zip(axes, (0.0, 5.0, 14.0), strict=True):
+        readings, position, yaw = two_robots(PICTURED, seconds, 0.03, 0.05)
+        cover = cover_poses(readings, PairOptions(resolution_m=0.1, max_boxes=20_000))
+        boxes = cover.boxes
+        yaws = 0.5 * (boxes[:, 0, 3] + boxes[:, 1, 3]) / (2.0 * math.pi)
+        colors = matplotlib.colormaps['hsv'](yaws % 1.0)
+        if cover.hull.yaw_width_rad > 6.2 and len(cover.components) == 1:
+            colors[:] = matplotlib.colors.to_rgba('0.7')
+        patches = [Rectangle(low[:2], *(high - low)[:2]) for low, high in boxes]
+        axis.add_collection(PatchCollection(patches, facecolors=colors))
+        arrow = 0.9 * np.array([math.cos(yaw), math.sin(yaw)])
+        axis.annotate(
+            '', position[:2] + arrow, position[:2], arrowprops={'arrowstyle': '->', 'lw': 1.6}
+        )
+        axis.plot(*position[:2], 'k.', label='truth')
+        axis.plot(0.0, 0.0, 'k^', label='body A')
+        limits = {'xlim': (-5.5, 5.5), 'ylim': (-5.5, 5.5)}
+        axis.set(xlabel='x (m)', ylabel='y (m)', aspect='equal', **limits)
+        parts = len(cover.components)
+        name = 'component' if parts == 1 else 'components'
+        axis.set_title(f'after {seconds:.0f} s: {parts} {name}', fontsize='medium')
+    axes[-1].legend(loc='lower left', fontsize='small')
+    colors = matplotlib.cm.ScalarMappable(matplotlib.colors.Normalize(0.0, 2.0 * math.pi), 'hsv')
+    figure.colorbar(colors, ax=axes, label='yaw of B (rad), gray: any', shrink=0.8)
+    figure.savefig(picture, dpi=110)
+
+
+PICTURED = 0
+"""The seed of the drawn robots."""
+
+
+def main() -> None:
+    """Read the command line and print what was asked for."""
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.pairs', description=__doc__)
+    parser.add_argument('study', choices=['mrclam', 'carried', 'two', 'picture'])
+    parser.add_argument('file', type=Path, nargs='?', default=Path('docs/pair-sets.png'))
+    parser.add_argument('--data', type=Path, default=Path('../shared/data/mrclam'))
+    parser.add_argument('--every', type=float, default=5.0, metavar='SECONDS')
+    parser.add_argument('--runs', type=int, default=100)
+    arguments = parser.parse_args()
+    if arguments.study == 'mrclam':
+        report_mrclam(arguments.data, arguments.every)
+    elif arguments.study == 'carried':
+        report_carried(arguments.data)
+    elif arguments.study == 'two':
+        report_two(arguments.runs)
+    else:
+        draw(arguments.file)
+
+
+if __name__ == '__main__':
+    main()

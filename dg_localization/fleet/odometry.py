@@ -1,0 +1,293 @@
+"""
+Odometry as bounded motion: where a robot was at past times, seen from where it is now.
+
+Step i of a track errs by a_i in m and by b_i in rad at most. Seen from now, an error of the turn
+at step i swings whatever lies before that step: a past position moves by b_i |S_i| at most, across
+S_i, the way from it to the end of step i. So heading error becomes position error by the distance
+to where it arose, and not by the length of the way. Summation by parts makes that exact: with r_i
+the steps and E_i the error of the turn from step i to now,
+
+    sum R(E_i) r_i  =  sum r_i  +  sum (R(E_i) - R(E_i+1)) S_i.
+
+The terms are those of Thrun, Burgard, Fox, Probabilistic Robotics, 2005, Section 5.4, as bounds
+in place of deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
+from dg_localization.interval.angles import angle_up, chord_up
+from dg_localization.interval.arrays import Interval, up
+from dg_localization.interval.bounds import elapsed_up
+from dg_localization.pairs import PastPoses
+from dg_localization.pairs.turns import turned
+
+
+@dataclass(frozen=True)
+class OdometryErrorModel:
+    """
+    Greatest errors of odometry.
+
+    Parameters
+    ----------
+    translation_per_m, translation_per_rad : float
+        Error of a step, in m per m travelled and in m per rad turned.
+    rotation_per_m, rotation_per_rad : float
+        Error of a turn, in rad per m travelled and in rad per rad turned.
+    constant_m, constant_rad : float
+        What the pose of one time may be off seen from that of another, however short the way
+        between; it does not add up along the way.
+    latency_s : float
+        The pose stamped t was the true one at some time within this of t.
+    tilt_rad : float
+        Error of roll and pitch together, as an angle.
+
+    Raises
+    ------
+    ValueError
+        If a bound is negative or not a finite number.
+
+    """
+
+    translation_per_m: float = 0.0
+    translation_per_rad: float = 0.0
+    rotation_per_m: float = 0.0
+    rotation_per_rad: float = 0.0
+    constant_m: float = 0.0
+    constant_rad: float = 0.0
+    latency_s: float = 0.0
+    tilt_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(
+                    f'odometry_error.{field.name} is {value}, must be finite and not negative'
+                )
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Greatest speed and turn rate of a robot: they bound what lies between and after samples."""
+
+    speed_m_s: float = math.inf
+    turn_rate_rad_s: float = math.inf
+
+
+@dataclass(frozen=True)
+class _Nearest:
+    """The samples nearest to some times, and how far the robot may have been from them."""
+
+    index: np.ndarray
+    offset_m: np.ndarray
+    offset_rad: np.ndarray
+    rotation_rad: np.ndarray
+
+
+class OdometryPath:
+    """
+    The path of one robot through its odometry samples.
+
+    Between samples the robot is taken to be no farther from either than they are apart, or than
+    its limits allow; before the first and after the last only its limits bound its motion.
+
+    Parameters
+    ----------
+    stamps_s : array_like, shape (n,)
+        Increasing.
+    positions_m : array_like, shape (n, 3)
+        In the odometry frame, whose z axis is upright. In the plane z is zero.
+    rotations : array_like, shape (n, 3, 3)
+        From body to odometry frame.
+    error : OdometryErrorModel
+    limits : MotionLimits, optional
+
+    Raises
+    ------
+    ValueError
+        If there is no sample, or the stamps do not increase.
+
+    """
+
+    def __init__(
+        self,
+        stamps_s: ArrayLike,
+        positions_m: ArrayLike,
+        rotations: ArrayLike,
+        error: OdometryErrorModel,
+        limits: MotionLimits | None = None,
+    ) -> None:
+        self._stamps_s = np.array(stamps_s, dtype=float)
+        self._positions_m = np.array(positions_m, dtype=float).reshape(-1, 3)
+        self._rotations = np.array(rotations, dtype=float).reshape(-1, 3, 3)
+        self._error, self._limits = error, limits or MotionLimits()
+        if len(self._stamps_s) == 0:
+            raise ValueError('an odometry path needs at least one sample')
+        steps_s = np.diff(self._stamps_s)
+        if not np.all(steps_s > 0.0):
+            first = int(np.argmax(~(steps_s > 0.0)))
+            raise ValueError(
+                f'odometry stamps must increase: {self._stamps_s[first]} s is followed by '
+                f'{self._stamps_s[first + 1]} s'
+            )
+        self._level = not np.any(self._positions_m[:, 2])
+        self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
+        self._step_errors_m, self._step_errors_rad = self._step_errors()
+
+    def past_poses(self, times_s: ArrayLike, now_s: float) -> PastPoses:
+        """
+        Return where the level frame of the robot was at past times, seen from that of now.
+
+        Parameters
+        ----------
+        times_s : array_like, shape (m,)
+        now_s : float
+
+        Returns
+        -------
+        PastPoses
+            Not bounded where neither samples nor limits bound the motion.
+
+        Raises
+        ------
+        ValueError
+            If a time lies after now.
+
+        """
+        times = np.asarray(times_s, dtype=float)
+        if np.any(times > now_s):
+            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
+        then, now = self._nearest(times), self._nearest(np.array([now_s]))
+        position, yaw = self._walk_back(np.minimum(then.index, now.index), int(now.index[0]))
+        now_m = up(now.offset_m + self._error.constant_m)
+        now_rad = angle_up(up(now.offset_rad + self._error.constant_rad))
+        yaw_now = Interval(-now_rad, now_rad)
+        position = position + self._ball(then.offset_m) + self._ball(now_m)
+        yaw = yaw + Interval(-then.offset_rad, then.offset_rad) - yaw_now
+        return PastPoses(turned(-yaw_now, position), yaw)
+
+    def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
+        """
+        Return points of the body in its level frames at some times, shape (m, 3).
+
+        Parameters
+        ----------
+        times_s : array_like, shape (m,)
+        points_m : Interval, shape (m, 3)
+            In the body frame; of a sensor, with the bound of its place.
+
+        """
+        tilts, errors_rad = self._tilts(np.asarray(times_s, dtype=float))
+        columns = [Interval.point(tilts[:, :, k]) * points_m[:, k][:, None] for k in range(3)]
+        squares = points_m.square()
+        length = (squares[:, 0] + squares[:, 1] + squares[:, 2]).sqrt().upper
+        chords = np.array([chord_up(min(math.pi, error)) for error in errors_rad])
+        swing = up(chords * length)[:, None]
+        return columns[0] + columns[1] + columns[2] + Interval(-swing, swing)
+
+    def leveled_rays(
+        self, times_s: ArrayLike, directions: ArrayLike, errors_rad: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return rays of the body in its level frames at some times, and their errors.
+
+        Parameters
+        ----------
+        times_s : array_like, shape (m,)
+        directions : array_like, shape (m, 3)
+            In the body frame.
+        errors_rad : array_like, shape (m,)
+            Greatest angles to the true directions.
+
+        """
+        tilts, tilt_errors_rad = self._tilts(np.asarray(times_s, dtype=float))
+        leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
+        return leveled, angle_up(up(np.asarray(errors_rad, dtype=float) + tilt_errors_rad))
+
+    def _step_errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the greatest errors of every step, in m and in rad."""
+        ends = Interval.point(self._positions_m)
+        squares = (ends[1:] - ends[:-1]).square()
+        lengths = (squares[:, 0] + squares[:, 1] + squares[:, 2]).sqrt().upper
+        angles = np.empty(len(lengths))
+        step_angles(self._rotations, angles)
+        angles = np.where(angles > 0.0, angle_up(angles), 0.0)
+        error = self._error
+        return (
+            up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles)),
+            up(up(error.rotation_per_m * lengths) + up(error.rotation_per_rad * angles)),
+        )
+
+    def _nearest(self, times_s: np.ndarray) -> _Nearest:
+        """Return the samples nearest to some times."""
+        stamps, latency = self._stamps_s, self._error.latency_s
+        index = np.empty(len(times_s), np.int64)
+        spans = np.empty((3, len(times_s)))
+        find_nearest(
+            times_s,
+            stamps,
+            self._positions_m,
+            self._yaws_rad,
+            self._rotations,
+            latency,
+            index,
+            spans,
+        )
+        spans[1:] = np.where(spans[1:] > 0.0, angle_up(spans[1:]), 0.0)
+        elapsed = zip(times_s, stamps[index], strict=True)
+        reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)
+        beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
+
+        def offset(spans: np.ndarray, limit: float) -> np.ndarray:
+            return np.where(beyond, up(limit * reach_s), np.minimum(spans, up(limit * reach_s)))
+
+        turn_rate = self._limits.turn_rate_rad_s
+        return _Nearest(
+            index,
+            offset(spans[0], self._limits.speed_m_s),
+            offset(spans[1], turn_rate),
+            offset(spans[2], turn_rate),
+        )
+
+    def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
+        """Return the poses of samples seen from sample `last`, with the errors of the way."""
+        center, half = np.empty((len(then), 3)), np.empty((len(then), 3))
+        turns = np.empty(len(then))
+        walk_back(
+            self._positions_m,
+            self._yaws_rad[last],
+            self._step_errors_m,
+            self._step_errors_rad,
+            then,
+            last,
+            center,
+            half,
+            turns,
+        )
+        yaws = self._yaws_rad[then] - self._yaws_rad[last]
+        bounds = Interval.around(center, half)
+        if self._level:
+            bounds.lower[:, 2] = bounds.upper[:, 2] = 0.0
+        return bounds, Interval.around(yaws, angle_up(turns))
+
+    def _tilts(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rotations from body to level frame at some times, and their errors."""
+        near = self._nearest(times_s)
+        yaws = self._yaws_rad[near.index]
+        c, s, zero, one = np.cos(yaws), np.sin(yaws), np.zeros(len(yaws)), np.ones(len(yaws))
+        back = np.array([[c, s, zero], [-s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+        errors_rad = angle_up(up(near.rotation_rad + self._error.tilt_rad))
+        return back @ self._rotations[near.index], errors_rad
+
+    def _ball(self, radius_m: np.ndarray) -> Interval:
+        """Return the boxes around balls, flat in the plane, shape (m, 3)."""
+        flat = np.array([1.0, 1.0, 0.0 if self._level else 1.0])
+        half = np.where(flat > 0.0, radius_m[:, None], 0.0)
+        return Interval(-half, half)

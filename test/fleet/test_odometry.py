@@ -1,0 +1,205 @@
+"""Odometry as bounded motion: no true pose is lost while every error obeys its bound."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet.odometry import MotionLimits, OdometryErrorModel, OdometryPath
+from dg_localization.interval.arrays import Interval
+
+TERMS = ('translation_per_m', 'translation_per_rad', 'rotation_per_m', 'rotation_per_rad')
+
+
+def rotation(yaw, pitch=0.0, roll=0.0):
+    c, s = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
+    about_z = np.array([[c[0], -s[0], 0], [s[0], c[0], 0], [0, 0, 1]])
+    about_y = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
+    about_x = np.array([[1, 0, 0], [0, c[2], -s[2]], [0, s[2], c[2]]])
+    return about_z @ about_y @ about_x
+
+
+def drive(rng, steps, error, worst, space):
+    """
+    Return a stated and a true track, each (positions, yaws), that differ by at most the error.
+
+    `worst` steers every error the same way at its bound; else each is drawn anew.
+    """
+    lengths = rng.uniform(0.0, 0.1, steps) * (rng.random(steps) < 0.8)
+    turns = rng.normal(scale=0.1, size=steps)
+    climbs = rng.normal(scale=0.02, size=steps) * space
+    tracks = []
+    sign = rng.choice([-1.0, 1.0])
+    aim = rng.uniform(-math.pi, math.pi)
+    for stated in (True, False):
+        position, yaw = rng.normal(size=3) * [5, 5, space], rng.uniform(-3, 3)
+        positions, yaws = [position], [yaw]
+        for length, turn, climb in zip(lengths, turns, climbs, strict=True):
+            step = np.array([length, 0.0, climb])
+            norm, size = np.linalg.norm(step), abs(turn)
+            if not stated:
+                most_m = error.translation_per_m * norm + error.translation_per_rad * size
+                most_rad = error.rotation_per_m * norm + error.rotation_per_rad * size
+                angle = aim if worst else rng.uniform(-math.pi, math.pi)
+                share = 1.0 if worst else rng.random()
+                step = step + share * most_m * np.array([math.cos(angle), math.sin(angle), 0.0])
+                turn = turn + most_rad * (sign if worst else rng.uniform(-1.0, 1.0))
+            position = position + rotation(yaw) @ step
+            yaw = yaw + turn
+            positions.append(position)
+            yaws.append(yaw)
+        tracks.append((np.array(positions), np.array(yaws)))
+    return tracks
+
+
+def seen_from_last(positions, yaws):
+    """Return true poses in the level frame of the last."""
+    back = rotation(-yaws[-1])
+    return (positions - positions[-1]) @ back.T, yaws - yaws[-1]
+
+
+def path_of(stamps, track, error, limits=None):
+    return OdometryPath(stamps, track[0], [rotation(yaw) for yaw in track[1]], error, limits)
+
+
+def assert_inside(poses, positions, yaws):
+    tolerance = 1e-9
+    assert np.all(poses.position_m.lower - tolerance <= positions)
+    assert np.all(positions <= poses.position_m.upper + tolerance)
+    middle = 0.5 * (poses.yaw_rad.lower + poses.yaw_rad.upper)
+    half = 0.5 * (poses.yaw_rad.upper - poses.yaw_rad.lower)
+    off = np.abs(np.remainder(yaws - middle + math.pi, 2 * math.pi) - math.pi)
+    assert np.all(off <= half + tolerance)
+
+
+@pytest.mark.parametrize('worst', [True, False])
+@pytest.mark.parametrize('seed', range(40))
+def test_drift_at_its_bound_is_inside(seed, worst):
+    rng = np.random.default_rng([seed, worst])
+    error = OdometryErrorModel(**{term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS})
+    stated, true = drive(rng, 200, error, worst, space=seed % 2)
+    stamps = 1e9 + np.arange(201) * 0.05
+    poses = path_of(stamps, stated, error).past_poses(stamps, stamps[-1])
+    assert_inside(poses, *seen_from_last(*true))
+    assert np.all(poses.position_m.upper[-1] - poses.position_m.lower[-1] < 1e-9)
+
+
+def test_without_error_the_poses_are_known():
+    rng = np.random.default_rng(0)
+    stated, _ = drive(rng, 50, OdometryErrorModel(), True, space=1)
+    stamps = np.arange(51) * 0.1
+    poses = path_of(stamps, stated, OdometryErrorModel()).past_poses(stamps, stamps[-1])
+    assert_inside(poses, *seen_from_last(*stated))
+    assert np.all(poses.position_m.upper - poses.position_m.lower < 1e-10)
+    assert np.all(poses.yaw_rad.upper - poses.yaw_rad.lower < 1e-10)
+
+
+def test_heading_error_counts_by_the_distance_and_not_by_the_way():
+    # Many laps on a small circle: the way is long, but no turn ever swings far.
+    count, radius_m = 2000, 0.5
+    angles = np.linspace(0.0, 20.0 * math.pi, count)
+    positions = np.stack([radius_m * np.sin(angles), radius_m * (1 - np.cos(angles))], axis=-1)
+    track = np.hstack([positions, np.zeros((count, 1))]), angles
+    poses = path_of(np.arange(count), track, OdometryErrorModel(rotation_per_m=0.01)).past_poses(
+        [0.0], count - 1.0
+    )
+    way_m = radius_m * angles[-1]
+    turn_rad = 0.01 * way_m
+    half_m = 0.5 * (poses.position_m.upper - poses.position_m.lower)[0]
+    assert np.all(half_m[:2] < 1.7 * radius_m * turn_rad)
+    assert poses.yaw_rad.upper[0] == pytest.approx(-angles[-1] % (2 * math.pi) + turn_rad, abs=0.1)
+
+
+def test_heading_error_moves_points_sideways():
+    count = 101
+    positions = np.zeros((count, 3))
+    positions[:, 0] = np.linspace(0.0, 10.0, count)
+    error = OdometryErrorModel(rotation_per_m=0.01)
+    poses = path_of(np.arange(count), (positions, np.zeros(count)), error).past_poses([0.0], 100.0)
+    half_m = 0.5 * (poses.position_m.upper - poses.position_m.lower)[0]
+    # 10 m back, the turn errs by 0.1 rad: sideways by half of it, since it grows along the way.
+    assert half_m[1] == pytest.approx(0.5, rel=0.02)
+    assert half_m[0] < 0.05
+
+
+def test_the_constant_turns_the_whole_way():
+    positions = np.zeros((11, 3))
+    positions[:, 0] = np.arange(11)
+    error = OdometryErrorModel(constant_m=0.04, constant_rad=0.12)
+    path = path_of(np.arange(11), (positions, np.zeros(11)), error)
+    poses = path.past_poses([0.0, 10.0], 10.0)
+    assert poses.position_m.upper[0, 1] == pytest.approx(10.04 * math.sin(0.12) + 0.04, rel=1e-2)
+    assert poses.yaw_rad.upper == pytest.approx([0.12, 0.12])
+    assert poses.position_m.upper[1] == pytest.approx([0.0448, 0.0448, 0.0], rel=2e-2)
+
+
+@pytest.mark.parametrize('lag_s', [-0.2, -0.07, 0.13, 0.2])
+@pytest.mark.parametrize('seed', range(10))
+def test_late_samples_are_inside(seed, lag_s):
+    rng = np.random.default_rng(seed)
+    error = OdometryErrorModel(latency_s=0.2)
+    track, _ = drive(rng, 400, error, True, space=0)
+    stamps = np.arange(401) * 0.02
+    limits = MotionLimits(speed_m_s=6.0, turn_rate_rad_s=30.0)
+    poses = path_of(stamps, track, error, limits).past_poses(stamps[50:380], stamps[380])
+
+    def truly(times):
+        return tuple(
+            np.array([np.interp(times, stamps, column) for column in columns.T]).T
+            for columns in (track[0], track[1][:, None])
+        )
+
+    positions, yaws = truly(np.append(stamps[50:380], stamps[380]) + lag_s)
+    positions, yaws = seen_from_last(positions, yaws[:, 0])
+    assert_inside(poses, positions[:-1], yaws[:-1])
+
+
+def test_between_and_beyond_samples():
+    positions = np.zeros((11, 3))
+    positions[:, 0] = np.arange(11)
+    track = positions, np.zeros(11)
+    between = path_of(np.arange(11), track, OdometryErrorModel()).past_poses([2.4], 10.0)
+    assert between.position_m.lower[0, 0] <= -7.6 <= between.position_m.upper[0, 0]
+    assert np.all((between.position_m.upper - between.position_m.lower)[0, :2] <= 2.0 + 1e-9)
+    limited = path_of(np.arange(11), track, OdometryErrorModel(), MotionLimits(1.1, 0.1))
+    between = limited.past_poses([2.4], 10.0)
+    assert np.all((between.position_m.upper - between.position_m.lower)[0, :2] <= 0.89)
+    beyond = limited.past_poses([-2.0, 10.0], 10.5)
+    assert beyond.position_m.lower[0, 0] == pytest.approx(-10 - 2.2 - 0.55, abs=0.2)
+    assert beyond.position_m.upper[1, 0] == pytest.approx(0.55, abs=0.05)
+    assert beyond.yaw_rad.upper[0] == pytest.approx(0.25)
+    unlimited = path_of(np.arange(11), track, OdometryErrorModel()).past_poses([-2.0, 5.0], 10.0)
+    assert math.isinf(unlimited.position_m.upper[0, 0])
+    assert unlimited.position_m.upper[1, 0] == pytest.approx(-5.0)
+
+
+def test_a_body_that_is_not_level():
+    yaw, pitch, roll = 0.5, 0.3, -0.2
+    error = OdometryErrorModel(tilt_rad=0.05)
+    path = OdometryPath([0.0], [[1.0, 2.0, 3.0]], [rotation(yaw, pitch, roll)], error)
+    mount = np.array([[0.4, 0.1, 0.2]])
+    true = rotation(0.0, pitch, roll) @ mount[0]
+    leveled = path.leveled_points([0.0], Interval.point(mount))
+    assert np.all((leveled.lower <= true) & (true <= leveled.upper))
+    swing = 2.0 * math.sin(0.025) * np.linalg.norm(mount)
+    assert (leveled.upper - leveled.lower)[0] == pytest.approx(2.0 * swing, rel=1e-6)
+    rays, errors = path.leveled_rays([0.0], mount, [0.01])
+    assert rays[0] == pytest.approx(true) and errors[0] == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize('term', [*TERMS, 'constant_m', 'constant_rad', 'latency_s', 'tilt_rad'])
+@pytest.mark.parametrize('value', [-0.1, math.nan, math.inf])
+def test_what_is_no_bound_is_refused(term, value):
+    with pytest.raises(ValueError, match=f'odometry_error.{term} is {value}'):
+        OdometryErrorModel(**{term: value})
+
+
+def test_stamps_must_increase():
+    level = [np.eye(3)] * 3
+    with pytest.raises(ValueError, match=r'2\.0 s is followed by 2\.0 s'):
+        OdometryPath([1.0, 2.0, 2.0], np.zeros((3, 3)), level, OdometryErrorModel())
+    with pytest.raises(ValueError, match='at least one sample'):
+        OdometryPath([], np.zeros((0, 3)), [], OdometryErrorModel())
+    path = OdometryPath([1.0, 2.0, 3.0], np.zeros((3, 3)), level, OdometryErrorModel())
+    with pytest.raises(ValueError, match='after now'):
+        path.past_poses([2.5], 2.0)
