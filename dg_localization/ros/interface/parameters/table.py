@@ -224,7 +224,7 @@ ODOMETRY = Section(
             0.05,
             'greatest error of odometry as a fraction of the distance and the angle at full speed',
             at_least=0.0,
-            details='These are the distance and the angle possible at full speed between two stamps.',
+            details='These are what is possible at full speed between two stamps.',
         ),
     ),
 )
@@ -233,7 +233,7 @@ PEERS = Section(
     'Peers',
     'All that one robot measures in one message of type sensor_msgs/PointCloud2, for fleets of so '
     'many pairs that a topic for each costs too much. A point stands for one robot or anchor that '
-    'was measured. Its fields are `peer`, an integer: the zero-based index into the list of robots '
+    'was measured. Its fields are `peer`, an integer: zero-based index into the list of robots '
     'followed by the anchors not in robots; `range` (m); and `x`, `y`, `z`, the ray in the body '
     'frame. Range or ray may be missing, or NaN.',
     (Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),),
