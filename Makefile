@@ -92,8 +92,8 @@ format: $(ready) ## Let ruff lay out the code
 parameters: $(ready) ## Write config/localizer.yaml and docs/parameters.md from the table
 	@$(run) -m dg_localization.ros.interface.parameters
 
-bench: $(ready) ## Run the benchmarks against the peers
-	@$(run) -m pip install -q --no-build-isolation --editable '.[peers]'
+bench: $(ready) ## Compare with other methods
+	@$(run) -m pip install -q --no-build-isolation --editable '.[compare]'
 	$(run) -m benchmarks
 
 clean: ## Remove the virtual environment and what the tools left

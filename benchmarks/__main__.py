@@ -26,15 +26,15 @@ from benchmarks.contest import (
     prepare,
     rows as rows_of_solver,
 )
-from benchmarks.peers import classical_mds, codac_contractors, multistart, scip
+from benchmarks.methods import classical_mds, codac_contractors, multistart, scip
 from benchmarks.problems import dietmaier_file
 from benchmarks.report import case_report, figures_report, machine, summary
 from dg_localization.fleet import warm_up
 
-PEERS = {peer.NAME: peer for peer in (codac_contractors, multistart, classical_mds, scip)}
+OTHERS = {other.NAME: other for other in (codac_contractors, multistart, classical_mds, scip)}
 STARTUP = 'start-up'
 FORMULATIONS = 4
-"""The most that a peer shows of a case."""
+"""The most that another method shows of a case."""
 GRACE = 10.0
 """Seconds after its limit until a method is taken to hang."""
 
@@ -42,7 +42,7 @@ GRACE = 10.0
 NOTE = (
     'Times are medians (minima) of warm runs. Ours is a call of solve, with placements and their '
     "proofs;\nCodac's is its search alone. Widths are those of unknown pairs over the exact hull "
-    'or the linearised\nbound: the largest ratio (the median).'
+    'or the linearized\nbound: the largest ratio (the median).'
 )
 
 
@@ -50,7 +50,7 @@ def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks', description=__doc__)
     parser.add_argument(
-        '--quick', action='store_true', help='the short cases only, and little patience with peers'
+        '--quick', action='store_true', help='the short cases only, and little time for the others'
     )
     parser.add_argument(
         '--only',
@@ -66,11 +66,11 @@ def contest(case: Case, effort: Effort, progress: tqdm) -> list[Row]:
     """Run all methods on a case."""
     prepare(case)
     methods = {SOLVER: rows_of_solver}
-    methods |= {name: PEERS[name].rows for name in case.peers if not PEERS[name].missing()}
+    methods |= {name: OTHERS[name].rows for name in case.others if not OTHERS[name].missing()}
     rows: list[Row] = []
     for name, method in methods.items():
         progress.set_postfix_str(f'{case.name}: {name}')
-        patience = case.max_seconds if name == SOLVER else FORMULATIONS * effort.peer
+        patience = case.max_seconds if name == SOLVER else FORMULATIONS * effort.others
         run = partial(method, case, effort)
         rows += isolated(run, name, effort.measuring + patience + GRACE)
     return rows
@@ -90,9 +90,9 @@ def selected(cases: list[Case], patterns: list[str] | None, quick: bool) -> list
 def print_preamble() -> None:
     """Say what is measured where, and what is missing."""
     print(f'{machine()}\n\n{NOTE}\n')
-    for peer in PEERS.values():
-        if peer.missing():
-            print(f'left out: {peer.missing()}')
+    for other in OTHERS.values():
+        if other.missing():
+            print(f'left out: {other.missing()}')
     if not dietmaier_file().exists():
         print(f"left out: Dietmaier's platform, {dietmaier_file()} is not there")
     begin = time.perf_counter()

@@ -50,12 +50,12 @@ class Case:
     placements : tuple of ndarray, shape (n, q)
         The placements an answer has to contain, in m; mirror images are left out.
     resolution : float
-        In m, for the solver and its peers.
+        In m, for the solver and the other methods.
     tighten_slices : int
         How many slices of each finished box the solver examines to tighten it.
-    hull : {'exact', 'linearised', None}
+    hull : {'exact', 'linearized', None}
         What the widths are compared with.
-    peers : tuple of str
+    others : tuple of str
         Who else is asked.
     target : Target
         What is aimed at.
@@ -76,7 +76,7 @@ class Case:
     resolution: float = 0.05
     tighten_slices: int = 0
     hull: str | None = None
-    peers: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     max_seconds: float = 30.0
     max_boxes: int = 20000
     quick: bool = True
@@ -107,15 +107,15 @@ def _random_case(n_points: int, dimension: int, relative_error: float, seed: int
         problem=problem,
         placements=(positions,),
         target=target,
-        hull='linearised',
-        peers=('codac', 'multistart') if n_points <= 50 else (),
+        hull='linearized',
+        others=('codac', 'multistart') if n_points <= 50 else (),
         quick=n_points <= 10,
     )
 
 
 def _fleet_cases() -> Iterator[Case]:
     placements = fleet_placements()
-    peers = ('codac', 'multistart', 'mds')
+    others = ('codac', 'multistart', 'mds')
     yield Case(
         name='fleet',
         title="paper's fleet, no sides",
@@ -123,7 +123,7 @@ def _fleet_cases() -> Iterator[Case]:
         placements=placements,
         target=Target(seconds=1e-3, boxes=15, empty=0, hypotheses=8, speedup=30.0),
         hull='exact',
-        peers=peers,
+        others=others,
     )
     yield Case(
         name='fleet-sides',
@@ -132,7 +132,7 @@ def _fleet_cases() -> Iterator[Case]:
         placements=placements[:1],
         target=Target(seconds=0.15e-3, boxes=1, hypotheses=1, speedup=60.0),
         hull='exact',
-        peers=('codac', 'scip'),
+        others=('codac', 'scip'),
     )
     yield Case(
         name='fleet-sides-tight',
@@ -152,7 +152,7 @@ def _fleet_cases() -> Iterator[Case]:
             target=Target(boxes=31, hypotheses=8, width=1.05 if percent == 3 else None),
             tighten_slices=TIGHTEN_SLICES,
             hull='exact',
-            peers=('codac',) if percent == 3 else (),
+            others=('codac',) if percent == 3 else (),
             quick=percent == 3,
         )
         yield Case(
@@ -163,7 +163,7 @@ def _fleet_cases() -> Iterator[Case]:
             target=Target(boxes=31, hypotheses=1, width=1.05 if percent == 3 else None),
             tighten_slices=TIGHTEN_SLICES,
             hull='exact',
-            peers=('codac', 'scip') if percent == 3 else (),
+            others=('codac', 'scip') if percent == 3 else (),
             quick=percent == 3,
         )
 
@@ -187,7 +187,7 @@ def _octahedral_cases() -> Iterator[Case]:
             placements=tuple(placements[number] for number in kept),
             target=target,
             resolution=1e-3,
-            peers=('codac',) if sides else ('codac', 'multistart'),
+            others=('codac',) if sides else ('codac', 'multistart'),
         )
 
 

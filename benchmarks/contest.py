@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.cases import Case
-from benchmarks.exact import exact_hull, linearised_hull, unknown_pairs
+from benchmarks.exact import exact_hull, linearized_hull, unknown_pairs
 from benchmarks.problems import FloatArray, Pair, squared_distances
 from dg_localization import SolverOptions, Verdict, solve
 
@@ -34,12 +34,12 @@ class Effort:
 
     measuring: float
     """After so long no further run of a method is started, however few there were."""
-    peer: float
-    """After so long a peer has failed."""
+    others: float
+    """After so long another method has failed."""
 
 
-FULL = Effort(measuring=10.0, peer=60.0)
-QUICK = Effort(measuring=1.5, peer=2.0)
+FULL = Effort(measuring=10.0, others=60.0)
+QUICK = Effort(measuring=1.5, others=2.0)
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def measure(run: Callable[[], Answer], effort: Effort) -> tuple[Answer, Timing]:
 
 def attainable_resolution(case: Case) -> float:
     """Return how far the measurement errors leave a distance open, or the resolution if more."""
-    bounds = _linearised_hull(case, 0)
+    bounds = _linearized_hull(case, 0)
     widths = np.diff(np.sqrt(np.maximum(bounds, 0.0)), axis=1)
     return max(case.resolution, float(widths.max()))
 
@@ -145,8 +145,8 @@ def compared_pairs(case: Case) -> list[Pair]:
 
 
 @cache
-def _linearised_hull(case: Case, number: int) -> FloatArray:
-    return linearised_hull(case.problem, case.placements[number], compared_pairs(case))
+def _linearized_hull(case: Case, number: int) -> FloatArray:
+    return linearized_hull(case.problem, case.placements[number], compared_pairs(case))
 
 
 @cache
@@ -158,7 +158,7 @@ def reference_hull(case: Case, number: int) -> FloatArray | None:
     """Return the hull that the widths about a placement are compared with, None without one."""
     if case.hull is None:
         return None
-    return (_exact_hull if case.hull == 'exact' else _linearised_hull)(case, number)
+    return (_exact_hull if case.hull == 'exact' else _linearized_hull)(case, number)
 
 
 def score(case: Case, hulls: Sequence[Hull]) -> Score:

@@ -1,5 +1,5 @@
 """
-What the widths are measured against: the exact hull of a pair, or its linearisation.
+What the widths are measured against: the exact hull of a pair, or its linearization.
 
 Both start from a placement known to satisfy the data and stay in its connected component: a
 placement in which a measured triangle has turned over belongs to another hypothesis.
@@ -57,13 +57,13 @@ def _simplices(problem: Problem) -> NDArray[np.int64]:
     ).reshape(-1, size)
 
 
-def handedness(positions: FloatArray, simplices: NDArray[np.int64]) -> FloatArray:
+def chiralities(positions: FloatArray, simplices: NDArray[np.int64]) -> FloatArray:
     """Return the sign of det[p2 - p1, ..., p(q+1) - p1] of each simplex."""
     corners = positions[simplices]
     return np.sign(np.linalg.det(corners[:, 1:] - corners[:, :1]))
 
 
-def linearised_hull(problem: Problem, placement: FloatArray, pairs: Sequence[Pair]) -> FloatArray:
+def linearized_hull(problem: Problem, placement: FloatArray, pairs: Sequence[Pair]) -> FloatArray:
     """
     Bound squared distances to first order about a placement, by linear programs.
 
@@ -129,7 +129,7 @@ def exact_hull(
     low = np.array([problem.lower[pair] for pair in measured])
     high = np.array([problem.upper[pair] for pair in measured])
     simplices = _simplices(problem)
-    signs = handedness(placement, simplices)
+    signs = chiralities(placement, simplices)
     scale = high.max()
     random = np.random.default_rng(seed)
     spread = 0.5 * np.sqrt(high).max() * np.max((high - low) / (high + low))
@@ -160,7 +160,7 @@ def exact_hull(
                 constraints={'type': 'ineq', 'fun': slack, 'jac': slack_gradient},
                 options={'maxiter': 200, 'ftol': 1e-13},
             ).x
-            same = np.array_equal(handedness(found.reshape(shape), simplices), signs)
+            same = np.array_equal(chiralities(found.reshape(shape), simplices), signs)
             value = squared_distances(found.reshape(shape))[pair]
             if same and slack(found).min() > -FEASIBLE and sign * value < sign * best:
                 best = value

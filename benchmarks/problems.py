@@ -262,7 +262,7 @@ def dietmaier_file() -> Path:
 
 
 def dietmaier() -> tuple[Problem, tuple[FloatArray, ...]]:
-    """Return the platform, with the handedness of its base and platform, and its postures."""
+    """Return the platform, with the chiralities of its base and platform, and its postures."""
     published = json.loads(dietmaier_file().read_text())
     base = np.array(published['base_points'])
     platform = np.array(published['platform_points'])

@@ -127,10 +127,10 @@ def best_codac(case: Case, rows: Iterable[Row]) -> Row | None:
 def speedup(case: Case, rows: Sequence[Row]) -> float | None:
     """Return how many times faster the solver is than the best of Codac, by medians."""
     own = _own(rows)
-    peer = best_codac(case, rows)
-    if peer is None or peer.timing is None or own.timing is None:
+    best = best_codac(case, rows)
+    if best is None or best.timing is None or own.timing is None:
         return None
-    return peer.timing.median / own.timing.median
+    return best.timing.median / own.timing.median
 
 
 def verdicts(case: Case, rows: Sequence[Row]) -> Iterator[Verdict]:
@@ -182,10 +182,10 @@ def summary(results: Sequence[tuple[Case, Sequence[Row]]]) -> str:
     lines = []
     for case, rows in results:
         own = _own(rows)
-        peer, factor = best_codac(case, rows), speedup(case, rows)
+        best, factor = best_codac(case, rows), speedup(case, rows)
         missed = [verdict.what for verdict in verdicts(case, rows) if not verdict.met]
         milli, _, *scores, _ = _cells(own, own, len(case.placements))[1:]
-        codac = milliseconds(peer.timing.median) if peer and peer.timing else ''
+        codac = milliseconds(best.timing.median) if best and best.timing else ''
         ratio = f'{factor:.2g} x' if factor else ''
         verdict = 'missed: ' + ', '.join(missed) if missed else 'all met'
         lines.append([case.name, milli, *scores, codac, ratio, verdict])

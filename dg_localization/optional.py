@@ -1,5 +1,6 @@
 """What to say where an optional Python package is missing."""
 
+from importlib.metadata import version
 import sys
 
 
@@ -8,7 +9,8 @@ def install_hint(package: str) -> str:
     Return the command that installs an optional Python package here.
 
     The pip of Debian and Ubuntu refuses to install beside the packages of the system (PEP 668), so
-    that outside of a virtual environment the command makes one that sees the sourced ROS.
+    that outside of a virtual environment the command makes one that sees the sourced ROS. The ROS
+    of a system with numpy 1 was compiled against it: no newer one may hide it.
 
     Parameters
     ----------
@@ -24,4 +26,6 @@ def install_hint(package: str) -> str:
     install = f'pip install {package}'
     if sys.prefix != sys.base_prefix:
         return install
+    if version('numpy').startswith('1.'):
+        install += " 'numpy<2'"
     return f'python3 -m venv --system-site-packages .venv && . .venv/bin/activate && {install}'

@@ -155,8 +155,15 @@ def test_a_package_that_a_message_says_to_install_is_one_of_an_extra(setup_argum
 
 def test_the_hint_for_a_missing_package_works_beside_system_packages(monkeypatch):
     monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
+    monkeypatch.setattr('dg_localization.optional.version', lambda _: '2.2.4')
     assert 'venv --system-site-packages' in install_hint('tqdm')
     assert install_hint('tqdm').endswith('pip install tqdm')
+
+
+def test_the_hint_for_a_missing_package_keeps_the_numpy_that_ros_was_compiled_against(monkeypatch):
+    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
+    monkeypatch.setattr('dg_localization.optional.version', lambda _: '1.26.4')
+    assert install_hint('numba').endswith("pip install numba 'numpy<2'")
 
 
 def test_the_hint_for_a_missing_package_in_a_virtual_environment(monkeypatch):

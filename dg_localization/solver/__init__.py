@@ -1,11 +1,8 @@
 """
-Interval distance geometry without ROS and without I/O, from the kernels up.
+Interval distance geometry without ROS and without I/O.
 
-``jit``, ``float_environment``, ``rounding``, ``interval``, ``box``: how kernels, numbers,
-intervals and boxes are made.
-``smoothing``, ``projection``, ``line``, ``back_projection``: the steps of the paper.
-``linearization``: all measured distances at once. ``contraction``: their fixed point. ``search``,
-``tightening``: branch and prune, and what is shaved off in the end. ``rigidity``, ``placements``,
-``hypotheses``, ``coordinates``: what the cover means. ``problem``, ``sides``, ``result``,
-``solve``: what a user says and sees.
+``problem``, ``options``, ``result``, ``solve``: what a user states and gets. ``box``: the one data
+structure of a search. ``decompose``: the rigid pieces of a fleet. ``contract``: the contractors,
+and their fixed point. ``search``: branch and prune, splitting, tightening. ``place``: placements,
+their proofs, hypotheses. ``assemble``: from the answers of the pieces to that of the fleet.
 """

@@ -258,7 +258,7 @@ def test_robots_have_parameters_of_their_own(make_node):
     )
 
 
-def test_misspelt_parameter_is_refused(make_node):
+def test_misspelled_parameter_is_refused(make_node):
     with pytest.raises(WrongParameterError, match="did you mean 'max_speed'"):
         make_node(max_sped=1.0)
 

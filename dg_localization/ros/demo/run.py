@@ -119,7 +119,7 @@ def _spin_until(
 def _state(spectator: Spectator) -> str:
     """Return the newest answer in a few words."""
     if not spectator.compared:
-        return 'waiting for the first answer (the very first run compiles the solver: a minute)'
+        return 'waiting for the first answer (the first run may compile the solver for a minute)'
     held = sum(len(compared.held_by) > 0 for compared in spectator.compared)
     return (
         f'{count_text(spectator.compared[-1].answer)}; '

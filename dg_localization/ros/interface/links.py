@@ -210,7 +210,7 @@ class Template:
 
         Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
         topic of one point of the fleet and one stranger is a link too: its readings are counted
-        and rejected, so that the diagnostics name a misspelt or forgotten robot.
+        and rejected, so that the diagnostics name a misspelled or forgotten robot.
 
         Parameters
         ----------

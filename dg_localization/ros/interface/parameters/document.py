@@ -33,7 +33,7 @@ TYPE_NAMES = {
 YAML_HEAD = """\
 # Every parameter of the node `localizer`, with its default. Start from this file:
 #   ros2 run dg_localization localizer --ros-args --params-file localizer.yaml
-# Units are in brackets. A wrong value or a misspelt name is refused at start.
+# Units are in brackets. A wrong value or a misspelled name is refused at start.
 # Written from the table of parameters by `make parameters`; do not edit.
 /**:
   ros__parameters:
@@ -44,7 +44,7 @@ PAGE_HEAD = """\
 
 The parameters of the node `localizer`, which `localize_bag` takes too. All are read-only. They are
 set at start, by a file (`--ros-args --params-file FILE`) or one by one (`--ros-args -p
-NAME:=VALUE`). A wrong value or a misspelt name is refused with a message that names what is
+NAME:=VALUE`). A wrong value or a misspelled name is refused with a message that names what is
 allowed. `config/localizer.yaml` holds all of them with their defaults.
 
 This page is written from the table in `dg_localization/ros/interface/parameters/table.py` by
@@ -142,7 +142,7 @@ def _with_named(specs: Iterable[Spec]) -> Iterator[Spec]:
 
 def _table(specs: Iterable[Spec]) -> str:
     rows = [
-        '| parameter | type | default | unit | range | |',
+        '| parameter | type | default | unit | allowed values | |',
         '|---|---|---|---|---|---|',
     ]
     for spec in specs:

@@ -110,7 +110,7 @@ def robot_spec(name: str) -> Spec:
 
 MOTION = Section(
     'Motion',
-    'A measurement taken dt ago holds now within what the robots can have moved since.',
+    'A measurement of age dt is widened by how far the robots can have moved in dt.',
     (
         Spec(
             'max_speed',
@@ -131,7 +131,7 @@ MOTION = Section(
             'm',
             0.0,
             details='The size of a robot, for example. Moving robots that are only seen, never '
-            'ranged, need it: seen from very near, anything may turn at once.',
+            'ranged, need it: at very short distance a direction can change arbitrarily fast.',
         ),
     ),
 )
@@ -222,10 +222,9 @@ ODOMETRY = Section(
             'odometry.relative_error',
             DOUBLE,
             0.05,
-            'greatest error of odometry as a fraction of the way and the turn at full speed',
+            'greatest error of odometry as a fraction of the distance and the angle at full speed',
             at_least=0.0,
-            details='The way and the turn are those that the robot can make at full speed between '
-            'the two stamps.',
+            details='These are what is possible at full speed between two stamps.',
         ),
     ),
 )
@@ -233,10 +232,10 @@ ODOMETRY = Section(
 PEERS = Section(
     'Peers',
     'All that one robot measures in one message of type sensor_msgs/PointCloud2, for fleets of so '
-    'many pairs that a topic for each costs too much. A point stands for a peer. Its fields are '
-    '`peer`, an integer: the index into robots, followed by the anchors that are no robots; '
-    '`range` (m); and `x`, `y`, `z`, the ray in the body frame. Range or ray may be missing, or '
-    'NaN.',
+    'many pairs that a topic for each costs too much. A point stands for one robot or anchor that '
+    'was measured. Its fields are `peer`, an integer: zero-based index into the list of robots '
+    'followed by the anchors not in robots; `range` (m); and `x`, `y`, `z`, the ray in the body '
+    'frame. Range or ray may be missing, or NaN.',
     (Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),),
 )
 
@@ -318,14 +317,14 @@ CONTRADICTIONS = Section(
             'max_outliers',
             INTEGER,
             0,
-            'how many contradicting inputs may be dropped to get an answer',
+            'most contradicting inputs that may be dropped to get an answer',
             at_least=0,
         ),
         Spec(
             'conflicts.max_solves',
             INTEGER,
             200,
-            'problems solved at most to explain one contradiction; 0 explains none',
+            'most problems solved to explain one contradiction; 0 explains none',
             at_least=0,
         ),
         Spec(
@@ -347,7 +346,7 @@ SOLVER = Section(
             'max_hypotheses',
             INTEGER,
             64,
-            'how many placements are published',
+            'most hypotheses that are published',
             at_least=1,
             details='The diagnostics give the number that there are.',
         ),
@@ -360,13 +359,13 @@ SOLVER = Section(
             1e-6,
             1e6,
         ),
-        Spec('solver.max_boxes', INTEGER, 2000, 'boxes processed at most', at_least=1),
+        Spec('solver.max_boxes', INTEGER, 2000, 'most boxes that one solve processes', at_least=1),
         Spec('solver.max_seconds', DOUBLE, 1.0, 'longest time of one solve', 's', 0.001),
         Spec(
             'solver.tighten_slices',
             INTEGER,
             20,
-            'slices examined of each finished box, to tighten it',
+            'most slices examined of each finished box, to tighten it',
             at_least=0,
             details='More slices give narrower bounds and take longer; 0 skips the tightening.',
         ),

@@ -5,7 +5,7 @@ The frame is pinned to q mutually measured points, so that a minimally rigid pro
 coordinates as equations. ``CtcInverse``, with its centered form, contracts vectors of equations,
 ``CtcFixpoint`` repeats it, and the widest coordinate is bisected. What was found to matter:
 
-- The frame. Through the pair with the most common neighbours the paper's fleet takes 15 nodes;
+- The frame. Through the pair with the most common neighbors the paper's fleet takes 15 nodes;
   through P2 and P1 it takes 25, and the boxes are wider.
 - Sides. As signs of single determinants, propagated from one side to the next, they are cheaper
   than as products of two, and they remove the mirror image.
@@ -33,7 +33,7 @@ import numpy as np
 from benchmarks.cases import Case
 from benchmarks.contest import Effort, Hull, Row, attainable_resolution, measure, score
 from benchmarks.exact import measured_pairs
-from benchmarks.peers.algebra import Expression, determinant, minus, parity, plus
+from benchmarks.methods.algebra import Expression, determinant, minus, parity, plus
 from dg_localization import Problem, SideConstraint
 
 codac: Any = None
@@ -54,7 +54,7 @@ def missing() -> str | None:
 
 
 def best_frame(problem: Problem) -> tuple[int, ...]:
-    """Return q mutually measured points, those with the most common neighbours."""
+    """Return q mutually measured points, those with the most common neighbors."""
     measured = np.isfinite(problem.upper)
     return max(
         (
@@ -68,12 +68,12 @@ def best_frame(problem: Problem) -> tuple[int, ...]:
 
 def signs_of(sides: Sequence[SideConstraint]) -> dict[tuple[int, ...], int]:
     """
-    Propagate sides to handedness.
+    Propagate sides to chiralities.
 
     Parameters
     ----------
     sides : sequence of SideConstraint
-        Sides, each of which links the handedness of two simplices.
+        Sides, each of which relates the chiralities of two simplices.
 
     Returns
     -------
@@ -94,10 +94,10 @@ def signs_of(sides: Sequence[SideConstraint]) -> dict[tuple[int, ...], int]:
     queue = [next(iter(links))]
     signs = {queue[0]: 1}
     for simplex in queue:
-        for neighbour, sign in links[simplex]:
-            if neighbour not in signs:
-                signs[neighbour] = signs[simplex] * sign
-                queue.append(neighbour)
+        for neighbor, sign in links[simplex]:
+            if neighbor not in signs:
+                signs[neighbor] = signs[simplex] * sign
+                queue.append(neighbor)
     return signs
 
 
@@ -211,15 +211,15 @@ class Model:
                 equations.append((total, value))
         return equations
 
-    def _handedness(self, first: int, *others: int) -> Expression:
+    def _signed_volume(self, first: int, *others: int) -> Expression:
         return determinant([self._edge(point, first) for point in others])
 
     def _products(self) -> list[tuple[Expression, Any]]:
         half_lines = _half_lines()
         return [
             (
-                self._handedness(*side.face, side.first)
-                * self._handedness(*side.face, side.second),
+                self._signed_volume(*side.face, side.first)
+                * self._signed_volume(*side.face, side.second),
                 half_lines[-int(side.side)],
             )
             for side in self.problem.sides
@@ -230,9 +230,9 @@ class Model:
         half_lines = _half_lines()
         equations = []
         for simplex, sign in signs_of(self.problem.sides).items():
-            handedness = self._handedness(*simplex)
-            if not isinstance(handedness, codac.Interval):
-                equations.append((handedness, half_lines[sign]))
+            volume = self._signed_volume(*simplex)
+            if not isinstance(volume, codac.Interval):
+                equations.append((volume, half_lines[sign]))
         return equations
 
     def _inverse(self, equations: Sequence[tuple[Expression, Any]]) -> Any:
@@ -380,9 +380,9 @@ def rows(case: Case, effort: Effort) -> Iterator[Row]:
     resolution = attainable_resolution(case)
     for formulation in formulations(case):
         model = Model(case.problem, formulation)
-        paving, timing = measure(partial(pave, model, resolution, effort.peer), effort)
+        paving, timing = measure(partial(pave, model, resolution, effort.others), effort)
         if paving.kept is None:
-            remark = f'none in {effort.peer:g} s'
+            remark = f'none in {effort.others:g} s'
             yield Row(formulation.label, boxes=paving.processed, remark=remark)
             continue
         groups = components(paving.kept)

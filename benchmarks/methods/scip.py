@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.cases import Case
 from benchmarks.contest import Effort, Hull, Row, Timing, compared_pairs, score
 from benchmarks.exact import measured_pairs
-from benchmarks.peers.algebra import determinant
+from benchmarks.methods.algebra import determinant
 from benchmarks.problems import Pair
 
 try:
@@ -81,9 +81,9 @@ def rows(case: Case, effort: Effort) -> Iterator[Row]:
     nodes = 0
     for pair in compared_pairs(case):
         for bounds, sense in ((hull.lower, 'minimize'), (hull.upper, 'maximize')):
-            left = started + effort.peer - time.perf_counter()
+            left = started + effort.others - time.perf_counter()
             if left <= 0.0:
-                yield Row('SCIP', boxes=nodes, remark=f'unfinished after {effort.peer:g} s')
+                yield Row('SCIP', boxes=nodes, remark=f'unfinished after {effort.others:g} s')
                 return
             bound, searched = _bound(case, pair, sense, left)
             bounds[pair] = bounds[pair[::-1]] = bound

@@ -1,4 +1,4 @@
-"""Small algebra on whatever expressions a peer has; None stands for zero, to spare terms."""
+"""Small algebra on the expressions of any library; None stands for zero, to spare terms."""
 
 from __future__ import annotations
 
