@@ -23,7 +23,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.ros.bags.reader import BagError
+from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError
 from dg_localization.ros.optional import install_hint
 
 # After the field of its checksum a file has its magic; the checksum has 4 bytes.
@@ -81,16 +81,6 @@ class Contents:
             return 0
         return int(np.diff(np.searchsorted(times_ns, (start_ns, stop_ns)))[0])
 
-    def compare(self, index_counts: Mapping[str, int]) -> Iterator[str]:
-        """Yield a sentence for each topic of which the index says more, or less, than is there."""
-        for topic in sorted({*index_counts, *self.times_ns}) if self.known else ():
-            held = self.times_ns.get(topic, np.empty(0)).size
-            said = index_counts.get(topic)
-            if said is None:
-                yield f'{topic}: {held} messages are in the files, and the index does not name it'
-            elif said != held:
-                yield f'{topic}: {held} messages are in the files, the index says {said}'
-
     def add(self, times_ns: Mapping[str, Times]) -> None:
         """Add the messages of one file, by topic."""
         for topic, times in times_ns.items():
@@ -129,6 +119,49 @@ def read_contents(path: Path) -> Contents:
         elif file.suffix == '.db3':
             _read_sqlite(file, contents)
     return contents
+
+
+def damage_of(bag: Bag, contents: Contents, read_ns: tuple[int, int] | None) -> Iterator[str]:
+    """
+    Yield what is wrong with a bag, a sentence each.
+
+    Parameters
+    ----------
+    bag : Bag
+        After it was read.
+    contents : Contents
+    read_ns : tuple of int or None
+        The first and the last time that was read; None where the reading ended before.
+
+    """
+    yield from contents.damage
+    yield from bag.damaged
+    if contents.known:
+        yield from _wrong_index(bag, contents)
+    if read_ns is None:
+        return
+    for topic in bag.topics:
+        wanted = contents.count(topic.name, read_ns[0], read_ns[1] + 1)
+        delivered, unreadable = bag.delivered[topic.name], bag.unreadable[topic.name]
+        if delivered + unreadable < wanted:
+            yield f'{topic.name}: {wanted} messages are in the files, {delivered} were read'
+        elif unreadable and not delivered:
+            yield f'{topic.name}: none of its messages could be read'
+
+
+def _wrong_index(bag: Bag, contents: Contents) -> Iterator[str]:
+    """Yield where the index of a bag says something else than its files."""
+    counts = bag.index_counts
+    for topic in sorted({*counts, *contents.times_ns}):
+        held = contents.times_ns.get(topic, np.empty(0)).size
+        said = counts.get(topic)
+        if said is None:
+            yield f'{topic}: {held} messages are in the files, and the index does not name it'
+        elif said != held:
+            yield f'{topic}: {held} messages are in the files, the index says {said}'
+    if bag.index_span_ns != (contents.span_ns() or bag.index_span_ns):
+        first_s, last_s = (time_ns / NS_PER_S for time_ns in bag.index_span_ns)
+        yield f'the index says messages from {first_s:.3f} to {last_s:.3f} s, which is wrong'
 
 
 def _read_sqlite(path: Path, contents: Contents) -> None:

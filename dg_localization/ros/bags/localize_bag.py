@@ -18,7 +18,7 @@ import sqlite3
 import time
 
 from dg_localization.fleet import Estimate, warm_up
-from dg_localization.ros.bags.contents import Contents, read_contents
+from dg_localization.ros.bags.contents import Contents, damage_of, read_contents
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Event,
@@ -80,43 +80,55 @@ def localize_bag(
     settings = task.settings
     inputs = find_inputs(settings, recorded_types(options.bag))
     with closing(Bag(options.bag, inputs.topics, contents.span_ns())) as bag:
-        start_ns, end_ns = _span_ns(bag, options, settings.rate_hz)
-        messages = bag.messages(options.start, options.duration)
-        events = timeline(messages, start_ns, end_ns, settings.rate_hz)
-        tally, ending = Tally(settings.fleet.robots), ''
-        with (
-            new_bag(options.output, options.storage) as writer,
-            closing(make_progress((end_ns - start_ns) / NS_PER_S)) as progress,
-            closing(TickWatch(progress)) as watch,
-        ):
+        span_ns = _span_ns(bag, options, settings.rate_hz)
+        with new_bag(options.output, options.storage) as writer:
             copied = _add_copies(bag, writer) if options.inputs else ()
             localizer = BagLocalizer(task, inputs.links, writer, copied)
-            try:
-                for time_ns, estimate in _answers(events, localizer, bag.start_ns, watch, stop):
-                    tally.add(estimate, (time_ns - bag.start_ns) / NS_PER_S)
-                    progress.update(1.0 / settings.rate_hz)
-            except (BagError, InterruptedRun) as error:
-                if not tally.ticks:
-                    raise
-                ending = f'It ends at {tally.last_s:.1f} s: {error}.'
-        report = BagReport(
+            tally, ending = _write_answers(bag, options, span_ns, localizer, task, stop)
+        return BagReport(
             bag=options.bag.resolve().name,
             start_s=options.start,
-            end_s=(end_ns - bag.start_ns) / NS_PER_S,
+            end_s=(span_ns[1] - bag.start_ns) / NS_PER_S,
             rate_hz=settings.rate_hz,
             ending=ending,
             tally=tally,
             links=inputs.links,
-            states=localizer.intake.states(in_seconds(end_ns)),
+            states=localizer.intake.states(in_seconds(span_ns[1])),
             malformed=localizer.intake.malformed,
             unreadable=bag.unreadable,
             notices=(*inputs.notices, *bag.notices),
-            damage=_damage(bag, contents, None if ending else (start_ns, end_ns)),
+            damage=tuple(damage_of(bag, contents, None if ending else span_ns)),
             checksums=contents.checksums,
             max_boxes=settings.fleet.solver.max_boxes,
         )
+
+
+def _write_answers(
+    bag: Bag,
+    options: argparse.Namespace,
+    span_ns: tuple[int, int],
+    localizer: BagLocalizer,
+    task: Task,
+    stop: StopRequest,
+) -> tuple[Tally, str]:
+    """Localize from the first to the last time; return the answers, and why they end early."""
+    rate_hz = task.settings.rate_hz
+    tally, ending = Tally(task.settings.fleet.robots), ''
+    events = timeline(bag.messages(options.start, options.duration), *span_ns, rate_hz)
+    with (
+        closing(make_progress((span_ns[1] - span_ns[0]) / NS_PER_S)) as progress,
+        closing(TickWatch(progress)) as watch,
+    ):
+        try:
+            for time_ns, estimate in _answers(events, localizer, bag.start_ns, watch, stop):
+                tally.add(estimate, (time_ns - bag.start_ns) / NS_PER_S)
+                progress.update(1.0 / rate_hz)
+        except (BagError, InterruptedRun) as error:
+            if not tally.ticks:
+                raise
+            ending = f'It ends at {tally.last_s:.1f} s: {error}.'
     _print_slowest(watch)
-    return report
+    return tally, ending
 
 
 def _span_ns(bag: Bag, options: argparse.Namespace, rate_hz: float) -> tuple[int, int]:
@@ -141,37 +153,6 @@ def _span_ns(bag: Bag, options: argparse.Namespace, rate_hz: float) -> tuple[int
             'time is damaged, choose parts with --start and --duration'
         )
     return start_ns, end_ns
-
-
-def _damage(bag: Bag, contents: Contents, read_ns: tuple[int, int] | None) -> tuple[str, ...]:
-    """
-    Return what is wrong with a bag.
-
-    Parameters
-    ----------
-    bag : Bag
-        After it was read.
-    contents : Contents
-    read_ns : tuple of int or None
-        The first and the last time that was read, where it was read as far as was asked.
-
-    """
-    found = [*contents.damage, *bag.damaged, *contents.compare(bag.index_counts)]
-    if (span_ns := contents.span_ns()) is not None and span_ns != bag.index_span_ns:
-        first_s, last_s = (time_ns / NS_PER_S for time_ns in bag.index_span_ns)
-        found.append(f'the index says messages from {first_s:.3f} to {last_s:.3f} s')
-    if read_ns is None:
-        return tuple(found)
-    for topic in bag.topics:
-        wanted = contents.count(topic.name, read_ns[0], read_ns[1] + 1)
-        delivered, unreadable = bag.delivered[topic.name], bag.unreadable[topic.name]
-        if delivered + unreadable < wanted:
-            found.append(
-                f'{topic.name}: {wanted} messages are in the files, {delivered} were read'
-            )
-        elif unreadable and not delivered:
-            found.append(f'{topic.name}: none of its messages could be read')
-    return tuple(found)
 
 
 def _add_copies(bag: Bag, writer: BagWriter) -> frozenset[str]:
