@@ -10,7 +10,7 @@ PACKAGE = 'dg_localization'
 EXTRAS = {
     # A machine where ROS 2 Jazzy is sourced has these already.
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-    'bags': ['rosbags>=0.11'],
+    'bags': ['rosbags>=0.11', 'mcap>=1.2'],
     'plots': ['matplotlib>=3.6'],
     'speed': ['numba>=0.58.1'],
     'progress': ['tqdm>=4'],

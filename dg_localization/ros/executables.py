@@ -19,7 +19,7 @@ import signal
 import sys
 
 from dg_localization.ros.signals import handled_by
-from dg_localization.ros.terminal import print_line
+from dg_localization.ros.terminal import open_closed_streams, print_line
 
 EXIT_FAILED = 1
 EXIT_WRONG_USAGE = 2
@@ -89,6 +89,7 @@ def _run(module: str, args: Sequence[str] | None, interrupted: int = 0) -> int:
         The exit code.
 
     """
+    open_closed_streams()
     try:
         with handled_by(signal.default_int_handler):
             main: Callable[[Sequence[str]], int]

@@ -3,7 +3,9 @@
 import json
 import os
 from pathlib import Path
+import shlex
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -20,8 +22,17 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.ros.bags import reader as bag_module  # noqa: E402
-from dg_localization.ros.bags.offline import Event, read_task, timeline  # noqa: E402
+from dg_localization.ros.bags import (  # noqa: E402
+    localize_bag as localize_bag_module,
+    reader as bag_module,
+    watch,
+)
+from dg_localization.ros.bags.offline import (  # noqa: E402
+    BagLocalizer,
+    Event,
+    read_task,
+    timeline,
+)
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 from msg_adapters import Level, PeersReading, adapter_for  # noqa: E402
 
@@ -512,3 +523,147 @@ def test_the_true_placement_is_in_every_answer(tmp_path, uwb_recording, capsys):
     _, scenes = read(tmp_path / 'out', '/localizer/markers')
     assert uwb_recording.check(scenes) == 75
     assert '85 ticks at 5 Hz, from 0.0 to 17.2 s of the bag.' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('streams', ['closed', 'broken'])
+def test_without_a_terminal_no_answer_is_lost(tmp_path, triangle_bag, streams):
+    params, output = tmp_path / 'params.yaml', tmp_path / 'out'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    report = tmp_path / 'report.json'
+    command = [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', triangle_bag]
+    command += ['-o', output, '--params', params, '--report', report]
+    text = shlex.join(map(str, command))
+    # A pipe whose reader is gone, or no file at all under the numbers of the streams.
+    text += ' >&- 2>&-' if streams == 'closed' else ' > >(true) 2> >(true)'
+    ended = subprocess.run(['bash', '-c', text], cwd=REPOSITORY, timeout=120, check=False)
+    assert ended.returncode == 0
+    assert json.loads(report.read_text())['ticks'] == 10
+    assert counts(output)['/localizer/feasible_poses'] == 10
+
+
+def test_a_full_disk_under_the_printed_report_keeps_the_answers(tmp_path, triangle_bag):
+    params, output = tmp_path / 'params.yaml', tmp_path / 'out'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    with open('/dev/full', 'w') as full:
+        ended = subprocess.run(
+            [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', triangle_bag]
+            + ['-o', output, '--params', params],
+            cwd=REPOSITORY,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    assert ended.returncode == 1
+    assert 'No space left on device' in ended.stderr and 'Traceback' not in ended.stderr
+    assert counts(output)['/localizer/feasible_poses'] == 10
+
+
+def test_an_error_keeps_the_answers_before_it(localize, triangle_bag, monkeypatch):
+    tick = BagLocalizer.tick
+
+    def fails_late(self, time_ns, cancel):
+        if time_ns > START_NS + 10 * PERIOD_NS:
+            raise MemoryError
+        return tick(self, time_ns, cancel)
+
+    monkeypatch.setattr(BagLocalizer, 'tick', fails_late)
+    with pytest.raises(MemoryError):
+        localize(triangle_bag)
+    assert counts(localize.output)['/localizer/feasible_poses'] == 5
+
+
+def test_a_damaged_first_message_is_counted_and_its_topic_is_read(localize, recorder):
+    recorder.write('/b/range/a', 0, b'\x00\x01\x00\x00damaged')
+    recorder.write_triangle(range(11))
+    for step in range(1, 11):
+        recorder.write('/b/range/a', step, range_message(START_NS + step * PERIOD_NS, 3.0))
+    code, report = localize(recorder.close())
+    assert code == 0 and report['accepted'] == 43 and report['damage'] == []
+    assert sum(report['rejected'].values()) == 1
+
+
+def test_a_topic_of_which_nothing_can_be_read_is_damage(localize, recorder, capsys):
+    recorder.write_triangle(range(11))
+    for step in range(11):
+        recorder.write('/b/range/a', step, b'\x00\x01\x00\x00damaged')
+    code, report = localize(recorder.close())
+    assert code == 1 and report['accepted'] == 33 and report['ticks'] == 5
+    assert '/b/range/a' in report['damage'][0]
+    assert 'The bag is damaged:' in capsys.readouterr().out
+
+
+def test_a_topic_of_another_type_than_its_name_says_is_reported(localize, recorder):
+    recorder.write_triangle(range(11))
+    odd = STORE.serialize_cdr(TYPES['strange_msgs/msg/Odd'](1.0), 'strange_msgs/msg/Odd')
+    recorder.write('/b/range/a', 0, odd, 'strange_msgs/msg/Odd')
+    code, report = localize(recorder.close())
+    assert code == 0 and report['notices'] == [
+        f'/b/range/a is passed over: the link says {RANGE}, the bag strange_msgs/msg/Odd'
+    ]
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_a_bag_without_messages_is_refused_with_a_sentence(localize, tmp_path, plugin, capsys):
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=plugin) as writer:
+        writer.add_connection('/a/range/b', RANGE, typestore=STORE)
+    assert localize(tmp_path / 'bag') == (1, None)
+    assert 'it holds no message' in capsys.readouterr().err
+
+
+def test_a_text_for_a_time_is_damage(localize, tmp_path):
+    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    recorder.write_triangle(range(11))
+    (storage,) = recorder.close().glob('*.db3')
+    with sqlite3.connect(storage) as base:
+        base.execute("UPDATE messages SET timestamp = 'noon' WHERE id = 5")
+    code, report = localize(recorder.path)
+    assert code == 1 and report['ticks'] == 5
+    assert any("typeof(timestamp) != 'integer'" in text for text in report['damage'])
+
+
+@pytest.mark.parametrize('time_ns', [-1, START_NS + 10**18, 2**63 - 1])
+def test_a_damaged_time_does_not_make_a_bag_of_centuries(localize, tmp_path, time_ns, capsys):
+    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    recorder.write_triangle(range(11))
+    (storage,) = recorder.close().glob('*.db3')
+    with sqlite3.connect(storage) as base:
+        base.execute('UPDATE messages SET timestamp = ? WHERE id = 5', [time_ns])
+    assert localize(recorder.path) == (1, None)
+    assert 'messages were received from' in capsys.readouterr().err
+
+
+def test_the_report_says_when_the_budget_ended_the_search(localize, recorder, capsys):
+    ranges_m = {
+        ('a', 'b'): 3.0,
+        ('a', 'c'): 4.0,
+        ('b', 'c'): 5.0,
+        ('b', 'd'): 3.0,
+        ('c', 'd'): 4.0,
+    }
+    recorder.write_triangle(range(11), ranges_m)
+    given = {'robots': ['a', 'b', 'c', 'd'], 'solver__max_boxes': 1}
+    code, report = localize(recorder.close(), **given)
+    assert code == 0 and report['max_boxes'] == 1
+    assert report['ticks_by_verdict'] == {'out_of_budget': 5}
+    told = capsys.readouterr().out
+    assert 'The search of 5 ticks ended at solver.max_boxes, 1 boxes' in told
+
+
+def test_one_long_answer_shows_signs_of_life(localize, triangle_bag, capsys, monkeypatch):
+    tick = BagLocalizer.tick
+
+    def slow_once(self, time_ns, cancel):
+        if time_ns == START_NS + 4 * PERIOD_NS:
+            time.sleep(0.5)
+        return tick(self, time_ns, cancel)
+
+    monkeypatch.setattr(BagLocalizer, 'tick', slow_once)
+    monkeypatch.setattr(watch, 'NOTE_PERIOD_S', 0.05)
+    monkeypatch.setattr(localize_bag_module, 'SLOW_TICK_S', 0.5)
+    code, _ = localize(triangle_bag)
+    told = capsys.readouterr().err
+    assert code == 0
+    assert 'for the answer at 0.4 s' in told
+    assert 'the slowest answer, at 0.4 s of the bag, took' in told

@@ -18,6 +18,7 @@ import sqlite3
 import time
 
 from dg_localization.fleet import Estimate, warm_up
+from dg_localization.ros.bags.contents import Contents, damage_of, read_contents
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Event,
@@ -29,12 +30,18 @@ from dg_localization.ros.bags.offline import (
 )
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
 from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
+from dg_localization.ros.bags.watch import TickWatch
 from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
 from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import make_progress, number, print_line
+from dg_localization.ros.terminal import make_progress, number, print_line, print_result
 
+# Some weeks at 5 Hz; one damaged receive time makes a bag of a century.
+MAX_TICKS = 10_000_000
+# Stamps have 32 bits for the seconds.
+END_OF_ROS_TIME_NS = 2**31 * NS_PER_S
+SLOW_TICK_S = 5.0
 REPORTS = {'.json': as_json, '.md': as_markdown}
 
 
@@ -42,7 +49,9 @@ class InterruptedRun(Exception):
     """SIGINT or SIGTERM came."""
 
 
-def localize_bag(options: argparse.Namespace, task: Task, stop: StopRequest) -> BagReport:
+def localize_bag(
+    options: argparse.Namespace, task: Task, contents: Contents, stop: StopRequest
+) -> BagReport:
     """
     Do what the command line asks for.
 
@@ -51,6 +60,8 @@ def localize_bag(options: argparse.Namespace, task: Task, stop: StopRequest) -> 
     options : argparse.Namespace
         What `make_parser` returned.
     task : Task
+    contents : Contents
+        What the files of the bag hold.
     stop : StopRequest
         Ends it early, with the answers there are by then.
 
@@ -68,51 +79,78 @@ def localize_bag(options: argparse.Namespace, task: Task, stop: StopRequest) -> 
     """
     settings = task.settings
     inputs = find_inputs(settings, recorded_types(options.bag))
-    with closing(Bag(options.bag, inputs.topics)) as bag:
-        start_ns, end_ns = _span_ns(bag, options, 1.0 / settings.rate_hz)
-        messages = bag.messages(options.start, options.duration)
-        events = timeline(messages, start_ns, end_ns, settings.rate_hz)
-        tally, ending = Tally(settings.fleet.robots), ''
-        with (
-            new_bag(options.output, options.storage) as writer,
-            closing(make_progress((end_ns - start_ns) / NS_PER_S)) as progress,
-        ):
+    with closing(Bag(options.bag, inputs.topics, contents.span_ns())) as bag:
+        span_ns = _span_ns(bag, options, settings.rate_hz)
+        with new_bag(options.output, options.storage) as writer:
             copied = _add_copies(bag, writer) if options.inputs else ()
             localizer = BagLocalizer(task, inputs.links, writer, copied)
-            try:
-                for time_ns, estimate in _answers(events, localizer, stop):
-                    tally.add(estimate, (time_ns - bag.start_ns) / NS_PER_S)
-                    progress.update(1.0 / settings.rate_hz)
-            except (BagError, InterruptedRun) as error:
-                if not tally.ticks:
-                    raise
-                ending = f'It ends at {tally.last_s:.1f} s: {error}.'
+            tally, ending = _write_answers(bag, options, span_ns, localizer, task, stop)
         return BagReport(
             bag=options.bag.resolve().name,
             start_s=options.start,
-            end_s=(end_ns - bag.start_ns) / NS_PER_S,
+            end_s=(span_ns[1] - bag.start_ns) / NS_PER_S,
             rate_hz=settings.rate_hz,
             ending=ending,
             tally=tally,
             links=inputs.links,
-            states=localizer.intake.states(in_seconds(end_ns)),
+            states=localizer.intake.states(in_seconds(span_ns[1])),
             malformed=localizer.intake.malformed,
             unreadable=bag.unreadable,
             notices=(*inputs.notices, *bag.notices),
+            damage=tuple(damage_of(bag, contents, None if ending else span_ns)),
+            checksums=contents.checksums,
+            max_boxes=settings.fleet.solver.max_boxes,
         )
 
 
-def _span_ns(bag: Bag, options: argparse.Namespace, period_s: float) -> tuple[int, int]:
+def _write_answers(
+    bag: Bag,
+    options: argparse.Namespace,
+    span_ns: tuple[int, int],
+    localizer: BagLocalizer,
+    task: Task,
+    stop: StopRequest,
+) -> tuple[Tally, str]:
+    """Localize from the first to the last time; return the answers, and why they end early."""
+    rate_hz = task.settings.rate_hz
+    tally, ending = Tally(task.settings.fleet.robots), ''
+    events = timeline(bag.messages(options.start, options.duration), *span_ns, rate_hz)
+    with (
+        closing(make_progress((span_ns[1] - span_ns[0]) / NS_PER_S)) as progress,
+        closing(TickWatch(progress)) as watch,
+    ):
+        try:
+            for time_ns, estimate in _answers(events, localizer, bag.start_ns, watch, stop):
+                tally.add(estimate, (time_ns - bag.start_ns) / NS_PER_S)
+                progress.update(1.0 / rate_hz)
+        except (BagError, InterruptedRun) as error:
+            if not tally.ticks:
+                raise
+            ending = f'It ends at {tally.last_s:.1f} s: {error}.'
+    _print_slowest(watch)
+    return tally, ending
+
+
+def _span_ns(bag: Bag, options: argparse.Namespace, rate_hz: float) -> tuple[int, int]:
     """Return the first and the last time to read."""
     start_ns = bag.start_ns + round(options.start * NS_PER_S)
     end_ns = bag.end_ns
     if options.duration is not None:
         end_ns = min(end_ns, start_ns + round(options.duration * NS_PER_S))
-    if end_ns - start_ns < period_s * NS_PER_S:
+    period_s, span_s = 1.0 / rate_hz, (end_ns - start_ns) / NS_PER_S
+    if span_s < period_s:
         raise BagError(
-            f'--start and --duration leave {max(0.0, (end_ns - start_ns) / NS_PER_S):.1f} of the '
+            f'--start and --duration leave {max(0.0, span_s):.1f} of the '
             f'{bag.duration_s:.1f} s of the bag; there must be {period_s:g} s, one period of '
             "the parameter 'rate'"
+        )
+    received = f'received from {start_ns / NS_PER_S:.3f} to {end_ns / NS_PER_S:.3f} s'
+    if start_ns < 0 or end_ns >= END_OF_ROS_TIME_NS:
+        raise BagError(f'messages were {received}: these are no times of ROS')
+    if span_s * rate_hz > MAX_TICKS:
+        raise BagError(
+            f'messages were {received}, too long for one run: if that is right and no receive '
+            'time is damaged, choose parts with --start and --duration'
         )
     return start_ns, end_ns
 
@@ -133,6 +171,8 @@ def _add_copies(bag: Bag, writer: BagWriter) -> frozenset[str]:
 def _answers(
     events: Iterable[tuple[int, Event, BagMessage | None]],
     localizer: BagLocalizer,
+    bag_start_ns: int,
+    watch: TickWatch,
     stop: StopRequest,
 ) -> Iterator[tuple[int, Estimate]]:
     """Let the events happen, and yield every answer with its time in ns."""
@@ -142,7 +182,8 @@ def _answers(
         elif event is Event.DIAGNOSTICS:
             localizer.write_diagnostics(time_ns)
         else:
-            estimate = localizer.tick(time_ns, stop)
+            with watch.solving((time_ns - bag_start_ns) / NS_PER_S):
+                estimate = localizer.tick(time_ns, stop)
             if estimate is not None:
                 yield time_ns, estimate
         if stop.is_set():
@@ -178,7 +219,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog='localize_bag',
         description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
         epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
-        'Exit codes: 0; 1 when the bag cannot be read to its end; 2 when an argument or a '
+        'Exit codes: 0; 1 when the bag is damaged; 2 when an argument or a '
         'parameter is wrong; 130 after SIGINT or SIGTERM.',
     )
     seconds = number(0.0, ' s')
@@ -205,13 +246,24 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _print_slowest(watch: TickWatch) -> None:
+    """Print which answer took longest, where somebody may wonder what the time went into."""
+    if watch.slowest_s >= SLOW_TICK_S:
+        print_line(
+            f'the slowest answer, at {watch.slowest_at_s:.1f} s of the bag, took '
+            f"{watch.slowest_s:.1f} s; the parameter 'solver.max_boxes' bounds the search"
+        )
+
+
 def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
     """Print the report and how long it took, and write the file that was asked for."""
     if path is not None:
         path.write_text(REPORTS[path.suffix](report), encoding='utf-8')
-    print(as_markdown(report))
+    print_result(as_markdown(report))
     read_s = report.tally.last_s - report.start_s
-    print(f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real time.')
+    print_result(
+        f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real time.'
+    )
 
 
 def main(args: Sequence[str]) -> int:
@@ -237,16 +289,18 @@ def main(args: Sequence[str]) -> int:
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
     try:
+        contents = read_contents(options.bag)
         warm_up()
         with stop_request() as stop:
             began_s = time.perf_counter()
-            report = localize_bag(options, task, stop)
+            report = localize_bag(options, task, contents, stop)
             _print_report(report, options.report, time.perf_counter() - began_s)
     except (OSError, sqlite3.Error) as error:
         raise ExecutableError(str(error)) from error
     except (InterruptedRun, KeyboardInterrupt):
-        print_line('interrupted; nothing is written')
+        kept = f'{options.output} has the answers so far' if options.output.exists() else ''
+        print_line(f'interrupted; {kept or "nothing is written"}')
         return EXIT_INTERRUPTED
     if stop.is_set():
         return EXIT_INTERRUPTED
-    return EXIT_FAILED if report.ending else 0
+    return EXIT_FAILED if report.ending or report.damage else 0

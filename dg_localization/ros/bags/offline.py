@@ -147,15 +147,15 @@ class Inputs:
     topics: tuple[str, ...]
 
 
-def find_inputs(settings: Settings, recorded: Mapping[str, str]) -> Inputs:
+def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> Inputs:
     """
     Find the inputs of a fleet among recorded topics.
 
     Parameters
     ----------
     settings : Settings
-    recorded : mapping of str to str
-        Type by topic.
+    recorded : mapping of str to sequence of str
+        By topic the types of its messages.
 
     Raises
     ------
@@ -164,9 +164,15 @@ def find_inputs(settings: Settings, recorded: Mapping[str, str]) -> Inputs:
 
     """
     finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
-    found = finder.find((topic, [kind]) for topic, kind in sorted(recorded.items()))
+    found = finder.find(sorted((topic, list(kinds)) for topic, kinds in recorded.items()))
     links = (*settings.links, *found)
-    notices = tuple(filter(None, (_wrong_with(link, recorded) for link in links)))
+    named = {link.topic for link in links}
+    others = [
+        link
+        for topic in sorted(set(recorded) - named)
+        if (link := _named_by_a_template(settings, topic)) is not None
+    ]
+    notices = tuple(filter(None, (_wrong_with(link, recorded) for link in (*links, *others))))
     topics = tuple(link.topic for link in links if not _wrong_with(link, recorded))
     if not topics:
         names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
@@ -178,13 +184,22 @@ def find_inputs(settings: Settings, recorded: Mapping[str, str]) -> Inputs:
     return Inputs(links, notices, topics)
 
 
-def _wrong_with(link: Link, recorded: Mapping[str, str]) -> str:
+def _named_by_a_template(settings: Settings, topic: str) -> Link | None:
+    """Return the link that the name of a topic makes, whatever its type is."""
+    links = (template.link_of(topic, settings.fleet.points) for template in settings.templates)
+    return next((link for link in links if link is not None), None)
+
+
+def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
     """Return why a link cannot be read, empty when it can."""
-    kind = recorded.get(link.topic)
-    if kind is None:
+    kinds = recorded.get(link.topic)
+    if kinds is None:
         return f'{link.topic} of the links is not in the bag'
-    if kind != link.type_name:
-        return f'{link.topic} is passed over: the link says {link.type_name}, the bag {kind}'
+    if tuple(kinds) != (link.type_name,):
+        return (
+            f'{link.topic} is passed over: the link says {link.type_name}, '
+            f'the bag {" and ".join(kinds)}'
+        )
     return ''
 
 

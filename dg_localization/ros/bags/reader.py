@@ -5,21 +5,29 @@ Bytes of a type that has got other fields since the recording are brought up to 
 sensor_msgs/Range has a variance since Iron, and no subscriber of today reads the bytes of before.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, redirect_stdout
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
+from itertools import islice
+from operator import index
 from pathlib import Path
+import re
 from typing import Any, NamedTuple
 
 from dg_localization.optional import install_hint
 from dg_localization.ros.executables import ExecutableError
 
 NS_PER_S = 1_000_000_000
+# So many messages of a topic show by which definition they were written.
+SAMPLES = 20
 # Where a bag does not hold the definitions of its types, those of a distribution that fit.
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
+TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
+RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
 
 
 class BagError(ExecutableError):
@@ -70,6 +78,8 @@ class Bag:
         A bag folder, or a .db3 or .mcap file.
     topics : sequence of str, optional
         Only these topics; all by default.
+    span_ns : tuple of int, optional
+        The first and the last receive time; what the index of the bag says by default.
 
     Attributes
     ----------
@@ -77,8 +87,12 @@ class Bag:
         The topics that can be read.
     notices : list of str
         One sentence for each topic that is passed over.
-    unreadable : Counter of str
-        By topic, the damaged messages that were passed over so far.
+    damaged : list of str
+        Those of the notices that are about damage.
+    start_ns, end_ns : int
+        Receive times of the first and the last message of the bag.
+    delivered, unreadable : Counter of str
+        By topic, the messages that were read so far, and the damaged ones passed over.
 
     Raises
     ------
@@ -87,9 +101,16 @@ class Bag:
 
     """
 
-    def __init__(self, path: Path, topics: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[str] | None = None,
+        span_ns: tuple[int, int] | None = None,
+    ) -> None:
         self.topics: list[Topic] = []
         self.notices: list[str] = []
+        self.damaged: list[str] = []
+        self.delivered: Counter[str] = Counter()
         self.unreadable: Counter[str] = Counter()
         self._connections: list[Any] = []
         self._converters: dict[str, Callable[[bytes], bytes]] = {}
@@ -97,6 +118,7 @@ class Bag:
         self._reader = _open(path)
         try:
             with _damage_reported(path):
+                self.start_ns, self.end_ns = span_ns or self.index_span_ns
                 self._choose(topics)
         except BagError:
             self.close()
@@ -128,7 +150,9 @@ class Bag:
             return f'its type {info.msgtype} is not installed'
         converter = self._converter(info)
         if converter is None:
-            return f'its messages do not fit any definition of {info.msgtype}'
+            reason = f'its messages do not fit any definition of {info.msgtype}'
+            self.damaged.append(f'{name} is passed over: {reason}')
+            return reason
         self._converters[name] = converter
         self._connections += info.connections
         offered = tuple(qos for c in info.connections for qos in c.ext.offered_qos_profiles)
@@ -140,7 +164,6 @@ class Bag:
         """Return what makes recorded bytes those of the installed type, or None."""
         from rosbags.convert.converter import generate_message_converter
         from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_typestore
 
         installed = get_typestore(Stores.ROS2_JAZZY)
@@ -150,33 +173,42 @@ class Bag:
             candidates = [self._reader.typestore]
         else:
             candidates = [get_typestore(Stores[f'ROS2_{name}']) for name in DISTRIBUTIONS]
-        sample = next(self._reader.messages(info.connections))[2]
-        for recorded in candidates:
-            try:
-                recorded.deserialize_cdr(sample, info.msgtype)
-            except (SerdeError, KeyError):
-                continue
-            with redirect_stdout(StringIO()):  # it prints the name of every type it converts
-                convert = generate_message_converter(
-                    recorded, installed, info.msgtype, info.msgtype, {}, src_is2=True, dst_is2=True
-                )
-            return lambda data: bytes(convert(data))
-        return None
+        candidates = [one for one in candidates if not _renamed(one, installed, info.msgtype)]
+        samples = self._samples(info)
+        # The first of those that fit the most: some samples may be damaged.
+        recorded = max(candidates, key=partial(_n_fitting, samples, info.msgtype), default=None)
+        if recorded is None or (samples and not _n_fitting(samples, info.msgtype, recorded)):
+            return None
+        with redirect_stdout(StringIO()):  # it prints the name of every type it converts
+            convert = generate_message_converter(
+                recorded, installed, info.msgtype, info.msgtype, {}, src_is2=True, dst_is2=True
+            )
+        return lambda data: bytes(convert(data))
+
+    def _samples(self, info: Any) -> list[bytes]:
+        """Return the first messages of a topic, without those behind damage of the file."""
+        samples: list[bytes] = []
+        try:
+            for _, _, data in islice(self._reader.messages(info.connections), SAMPLES):
+                samples.append(data)
+        except Exception:  # it comes again, and is reported, when the messages are read
+            pass
+        return samples
 
     @property
-    def start_ns(self) -> int:
-        """Receive time of the first message of the bag."""
-        return int(self._reader.start_time)
+    def index_span_ns(self) -> tuple[int, int]:
+        """The first and the last receive time, as the index of the bag says."""
+        return int(self._reader.start_time), int(self._reader.end_time) - 1
 
     @property
-    def end_ns(self) -> int:
-        """Receive time of the last message of the bag."""
-        return int(self._reader.end_time) - 1
+    def index_counts(self) -> dict[str, int]:
+        """By topic the number of messages, as the index of the bag says."""
+        return {name: info.msgcount for name, info in self._reader.topics.items()}
 
     @property
     def duration_s(self) -> float:
         """Time from the first to the last message of the bag."""
-        return float(self._reader.duration) / NS_PER_S
+        return (self.end_ns - self.start_ns) / NS_PER_S
 
     def messages(
         self, start_s: float = 0.0, duration_s: float | None = None
@@ -199,34 +231,45 @@ class Bag:
         Raises
         ------
         BagError
-            Where the file itself is damaged.
+            Where the file itself is damaged, and where a time is before the one that came last.
 
         """
         start_ns = self.start_ns + round(start_s * NS_PER_S)
         stop_ns = None if duration_s is None else start_ns + round(duration_s * NS_PER_S)
         recorded = self._reader.messages(self._connections, start=start_ns, stop=stop_ns)
+        last_ns = start_ns
         with _damage_reported(self._path):
             for connection, time_ns, data in recorded:
                 message = self._converted(connection.topic, time_ns, data)
-                if message is not None:
-                    yield message
+                if message is None:
+                    continue
+                if time_ns < last_ns:
+                    raise BagError(
+                        f'{self._path}: a message of {connection.topic} received at '
+                        f'{time_ns / NS_PER_S:.3f} s comes after one of {last_ns / NS_PER_S:.3f} s'
+                    )
+                last_ns = time_ns
+                yield message
 
-    def _converted(self, topic: str, time_ns: int, data: bytes) -> BagMessage | None:
-        """Return a message for the installed type, or None, counted, for a damaged one."""
+    def _converted(self, topic: str, time_ns: Any, data: Any) -> BagMessage | None:
+        """Return a message for the installed type, or None for a damaged one; count both."""
         try:
-            return BagMessage(topic, time_ns, self._converters[topic](data))
+            # SQLite keeps any type of value in any column.
+            message = BagMessage(topic, index(time_ns), self._converters[topic](data))
         except Exception:  # whatever the generated code of rosbags stumbles over
             self.unreadable[topic] += 1
             return None
+        self.delivered[topic] += 1
+        return message
 
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
 
 
-def recorded_types(path: Path) -> dict[str, str]:
+def recorded_types(path: Path) -> dict[str, tuple[str, ...]]:
     """
-    Return the topics of a bag with their types, without those that hold several types.
+    Return the topics of a bag, with the type of their messages or the several types.
 
     Parameters
     ----------
@@ -239,8 +282,36 @@ def recorded_types(path: Path) -> dict[str, str]:
         If the path is no bag.
 
     """
-    with closing(_open(path)) as reader:
-        return {name: info.msgtype for name, info in reader.topics.items() if info.msgtype}
+    types: dict[str, set[str]] = defaultdict(set)
+    with closing(_open(path)) as reader, _damage_reported(path):
+        for connection in reader.connections:
+            types[str(connection.topic)].add(str(connection.msgtype))
+    return {topic: tuple(sorted(kinds)) for topic, kinds in types.items()}
+
+
+def _n_fitting(samples: Sequence[bytes], type_name: str, typestore: Any) -> int:
+    """Return how many messages can be read by the definition in a typestore."""
+    count = 0
+    for data in samples:
+        try:
+            typestore.deserialize_cdr(data, type_name)
+        except Exception:  # whatever the generated code of rosbags stumbles over
+            continue
+        count += 1
+    return count
+
+
+def _renamed(recorded: Any, installed: Any, type_name: str) -> bool:
+    """
+    Return whether a recorded definition has fields that the installed one does not know.
+
+    A converter drops them, and leaves a zero in the field that they should have filled.
+    """
+    if type_name not in recorded.fielddefs:
+        return True
+    _, fields = recorded.fielddefs[type_name]
+    _, known = installed.fielddefs[type_name]
+    return bool({name for name, _ in fields} - {name for name, _ in known})
 
 
 @contextmanager
@@ -252,10 +323,7 @@ def _damage_reported(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = str(error) or type(error).__name__
-        raise BagError(
-            f'{path} is damaged: {reason}; '
-            "'ros2 bag reindex' or 'mcap recover' may save what is left"
-        ) from error
+        raise BagError(f'{path} is damaged: {reason}; {RESCUE}') from error
 
 
 def _open(path: Path) -> Any:
@@ -273,7 +341,9 @@ def _open(path: Path) -> Any:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:  # on damaged files whatever its parsers raise
-        raise BagError(f'{path} cannot be read as a rosbag2: {error}') from error
+        raise BagError(
+            f'{path} cannot be read as a rosbag2: {str(error) or type(error).__name__}; {RESCUE}'
+        ) from error
     return reader
 
 
@@ -292,6 +362,8 @@ def find_message_class(type_name: str) -> type | None:
         None when the package is not installed or has no such message.
 
     """
+    if not TYPE_NAME.fullmatch(type_name):
+        return None
     package, _, rest = type_name.partition('/')
     try:
         module = import_module(f'{package}.msg')

@@ -209,6 +209,8 @@ def replay(node: Node, options: argparse.Namespace) -> None:
                 count = replayer.play(messages, start_ns, progress)
             replayer.flush()
             print_line(f'{count} messages published')
+            for topic, unreadable in sorted(bag.unreadable.items()):
+                print_line(f'{topic}: {unreadable} damaged messages were passed over')
             if not options.loop:
                 return
 

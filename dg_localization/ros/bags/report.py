@@ -13,6 +13,10 @@ from dg_localization.ros.interface.diagnostics import Malformed
 from dg_localization.ros.interface.links import Link
 from dg_localization.solver.result import Verdict
 
+WITHOUT_CHECKSUMS = (
+    'Not all of its messages have checksums: a flipped bit in a message would not be noticed.'
+)
+
 
 @dataclass
 class Contradiction:
@@ -138,6 +142,12 @@ class BagReport:
         By topic, the messages whose bytes are damaged.
     notices : sequence of str
         Topics that were passed over, a sentence each.
+    damage : sequence of str
+        What is wrong with the bag, a sentence each.
+    checksums : bool
+        Whether checksums protect all of its messages.
+    max_boxes : int
+        The budget of one answer.
 
     """
 
@@ -152,6 +162,14 @@ class BagReport:
     malformed: Mapping[str, Malformed]
     unreadable: Mapping[str, int]
     notices: Sequence[str]
+    damage: Sequence[str]
+    checksums: bool
+    max_boxes: int
+
+    @property
+    def at_budget(self) -> int:
+        """Ticks whose search ended at the budget."""
+        return self.tally.verdicts[Verdict.OUT_OF_BUDGET.value]
 
     @property
     def rejected(self) -> Counter[str]:
@@ -185,6 +203,9 @@ def as_json(report: BagReport) -> str:
         'end_s': report.end_s,
         'rate_hz': report.rate_hz,
         'ending': report.ending,
+        'damage': list(report.damage),
+        'checksums': report.checksums,
+        'max_boxes': report.max_boxes,
         'ticks': tally.ticks,
         'ticks_by_hypotheses': _sorted(tally.hypotheses),
         'ticks_by_verdict': _sorted(tally.verdicts),
@@ -239,15 +260,33 @@ def as_markdown(report: BagReport) -> str:
         f'{_ticks(tally.ticks)} at {report.rate_hz:g} Hz, from {report.start_s:.1f} to '
         f'{report.end_s:.1f} s of the bag.',
         report.ending,
+        _damage(report.damage),
         _table('hypotheses', 'ticks', sorted(tally.hypotheses.items())),
         _table('verdict', 'ticks', sorted(tally.verdicts.items())),
+        _budget(report),
         _table('robot', 'median width of its enclosure', widths.items()),
         f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
         _table('rejected because', 'measurements', sorted(report.rejected.items())),
         *_contradictions(tally.contradictions),
         *report.notices,
+        '' if report.checksums else WITHOUT_CHECKSUMS,
     ]
     return '\n\n'.join(filter(None, parts)) + '\n'
+
+
+def _damage(damage: Sequence[str]) -> str:
+    return '\n'.join(['The bag is damaged:', *(f'- {text}' for text in damage)]) if damage else ''
+
+
+def _budget(report: BagReport) -> str:
+    """Return what it means that searches ended at the budget, if any did."""
+    if not report.at_budget:
+        return ''
+    return (
+        f'The search of {_ticks(report.at_budget)} ended at solver.max_boxes, '
+        f'{report.max_boxes} boxes: no placement is lost there, but the enclosures are wider, and '
+        'the hypotheses may be more, than a longer search would leave.'
+    )
 
 
 def _contradictions(found: Sequence[Contradiction]) -> Iterator[str]:

@@ -6,9 +6,10 @@ here is therefore read and written again by rosbags, which pads with zeros.
 """
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 import shutil
+import sqlite3
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -30,11 +31,17 @@ class BagWriter:
     writer : rosbags.rosbag2.Writer
         Open.
 
+    Attributes
+    ----------
+    holds_answers : bool
+        Whether a message that is not a copy was written.
+
     """
 
     def __init__(self, writer: Any) -> None:
         from rosbags.typesys import Stores, get_typestore
 
+        self.holds_answers = False
         self._writer = writer
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Any] = {}
@@ -62,6 +69,7 @@ class BagWriter:
         type_name = self._connections[topic].msgtype
         decoded = self._types.deserialize_cdr(serialize_message(message), type_name)
         self.copy(topic, time_ns, self._types.serialize_cdr(decoded, type_name))
+        self.holds_answers = True
 
     def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
         """Write the bytes of a message on a topic that was added."""
@@ -71,12 +79,12 @@ class BagWriter:
 @contextmanager
 def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
     """
-    Make a bag, and remove it again unless all went well.
+    Make a bag; whatever ends the block, the answers that were written are kept.
 
     Parameters
     ----------
     path : Path
-        A folder that does not exist.
+        A folder that does not exist; it is removed again where no answer was written.
     storage : {'mcap', 'sqlite3'}
         How the messages are kept.
 
@@ -91,13 +99,19 @@ def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
     # Version 9 is Jazzy's.
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
     writer.open()
+    bag_writer = BagWriter(writer)
     try:
-        yield BagWriter(writer)
-        writer.close()
+        yield bag_writer
     except BaseException:
-        writer.abort()
-        shutil.rmtree(path, ignore_errors=True)
+        if not bag_writer.holds_answers:
+            writer.abort()
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            # On a full disk the end cannot be written either; what is there is left as it is.
+            with suppress(OSError, sqlite3.Error):
+                writer.close()
         raise
+    writer.close()
 
 
 def _recorded_qos(profile: QoSProfile) -> Any:

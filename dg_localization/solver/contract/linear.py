@@ -13,9 +13,10 @@ and g_m those of the measured pairs m. For any multipliers y_m,
     s_kl = s_kl(x*) + |e_kl|^2 + sum_m y_m (s_m - s_m(x*) - |e_m|^2) + (g_kl - sum_m y_m g_m) . e
 
 so any y gives a bound, and a y that makes the last term vanish a good one: least squares, weighted
-by the errors, which may be computed without care for rounding. The squares are bounded with enclosures of the
-displacements in the frame of a few points, which the same identity narrows (an interval Newton
-step for more equations than unknowns). The paper has no such step; it projects only.
+by the errors, which may be computed without care for rounding. The squares are bounded with
+enclosures of the displacements in the frame of a few points, which the same identity narrows (an
+interval Newton step for more equations than unknowns). The paper has no such step; it projects
+only.
 """
 
 from __future__ import annotations

@@ -1,0 +1,326 @@
+"""
+Small bags, and every systematic way to damage them.
+
+A damage is a function that changes the bag in a folder; its name says what it does. The same
+number of cases gives the same damages.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+import os
+from pathlib import Path
+import random
+import shutil
+import sqlite3
+import struct
+
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+RANGE = 'sensor_msgs/msg/Range'
+START_NS = 1_700_000_000_000_000_000
+PERIOD_NS = 100_000_000
+# Two sides and the hypotenuse of a right triangle.
+RANGES_M = {'/a/range/b': 3.0, '/a/range/c': 4.0, '/b/range/c': 5.0}
+STEPS = 9
+CHUNK_BYTES = 1000
+HUGE = (2**31, 2**40, 2**63, 2**64 - 1)
+OPCODE_BYTES, LENGTH_BYTES = 1, 8
+MAGIC_BYTES = 8
+
+
+@dataclass(frozen=True)
+class Damage:
+    """
+    One way to damage a bag.
+
+    Attributes
+    ----------
+    name : str
+    change : callable
+        Changes the bag in the folder that it is given.
+    noticeable : bool
+        False where nobody can notice it: bytes of a message that no checksum protects.
+
+    """
+
+    name: str
+    change: Callable[[Path], None]
+    noticeable: bool = True
+
+
+def write_bag(path: Path, storage: str) -> None:
+    """
+    Write an undamaged bag.
+
+    Parameters
+    ----------
+    path : Path
+        A folder that does not exist.
+    storage : {'db3', 'mcap', 'mcap without checksums'}
+
+    """
+    plugin = StoragePlugin.SQLITE3 if storage == 'db3' else StoragePlugin.MCAP
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        connections = {
+            topic: writer.add_connection(topic, RANGE, typestore=STORE) for topic in RANGES_M
+        }
+        for step in range(STEPS):
+            for topic, range_m in RANGES_M.items():
+                time_ns = START_NS + step * PERIOD_NS
+                writer.write(connections[topic], time_ns, range_message(time_ns, range_m))
+    if storage != 'db3':
+        _rewrite(storage_of(path), checksums=storage == 'mcap')
+
+
+def range_message(time_ns: int, range_m: float) -> bytes:
+    types = STORE.types
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
+    header = types['std_msgs/msg/Header'](stamp, '')
+    return bytes(STORE.serialize_cdr(types[RANGE](header, 0, 0.0, 0.0, 0.0, range_m, 0.0), RANGE))
+
+
+def storage_of(bag: Path) -> Path:
+    (path,) = (path for path in bag.iterdir() if path.suffix in ('.db3', '.mcap'))
+    return path
+
+
+def _rewrite(path: Path, checksums: bool) -> None:
+    """Write an .mcap anew as rosbag2 does: in chunks, here many small ones, with checksums."""
+    with path.open('rb') as file:
+        records = list(StreamReader(file).records)
+    with path.open('wb') as file:
+        writer = McapWriter(
+            file,
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD if checksums else CompressionType.NONE,
+            enable_crcs=checksums,
+        )
+        writer.start(profile='ros2', library='test')
+        channels, schemas = {}, {}
+        for record in records:
+            if isinstance(record, Schema) and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
+            elif isinstance(record, Channel) and record.id not in channels:
+                channels[record.id] = writer.register_channel(
+                    record.topic,
+                    record.message_encoding,
+                    schemas[record.schema_id],
+                    record.metadata,
+                )
+            elif isinstance(record, Message):
+                channel = channels[record.channel_id]
+                writer.add_message(channel, record.log_time, record.data, record.publish_time)
+        writer.finish()
+
+
+def damages(bag: Path, storage: str, n_bits: int) -> Iterator[Damage]:
+    """
+    Yield every damage to a bag.
+
+    Parameters
+    ----------
+    bag : Path
+        The undamaged bag.
+    storage : str
+        As for `write_bag`.
+    n_bits : int
+        How many single bits to flip, and places in an .mcap to cut, are tried.
+
+    """
+    yield from _files()
+    yield from _metadata(bag)
+    size = storage_of(bag).stat().st_size
+    for k in range(n_bits):
+        generator = random.Random(f'{storage} {k}')
+        # Spread evenly, so that no part of the file is left out.
+        place = (k * size + generator.randrange(size)) // n_bits
+        noticeable = storage == 'mcap'
+        bit = generator.randrange(8)
+        yield Damage(f'bit {bit} of byte {place}', partial(_flip, place, bit), noticeable)
+    yield from _db3() if storage == 'db3' else _mcap(storage_of(bag))
+
+
+def _flip(place: int, bit: int, bag: Path) -> None:
+    path = storage_of(bag)
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def _files() -> Iterator[Damage]:
+    def gone(bag: Path) -> None:
+        storage_of(bag).unlink()
+
+    def a_folder(bag: Path) -> None:
+        path = storage_of(bag)
+        path.unlink()
+        path.mkdir()
+
+    def cut(share: float, bag: Path) -> None:
+        os.truncate(storage_of(bag), int(share * storage_of(bag).stat().st_size))
+
+    def longer(bag: Path) -> None:
+        with storage_of(bag).open('ab') as file:
+            file.write(b'\0' * 4096)
+
+    def zeros(share: float, bag: Path) -> None:
+        path = storage_of(bag)
+        data = path.read_bytes()
+        begin = int(share * len(data))
+        path.write_bytes(data[:begin] + bytes(min(512, len(data) - begin)) + data[begin + 512 :])
+
+    def twice(bag: Path) -> None:
+        path = storage_of(bag)
+        shutil.copy(path, path.with_stem('again'))
+
+    yield Damage('no storage', gone)
+    yield Damage('the storage is a folder', a_folder)
+    yield Damage('a file of zero bytes', partial(cut, 0.0))
+    for percent in range(10, 100, 10):
+        yield Damage(f'cut at {percent} %', partial(cut, percent / 100))
+        yield Damage(f'512 zeros at {percent} %', partial(zeros, percent / 100), False)
+    yield Damage('zeros behind the end', longer)
+    yield Damage('a second file of the same', twice)
+
+
+def _metadata(bag: Path) -> Iterator[Damage]:
+    text = (bag / 'metadata.yaml').read_text()
+
+    def write(data: bytes, bag: Path) -> None:
+        (bag / 'metadata.yaml').write_bytes(data)
+
+    def gone(bag: Path) -> None:
+        (bag / 'metadata.yaml').unlink()
+
+    yield Damage('no metadata.yaml', gone)
+    for name, data in (
+        ('empty', b''),
+        ('binary', bytes(range(256))),
+        ('a list', b'- 1\n'),
+        ('a number', b'1\n'),
+        ('not YAML', b'{{{'),
+        ('another document', b'a: 1\n'),
+        ('UTF-16', text.encode('utf-16')),
+    ):
+        yield Damage(f'metadata.yaml: {name}', partial(write, data))
+    lines = text.splitlines(keepends=True)
+    for k, line in enumerate(lines):
+        without = ''.join(lines[:k] + lines[k + 1 :])
+        yield Damage(f'metadata.yaml without line {k}', partial(write, without.encode()))
+        key, colon, value = line.rstrip('\n').partition(': ')
+        for other in ('-1', '99999999999999999999', 'null', '[]', 'text') if colon else ():
+            if value != other:
+                changed = ''.join(lines[:k] + [f'{key}: {other}\n'] + lines[k + 1 :])
+                name = f'metadata.yaml, line {k}, {key.strip(" -")}: {other}'
+                yield Damage(name, partial(write, changed.encode()))
+
+
+def _db3() -> Iterator[Damage]:
+    for column in ('timestamp', 'topic_id', 'data'):
+        for value in ("'text'", "''", 'NULL', '1.5', "x'00ff'", '-1', '0', str(2**63 - 1)):
+            for where in ('rowid = 1', 'rowid = 10', f'rowid = {3 * STEPS}', 'rowid > 0'):
+                if (column, value) != ('topic_id', '0') or where != 'rowid = 0':
+                    yield _sql(f'UPDATE messages SET {column} = {value} WHERE {where}')
+    for column in ('id', 'name', 'type', 'serialization_format', 'offered_qos_profiles'):
+        for value in ("'text'", "''", 'NULL', '7', "x'00ff'", "'{'"):
+            yield _sql(f'UPDATE topics SET {column} = {value} WHERE rowid = 1')
+    for kind in ('sensor_msgs/msg/PointCloud2', 'std_msgs/msg/String', 'antigravity/msg/X', '.'):
+        yield _sql(f"UPDATE topics SET type = '{kind}' WHERE rowid = 2")
+    for table in ('messages', 'topics', 'schema', 'metadata', 'message_definitions'):
+        yield _sql(f'DROP TABLE {table}')
+        yield _sql(f'DELETE FROM {table}')
+    yield _sql('DELETE FROM messages WHERE rowid = 5')
+    yield _sql('DELETE FROM topics WHERE rowid = 2')
+    yield _sql('DROP INDEX timestamp_idx')
+    yield _sql("INSERT INTO topics SELECT 9, name, type, 'cdr', '', '' FROM topics WHERE id = 1")
+    yield _sql('UPDATE messages SET rowid = 1000 - rowid')
+    yield _sql('UPDATE schema SET schema_version = 99')
+    yield _sql("UPDATE schema SET schema_version = 'new'")
+    yield _sql("UPDATE message_definitions SET encoding = 'json'")
+    yield _sql("UPDATE message_definitions SET encoded_message_definition = 'int32 x'")
+    yield _sql(
+        'UPDATE message_definitions SET encoded_message_definition = '
+        "replace(encoded_message_definition, 'float32 range', 'float32 rangf')"
+    )
+    for first in (1, 2, 3):
+        yield _sql(f"UPDATE messages SET data = x'0001' WHERE rowid = {first}")
+    yield _sql("UPDATE messages SET data = x'00010000' || randomblob(100) WHERE topic_id = 1")
+    yield Damage('a journal that was left', lambda bag: _beside(bag, '-journal'))
+    yield Damage('a write-ahead log that was left', lambda bag: _beside(bag, '-wal'))
+
+
+def _beside(bag: Path, ending: str) -> None:
+    path = storage_of(bag)
+    path.with_name(path.name + ending).write_bytes(b'x' * 100)
+
+
+def _sql(statement: str) -> Damage:
+    return Damage(statement, partial(_execute, statement))
+
+
+def _execute(statement: str, bag: Path) -> None:
+    with sqlite3.connect(storage_of(bag)) as base:
+        # The constraints of the recorder are none of whoever damages a file.
+        base.execute('PRAGMA writable_schema = ON')
+        base.execute("UPDATE sqlite_master SET sql = replace(sql, 'NOT NULL', '')")
+    with sqlite3.connect(storage_of(bag)) as base:
+        try:
+            base.execute(statement)
+        except sqlite3.IntegrityError:
+            base.execute('PRAGMA ignore_check_constraints = ON')
+    base.close()
+
+
+def _mcap(path: Path) -> Iterator[Damage]:
+    records = list(_records(path.read_bytes()))
+    for begin, opcode in records:
+        yield Damage(f'cut at record {opcode} at {begin}', partial(_cut, begin))
+        yield Damage(f'cut in record {opcode} at {begin}', partial(_cut, begin + 11))
+        for length in HUGE:
+            name = f'record {opcode} at {begin}: length {length}'
+            yield Damage(name, partial(_write_length, begin, length))
+        yield Damage(f'record {opcode} at {begin} is gone', partial(_remove, begin))
+        yield Damage(f'record {opcode} at {begin} is twice', partial(_repeat, begin))
+
+
+def _records(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield where each record begins, and its opcode."""
+    begin = MAGIC_BYTES
+    while begin < len(data) - MAGIC_BYTES:
+        yield begin, data[begin]
+        begin = _end(data, begin)
+
+
+def _end(data: bytes, begin: int) -> int:
+    (length,) = struct.unpack_from('<Q', data, begin + OPCODE_BYTES)
+    return begin + OPCODE_BYTES + LENGTH_BYTES + length
+
+
+def _cut(size: int, bag: Path) -> None:
+    os.truncate(storage_of(bag), size)
+
+
+def _write_length(begin: int, length: int, bag: Path) -> None:
+    path = storage_of(bag)
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<Q', data, begin + OPCODE_BYTES, length)
+    path.write_bytes(data)
+
+
+def _remove(begin: int, bag: Path) -> None:
+    data = storage_of(bag).read_bytes()
+    storage_of(bag).write_bytes(data[:begin] + data[_end(data, begin) :])
+
+
+def _repeat(begin: int, bag: Path) -> None:
+    data = storage_of(bag).read_bytes()
+    end = _end(data, begin)
+    storage_of(bag).write_bytes(data[:end] + data[begin:])

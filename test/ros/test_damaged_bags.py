@@ -1,0 +1,113 @@
+"""
+`localize_bag` on damaged bags: it never breaks, and nothing is lost silently.
+
+The environment variables DAMAGED_BAG_BITS and DAMAGED_BAG_OTHERS say how many flipped bits, and
+how many of the other damages, are tried of each storage.
+"""
+
+import json
+import os
+import random
+import shutil
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
+
+from damaged_bags import damages, write_bag  # noqa: E402
+
+from dg_localization.ros.bags import localize_bag as module  # noqa: E402
+from dg_localization.ros.executables import localize_bag  # noqa: E402
+
+N_BITS = int(os.environ.get('DAMAGED_BAG_BITS', '50'))
+N_OTHERS = int(os.environ.get('DAMAGED_BAG_OTHERS', '90'))
+STORAGES = ('db3', 'mcap', 'mcap without checksums')
+
+
+class Runs:
+    """Runs `localize_bag`, each time into a folder of the same name."""
+
+    def __init__(self, folder, capsys):
+        self.folder = folder
+        self._capsys = capsys
+        self._params = folder / 'params.yaml'
+        given = {'robots': ['a', 'b', 'c'], 'max_speed': 0.1}
+        self._params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+
+    def run(self, bag):
+        """Return the exit code, the answers as bytes, the report, and what was printed."""
+        out, report = self.folder / 'out', self.folder / 'report.json'
+        shutil.rmtree(out, ignore_errors=True)
+        report.unlink(missing_ok=True)
+        paths = ('-o', out, '--params', self._params, '--report', report)
+        code = localize_bag([str(text) for text in (bag, *paths)])
+        printed = self._capsys.readouterr()
+        return (
+            code,
+            (out / 'out.mcap').read_bytes() if out.exists() else None,
+            json.loads(report.read_text()) if report.exists() else None,
+            printed.out + printed.err,
+        )
+
+
+@pytest.fixture
+def runs(tmp_path, capsys, monkeypatch):
+    """Read the parameters only once: a node is made for that, which takes longer than the rest."""
+    tasks = []
+    read_task = module.read_task
+
+    def read_once(params, arguments):
+        if not tasks:
+            tasks.append(read_task(params, arguments))
+        return tasks[0]
+
+    monkeypatch.setattr(module, 'read_task', read_once)
+    return Runs(tmp_path, capsys)
+
+
+def wrong_about(run, answers, damage):
+    """Return what a run on a damaged bag did wrong; empty when nothing."""
+    code, found, report, printed = run
+    if code not in (0, 1):
+        return f'exit code {code}'
+    if report is None and found is not None:
+        return 'answers without a report'
+    if code == 1 and report is None and not printed.strip():
+        return 'it failed without a word'
+    if code == 1 and report is not None and not (report['ending'] or report['damage']):
+        return 'it failed, and the report does not say why'
+    said = report is not None and bool(report['rejected'] or report['notices'])
+    if code == 0 and found != answers and not said:
+        if damage.noticeable or report['checksums']:
+            return 'answers are lost or changed without a word'
+        if found is None:
+            return 'no answers and exit code 0'
+    return ''
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_damaged_bag_never_loses_anything_silently(runs, storage):
+    whole = runs.folder / 'whole'
+    write_bag(whole, storage)
+    code, answers, report, _ = runs.run(whole)
+    assert code == 0 and report['ticks'] == 4 and report['damage'] == [] and answers
+    assert report['checksums'] is (storage == 'mcap')
+    bag, failures, n_cases = runs.folder / 'bag', [], 0
+    found = list(damages(whole, storage, N_BITS))
+    bits = [damage for damage in found if damage.name.startswith('bit ')]
+    others = [damage for damage in found if not damage.name.startswith('bit ')]
+    random.Random(storage).shuffle(others)
+    for damage in (*bits, *others[:N_OTHERS]):
+        shutil.rmtree(bag, ignore_errors=True)
+        shutil.copytree(whole, bag)
+        damage.change(bag)
+        n_cases += 1
+        try:
+            wrong = wrong_about(runs.run(bag), answers, damage)
+        except Exception as error:  # what a user would see as a traceback
+            wrong = f'{type(error).__name__}: {error}'
+        if wrong:
+            failures.append(f'{damage.name}: {wrong}')
+    assert not failures, f'{len(failures)} of {n_cases}:\n' + '\n'.join(failures)
