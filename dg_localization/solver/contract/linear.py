@@ -44,6 +44,9 @@ LEAST_NEWTON_GAIN = 0.1
 SMALLEST_WIDTH = 1e-13
 """Exact distances count as having this relative error, so that weights stay finite."""
 
+LEAST_WIDTH_RATIO = 1e-3
+"""No width counts as less than this fraction of the largest: the normal equations square it."""
+
 LEAST_PIVOT = 1e-13
 """A pivot that keeps less than this fraction of its diagonal entry counts as zero."""
 
@@ -351,11 +354,15 @@ def _set_inverse(
     normal = np.zeros((n_free, n_free))
     weights = np.empty(n_edges)
     scale = 0.0
-    for m in range(n_edges):
-        scale = max(scale, _squared_length(reference, edges[m, 0], edges[m, 1]))
+    widest = 0.0
     for m in range(n_edges):
         i, j = edges[m, 0], edges[m, 1]
-        width = (box[UPPER, i, j] - box[LOWER, i, j]) / scale + SMALLEST_WIDTH
+        scale = max(scale, _squared_length(reference, i, j))
+        widest = max(widest, box[UPPER, i, j] - box[LOWER, i, j])
+    for m in range(n_edges):
+        i, j = edges[m, 0], edges[m, 1]
+        width = max(box[UPPER, i, j] - box[LOWER, i, j], LEAST_WIDTH_RATIO * widest)
+        width = width / scale + SMALLEST_WIDTH
         weights[m] = 1.0 / (width * width)
         for axis in range(dimension):
             slope = 2.0 * (reference[i, axis] - reference[j, axis])
