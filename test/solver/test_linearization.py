@@ -10,10 +10,8 @@ import pytest
 from scipy.optimize import linprog
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.contract.linear import (
-    _combine,
-    contract_linear,
-)
+from dg_localization.solver.contract.linear import contract_linear
+from dg_localization.solver.contract.linearization import bound_linear_function
 from dg_localization.solver.contract.status import Status
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
@@ -48,7 +46,7 @@ def test_any_multipliers_bound_a_linear_function(seed):
         weights[rng.integers(len(edges))] = rng.choice([math.inf, -math.inf, math.nan])
     target = rng.normal(size=(n_points, dimension))
     slack = np.abs(moves) * rng.choice([0.0, 1.0]) + 0.0
-    low, high = _combine(
+    low, high = bound_linear_function(
         weights,
         np.array(surplus),
         target,
@@ -68,7 +66,7 @@ def test_any_multipliers_bound_a_linear_function(seed):
 @pytest.mark.parametrize('multiplier', [math.nan, math.inf, -math.inf])
 def test_multipliers_that_are_no_numbers_bound_nothing(multiplier):
     ones = np.ones((2, 1))
-    bounds = _combine(
+    bounds = bound_linear_function(
         np.array([multiplier]),
         np.array([[1.0, 2.0]]),
         ones,

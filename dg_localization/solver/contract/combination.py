@@ -1,4 +1,4 @@
-"""Linear combinations of measured pairs, group by group."""
+"""Linear combinations of measured pairs, group by group, or for one pair of a group."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray, sub_box
 from dg_localization.solver.contract.linear import contract_linear
+from dg_localization.solver.contract.local_frames import contract_pair
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.placements import place
@@ -93,4 +94,57 @@ def combine(
                     explained[points[x], points[y]] = local_explained[x, y]
                     for plane in range(4):
                         box[plane, points[x], points[y]] = local[plane, x, y]
+    return True
+
+
+@kernel
+def combine_for_pair(
+    offsets: IntArray,
+    members: IntArray,
+    edge_offsets: IntArray,
+    edges: IntArray,
+    box: FloatArray,
+    positions: FloatArray,
+    k: int,
+    other: int,
+) -> bool:
+    """
+    Narrow one unknown pair by the measured pairs of its group, in a frame at its points.
+
+    Called as ``combine_for_pair(*groups[:4], box, positions, k, other)``.
+
+    Parameters
+    ----------
+    offsets, members, edge_offsets, edges
+        The first fields of `Groups`.
+    box : ndarray, shape (4, n, n)
+        The box in m^2, narrowed in place.
+    positions : ndarray, shape (n, q)
+        A placement in or near the box, in m.
+    k, other : int
+        The pair, of one group.
+
+    Returns
+    -------
+    bool
+        False when the box is proved to hold no placement.
+
+    """
+    for group in range(len(offsets) - 1):
+        points = members[offsets[group] : offsets[group + 1]]
+        local_k, local_other = -1, -1
+        for x in range(len(points)):
+            if points[x] == k:
+                local_k = x
+            if points[x] == other:
+                local_other = x
+        if local_k < 0 or local_other < 0:
+            continue
+        local = sub_box(box, points)
+        measured = edges[edge_offsets[group] : edge_offsets[group + 1]]
+        if not contract_pair(local, positions[points], measured, local_k, local_other):
+            return False
+        for plane in range(4):
+            box[plane, k, other] = local[plane, local_k, local_other]
+            box[plane, other, k] = local[plane, local_k, local_other]
     return True

@@ -198,12 +198,14 @@ class Contractor:
                 return Status.EMPTY
             elif is_finished(box, explained, goal.explained_factor, goal.resolution_m):
                 return Status.CONTRACTED
+            if stopped():
+                return Status.UNFINISHED
         return None
 
     def _project(self, axes: IntArray, count: int, stopped: Callable[[], bool]) -> Status | None:
-        """Apply axes, and look at the clock before every few; None when all were applied."""
+        """Apply axes, and look at the clock after every few; None when all were applied."""
         for first in range(0, len(axes), self._axes_per_look):
-            if stopped():
+            if first > 0 and stopped():
                 return Status.UNFINISHED
             some = axes[first : first + self._axes_per_look]
             if not apply_axes(*self._work, *self._sides, some, count):

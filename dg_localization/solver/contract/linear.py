@@ -2,21 +2,10 @@
 Contraction by linear combinations of all measured distances at once.
 
 Projections see a few points at a time; where errors run through a chain of them, the bounds they
-give are wider than the measurements deserve. Around any reference placement x*, with displacements
-e_i = x_i - x*_i,
-
-    s_ij(x) = s_ij(x*) + 2 (x*_i - x*_j) . (e_i - e_j) + |e_i - e_j|^2
-
-holds exactly, whatever the displacements. Let g_kl be the gradient of the pair that is sought
-and g_m those of the measured pairs m. For any multipliers y_m,
-
-    s_kl = s_kl(x*) + |e_kl|^2 + sum_m y_m (s_m - s_m(x*) - |e_m|^2) + (g_kl - sum_m y_m g_m) . e
-
-so any y gives a bound, and a y that makes the last term vanish a good one: least squares, weighted
-by the errors, which may be computed without care for rounding. The squares are bounded with
-enclosures of the displacements in the frame of a few points, which the same identity narrows (an
-interval Newton step for more equations than unknowns). The paper has no such step; it projects
-only.
+give are wider than the measurements deserve. Here all measured pairs bound a pair together
+(`linearization`). The multipliers are those of least squares, weighted by the errors; they need no
+care for rounding. The same identity narrows the displacements first (an interval Newton step for more
+equations than unknowns). The paper has no such step; it projects only.
 """
 
 from __future__ import annotations
@@ -27,140 +16,33 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, up
-from dg_localization.interval.scalars import add, square, sub
+from dg_localization.interval.scalars import sub
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
-from dg_localization.solver.contract.coordinates import enclose_in_frame
+from dg_localization.solver.contract.linearization import (
+    SMALLEST_WIDTH,
+    bound_linear_function,
+    choose_axis,
+    complete_frame,
+    point_errors_m,
+    set_displacements,
+    set_reference,
+    set_residuals,
+    square_of_difference,
+    squared_length,
+)
 from dg_localization.solver.contract.status import Status
-
-GRID_BITS = 24
-"""Reference coordinates keep this many bits, so that their differences and squares are exact."""
-
-SMALLEST_EXTENT_M = 2.0**-400
-LARGEST_EXTENT_M = 2.0**400
-"""Between these, squares of multiples of the grid neither underflow nor overflow."""
 
 NEWTON_STEPS = 3
 LEAST_NEWTON_GAIN = 0.1
 
-SMALLEST_WIDTH = 1e-13
-"""Exact distances count as having this relative error, so that weights stay finite."""
+LEAST_WIDTH_RATIO = 1e-3
+"""No width counts as less than this fraction of the largest: the normal equations square it."""
 
 LEAST_PIVOT = 1e-13
 """A pivot that keeps less than this fraction of its diagonal entry counts as zero."""
 
 LEAST_FREEDOM = 1e-6
 """A pair is bounded by the others when they contribute at least this share to its estimate."""
-
-
-@kernel(inlined=True)
-def _width_m(box: FloatArray, i: int, j: int) -> float:
-    """Return about how wide the distance of a pair is, in m."""
-    return math.sqrt(box[UPPER, i, j]) - math.sqrt(box[LOWER, i, j])
-
-
-@kernel(inlined=True)
-def _components(
-    positions: FloatArray, origin: int, point: int, basis: FloatArray, rank: int, arm: FloatArray
-) -> float:
-    """Write the part of a point's arm that is orthogonal to a basis; return its length."""
-    dimension = positions.shape[1]
-    for axis in range(dimension):
-        arm[axis] = positions[point, axis] - positions[origin, axis]
-    for row in range(rank):
-        along = 0.0
-        for axis in range(dimension):
-            along += arm[axis] * basis[row, axis]
-        for axis in range(dimension):
-            arm[axis] -= along * basis[row, axis]
-    total = 0.0
-    for axis in range(dimension):
-        total += arm[axis] * arm[axis]
-    return math.sqrt(total)
-
-
-@kernel(inlined=True)
-def _extend_basis(positions: FloatArray, frame: IntArray, basis: FloatArray, rank: int) -> None:
-    """Write row `rank` of a frame's orthonormal basis, zero where its points are degenerate."""
-    length = _components(positions, frame[0], frame[rank + 1], basis, rank, basis[rank])
-    for axis in range(positions.shape[1]):
-        basis[rank, axis] = basis[rank, axis] / length if length > 0.0 else 0.0
-
-
-@kernel
-def _choose_frame(
-    box: FloatArray, positions: FloatArray, frame: IntArray, basis: FloatArray
-) -> bool:
-    """
-    Choose q + 1 points that span a large simplex and whose distances to all are well known.
-
-    Every choice is sound; this one is good. False when all points coincide.
-    """
-    n_points, dimension = positions.shape
-    error = np.zeros(n_points)
-    extent = 0.0
-    for i in range(n_points):
-        for j in range(n_points):
-            if j != i:
-                error[i] += _width_m(box, i, j)
-                extent = max(extent, math.sqrt(box[UPPER, i, j]))
-    for i in range(n_points):
-        error[i] += SMALLEST_WIDTH * extent
-    arm = np.empty(dimension)
-    best = 0.0
-    for a in range(n_points):
-        for b in range(a + 1, n_points):
-            length = _components(positions, a, b, basis, 0, arm)
-            if length / (error[a] + error[b]) > best:
-                best = length / (error[a] + error[b])
-                frame[0], frame[1] = a, b
-    if best == 0.0:
-        return False
-    _extend_basis(positions, frame, basis, 0)
-    for rank in range(1, dimension):
-        best = -1.0
-        for c in range(n_points):
-            used = False
-            for corner in range(rank + 1):
-                used = used or frame[corner] == c
-            if used:
-                continue
-            height = _components(positions, frame[0], c, basis, rank, arm)
-            if height / error[c] > best:
-                best = height / error[c]
-                frame[rank + 1] = c
-        if best < 0.0:
-            return False
-        _extend_basis(positions, frame, basis, rank)
-    return True
-
-
-@kernel
-def _set_reference(
-    positions: FloatArray, frame: IntArray, basis: FloatArray, reference: FloatArray
-) -> bool:
-    """Write the placement in its frame, rounded to a grid and zero where the frame demands it."""
-    n_points, dimension = positions.shape
-    largest = 0.0
-    for i in range(n_points):
-        for row in range(dimension):
-            along = 0.0
-            for axis in range(dimension):
-                along += (positions[i, axis] - positions[frame[0], axis]) * basis[row, axis]
-            if not abs(along) < LARGEST_EXTENT_M:  # NaN as well
-                return False
-            reference[i, row] = along
-            largest = max(largest, abs(along))
-    if largest <= SMALLEST_EXTENT_M:
-        return False
-    mantissa, exponent = math.frexp(largest)
-    step = 2.0 ** (exponent - (mantissa == 0.5) - GRID_BITS)
-    for i in range(n_points):
-        for axis in range(dimension):
-            reference[i, axis] = step * math.floor(reference[i, axis] / step + 0.5)
-    for corner in range(dimension + 1):
-        for axis in range(corner, dimension):
-            reference[frame[corner], axis] = 0.0
-    return True
 
 
 @kernel(borrows=True)
@@ -199,164 +81,31 @@ def _invert(matrix: FloatArray) -> bool:
     return True
 
 
-@kernel(inlined=True)
-def _square_of_difference(first: FloatArray, second: FloatArray) -> tuple[float, float]:
-    """Bound |e_i - e_j|^2 from the bounds of both displacements, shape (2, q) each."""
-    low = 0.0
-    high = 0.0
-    for axis in range(first.shape[1]):
-        bend = sub(
-            first[LOWER, axis], first[UPPER, axis], second[LOWER, axis], second[UPPER, axis]
-        )
-        low, high = add(low, high, *square(*bend))
-    return max(low, 0.0), high
-
-
-@kernel(inlined=True)
-def _squared_length(reference: FloatArray, i: int, j: int) -> float:
-    """Return s_ij(x*), which the grid makes exact."""
-    total = 0.0
-    for axis in range(reference.shape[1]):
-        difference = reference[i, axis] - reference[j, axis]
-        total += difference * difference
-    return total
-
-
-@kernel(inlined=True)
-def _set_surplus(
-    box: FloatArray, reference: FloatArray, bends: FloatArray, edges: IntArray, surplus: FloatArray
-) -> None:
-    """Write the bounds of s_m - s_m(x*) - |e_m|^2, which is linear in the displacements."""
-    for m in range(len(edges)):
-        i, j = edges[m, 0], edges[m, 1]
-        low = 0.0
-        high = 0.0
-        for axis in range(reference.shape[1]):
-            low, high = add(low, high, *square(bends[m, LOWER, axis], bends[m, UPPER, axis]))
-        length = _squared_length(reference, i, j)
-        surplus[m, LOWER] = down(down(box[LOWER, i, j] - length) - high)
-        surplus[m, UPPER] = up(up(box[UPPER, i, j] - length) - max(low, 0.0))
-
-
-@kernel(borrows=True, watched=True)
-def _combine(
-    weights: FloatArray,
-    surplus: FloatArray,
-    target: FloatArray,
+@kernel
+def set_inverse(
+    widths: FloatArray,
     reference: FloatArray,
-    moves: FloatArray,
     edges: IntArray,
-    residual: FloatArray,
-) -> tuple[float, float]:
-    """
-    Bound a linear function of the displacements by the measured pairs.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (m,)
-        The multipliers y; any numbers, though infinite ones and NaN bound nothing.
-    surplus : ndarray, shape (m, 2)
-        Bounds of what each measured gradient gives for the displacements.
-    target : ndarray, shape (n, q)
-        The linear function.
-    reference, moves, edges
-        The reference placement, the bounds of the displacements and the measured pairs.
-    residual : ndarray, shape (2, n, q)
-        Scratch space.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound of ``(target * e).sum()``.
-
-    """
-    n_points, dimension = reference.shape
-    for i in range(n_points):
-        for axis in range(dimension):
-            residual[LOWER, i, axis] = target[i, axis]
-            residual[UPPER, i, axis] = target[i, axis]
-    low = 0.0
-    high = 0.0
-    for m in range(len(edges)):
-        weight = weights[m]
-        if weight == 0.0:
-            continue
-        if not math.isfinite(weight):
-            return -math.inf, math.inf
-        i, j = edges[m, 0], edges[m, 1]
-        for axis in range(dimension):
-            term = weight * (2.0 * (reference[i, axis] - reference[j, axis]))
-            term_low, term_high = down(term), up(term)
-            residual[LOWER, i, axis] = down(residual[LOWER, i, axis] - term_high)
-            residual[UPPER, i, axis] = up(residual[UPPER, i, axis] - term_low)
-            residual[LOWER, j, axis] = down(residual[LOWER, j, axis] + term_low)
-            residual[UPPER, j, axis] = up(residual[UPPER, j, axis] + term_high)
-        if weight > 0.0:
-            low = down(low + down(weight * surplus[m, LOWER]))
-            high = up(high + up(weight * surplus[m, UPPER]))
-        else:
-            low = down(low + down(weight * surplus[m, UPPER]))
-            high = up(high + up(weight * surplus[m, LOWER]))
-    slack = 0.0
-    for i in range(n_points):
-        for axis in range(dimension):
-            reach = max(-moves[i, LOWER, axis], moves[i, UPPER, axis])
-            if reach > 0.0:
-                left = max(-residual[LOWER, i, axis], residual[UPPER, i, axis])
-                slack = up(slack + up(left * reach))
-    return down(low - slack), up(high + slack)
-
-
-@kernel
-def _set_moves(
-    box: FloatArray, frame: IntArray, reference: FloatArray, moves: FloatArray, index: IntArray
-) -> int:
-    """
-    Bound the displacements and number the unknown ones.
-
-    Returns their number, -1 when no placement is left and -2 when some are unbounded.
-    """
-    n_points, dimension = reference.shape
-    enclosure = enclose_in_frame(box, frame)
-    for i in range(n_points):
-        for axis in range(dimension):
-            low, high = enclosure[i, LOWER, axis], enclosure[i, UPPER, axis]
-            if low > high:
-                return -1
-            if math.isinf(low) or math.isinf(high):
-                return -2
-            moves[i, LOWER, axis] = down(low - reference[i, axis])
-            moves[i, UPPER, axis] = up(high - reference[i, axis])
-            index[i, axis] = 0
-    for corner in range(dimension + 1):
-        for axis in range(corner, dimension):
-            index[frame[corner], axis] = -1
-            moves[frame[corner], LOWER, axis] = 0.0
-            moves[frame[corner], UPPER, axis] = 0.0
-    n_free = 0
-    for i in range(n_points):
-        for axis in range(dimension):
-            if index[i, axis] == 0:
-                index[i, axis] = n_free
-                n_free += 1
-    return n_free
-
-
-@kernel
-def _set_inverse(
-    box: FloatArray, reference: FloatArray, edges: IntArray, index: IntArray, inverse: FloatArray
+    index: IntArray,
+    inverse: FloatArray,
 ) -> bool:
-    """Write the error-weighted least-squares inverse of the gradients; False: singular."""
+    """
+    Write the least-squares inverse of the gradients, weighted by the widths; False: singular.
+
+    Each row holds the multipliers that estimate one free coordinate.
+    """
     n_free, n_edges = inverse.shape
     dimension = reference.shape[1]
     normal = np.zeros((n_free, n_free))
     weights = np.empty(n_edges)
     scale = 0.0
     for m in range(n_edges):
-        scale = max(scale, _squared_length(reference, edges[m, 0], edges[m, 1]))
+        scale = max(scale, squared_length(reference, edges[m, 0], edges[m, 1]))
+    widest = widths.max()
     for m in range(n_edges):
         i, j = edges[m, 0], edges[m, 1]
-        width = (box[UPPER, i, j] - box[LOWER, i, j]) / scale + SMALLEST_WIDTH
+        width = max(widths[m], LEAST_WIDTH_RATIO * widest)
+        width = width / scale + SMALLEST_WIDTH
         weights[m] = 1.0 / (width * width)
         for axis in range(dimension):
             slope = 2.0 * (reference[i, axis] - reference[j, axis])
@@ -399,74 +148,147 @@ def _difference(inverse: FloatArray, plus: int, minus: int, weights: FloatArray)
             weights[m] -= inverse[minus, m]
 
 
+@kernel(borrows=True)
+def _narrow_bounds(bounds: FloatArray, axis: int, low: float, high: float) -> float:
+    """Narrow the bounds of a coordinate; return the relative gain, negative where none is left."""
+    low = max(low, bounds[LOWER, axis])
+    high = min(high, bounds[UPPER, axis])
+    if low > high:
+        return -1.0
+    width = bounds[UPPER, axis] - bounds[LOWER, axis]
+    bounds[LOWER, axis] = low
+    bounds[UPPER, axis] = high
+    return 1.0 - (high - low) / width if width > 0.0 else 0.0
+
+
+@kernel(borrows=True)
+def _narrow_relative(displacements: FloatArray, edges: IntArray, relative: FloatArray) -> bool:
+    """Narrow the relative displacements of pairs to what those of their points leave."""
+    for m in range(len(edges)):
+        i, j = edges[m, 0], edges[m, 1]
+        for axis in range(displacements.shape[2]):
+            low, high = sub(
+                displacements[i, LOWER, axis],
+                displacements[i, UPPER, axis],
+                displacements[j, LOWER, axis],
+                displacements[j, UPPER, axis],
+            )
+            if _narrow_bounds(relative[m], axis, low, high) < 0.0:
+                return False
+    return True
+
+
 @kernel
-def _narrow_moves(
+def narrow_displacements(
     box: FloatArray,
     reference: FloatArray,
-    moves: FloatArray,
+    displacements: FloatArray,
     edges: IntArray,
     index: IntArray,
-    inverse: FloatArray,
-    surplus: FloatArray,
+    residuals: FloatArray,
+    most_steps: int,
 ) -> bool:
     """
     Narrow the displacements by interval Newton steps and write what they leave to combine.
 
     The displacement of one end of a measured pair against the other is what the squares need, and
-    is known far better than that of either end: a fleet turns more than it bends.
+    is known far better than that of either end: a fleet turns more than it bends. Each step weighs
+    the pairs by their residuals anew, so that a pair whose square is not bounded yet spoils no
+    other.
+
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2.
+    reference : ndarray, shape (n, q)
+        The reference placement in m.
+    displacements : ndarray, shape (n, 2, q)
+        Bounds of the displacements in m; narrowed in place.
+    edges : ndarray of int, shape (m, 2)
+        The measured pairs.
+    index : ndarray of int, shape (n, q)
+        The numbers of the free coordinates, -1 for those that the frame holds.
+    residuals : ndarray, shape (m, 2)
+        Where the bounds of the linearization residuals are written, in m^2.
+    most_steps : int
+        Most steps; they end when one gains little.
+
+    Returns
+    -------
+    bool
+        False when no placement is left.
+
+    """
+    n_edges, dimension = len(edges), reference.shape[1]
+    inverse = np.empty((index.max() + 1, n_edges))
+    relative = np.empty((n_edges, 2, dimension))
+    relative[:, LOWER] = -np.inf
+    relative[:, UPPER] = np.inf
+    if not _narrow_relative(displacements, edges, relative):
+        return False
+    set_residuals(box, reference, relative, edges, residuals)
+    for _ in range(most_steps):
+        widths = residuals[:, UPPER] - residuals[:, LOWER]
+        if not set_inverse(widths, reference, edges, index, inverse):
+            break
+        gain = _newton_step(reference, displacements, edges, index, inverse, residuals, relative)
+        if gain < 0.0 or not _narrow_relative(displacements, edges, relative):
+            return False
+        set_residuals(box, reference, relative, edges, residuals)
+        if gain < LEAST_NEWTON_GAIN:
+            break
+    return True
+
+
+@kernel
+def _newton_step(
+    reference: FloatArray,
+    displacements: FloatArray,
+    edges: IntArray,
+    index: IntArray,
+    inverse: FloatArray,
+    residuals: FloatArray,
+    relative: FloatArray,
+) -> float:
+    """
+    Narrow the displacements of all pairs and points once.
+
+    Returns the largest relative gain of a pair; a negative number where no placement is left.
     """
     n_points, dimension = reference.shape
     n_edges = len(edges)
     target = np.zeros((n_points, dimension))
-    residual = np.empty((2, n_points, dimension))
+    remainder = np.empty((2, n_points, dimension))
     weights = np.empty(n_edges)
-    bends = np.empty((n_edges, 2, dimension))
+    largest_gain = 0.0
     for m in range(n_edges):
         i, j = edges[m, 0], edges[m, 1]
         for axis in range(dimension):
-            bends[m, LOWER, axis], bends[m, UPPER, axis] = sub(
-                moves[i, LOWER, axis],
-                moves[i, UPPER, axis],
-                moves[j, LOWER, axis],
-                moves[j, UPPER, axis],
+            _difference(inverse, index[i, axis], index[j, axis], weights)
+            target[i, axis] = 1.0
+            target[j, axis] = -1.0
+            low, high = bound_linear_function(
+                weights, residuals, target, reference, displacements, edges, remainder
             )
-    for _ in range(NEWTON_STEPS):
-        _set_surplus(box, reference, bends, edges, surplus)
-        gain = 0.0
-        for m in range(n_edges):
-            i, j = edges[m, 0], edges[m, 1]
-            for axis in range(dimension):
-                _difference(inverse, index[i, axis], index[j, axis], weights)
-                target[i, axis] = 1.0
-                target[j, axis] = -1.0
-                low, high = _combine(weights, surplus, target, reference, moves, edges, residual)
-                target[i, axis] = 0.0
-                target[j, axis] = 0.0
-                low = max(low, bends[m, LOWER, axis])
-                high = min(high, bends[m, UPPER, axis])
-                if low > high:
-                    return False
-                width = bends[m, UPPER, axis] - bends[m, LOWER, axis]
-                if width > 0.0:
-                    gain = max(gain, 1.0 - (high - low) / width)
-                bends[m, LOWER, axis] = low
-                bends[m, UPPER, axis] = high
-        if gain < LEAST_NEWTON_GAIN:
-            break
-    _set_surplus(box, reference, bends, edges, surplus)
+            target[i, axis] = 0.0
+            target[j, axis] = 0.0
+            gain = _narrow_bounds(relative[m], axis, low, high)
+            if gain < 0.0:
+                return -1.0
+            largest_gain = max(largest_gain, gain)
     for i in range(n_points):
         for axis in range(dimension):
             row = index[i, axis]
             if row < 0:
                 continue
             target[i, axis] = 1.0
-            low, high = _combine(inverse[row], surplus, target, reference, moves, edges, residual)
+            low, high = bound_linear_function(
+                inverse[row], residuals, target, reference, displacements, edges, remainder
+            )
             target[i, axis] = 0.0
-            moves[i, LOWER, axis] = max(low, moves[i, LOWER, axis])
-            moves[i, UPPER, axis] = min(high, moves[i, UPPER, axis])
-            if moves[i, LOWER, axis] > moves[i, UPPER, axis]:
-                return False
-    return True
+            if _narrow_bounds(displacements[i], axis, low, high) < 0.0:
+                return -1.0
+    return largest_gain
 
 
 @kernel(inlined=True)
@@ -529,26 +351,34 @@ def contract_linear(
     frame = np.full(dimension + 1, -1)
     basis = np.zeros((dimension, dimension))
     reference = np.empty((n_points, dimension))
-    if not _choose_frame(box, positions, frame, basis):
+    errors_m = point_errors_m(box, np.arange(n_points))
+    if not choose_axis(positions, errors_m, frame):
         return Status.NOT_RIGID
-    if not _set_reference(positions, frame, basis, reference):
+    if not complete_frame(positions, errors_m, frame, basis):
         return Status.NOT_RIGID
-    moves = np.empty((n_points, 2, dimension))
+    if not set_reference(positions, frame, basis, reference):
+        return Status.NOT_RIGID
+    displacements = np.empty((n_points, 2, dimension))
     index = np.empty((n_points, dimension), dtype=np.int64)
-    n_free = _set_moves(box, frame, reference, moves, index)
+    n_free = set_displacements(box, frame, reference, displacements, index)
     if n_free == -1:
         return Status.EMPTY
     if n_free < 0 or n_edges < n_free:
         return Status.NOT_RIGID
     inverse = np.empty((n_free, n_edges))
-    if not _set_inverse(box, reference, edges, index, inverse):
+    widths = np.empty(n_edges)
+    for m in range(n_edges):
+        widths[m] = box[UPPER, edges[m, 0], edges[m, 1]] - box[LOWER, edges[m, 0], edges[m, 1]]
+    if not set_inverse(widths, reference, edges, index, inverse):
         return Status.NOT_RIGID
-    surplus = np.empty((n_edges, 2))
-    if not _narrow_moves(box, reference, moves, edges, index, inverse, surplus):
+    residuals = np.empty((n_edges, 2))
+    if not narrow_displacements(
+        box, reference, displacements, edges, index, residuals, NEWTON_STEPS
+    ):
         return Status.EMPTY
 
     target = np.zeros((n_points, dimension))
-    residual = np.empty((2, n_points, dimension))
+    remainder = np.empty((2, n_points, dimension))
     weights = np.empty(n_edges)
     edge_of = np.full((n_points, n_points), -1)
     for m in range(n_edges):
@@ -573,11 +403,15 @@ def contract_linear(
             # Rounding apart, what the combination can give; most often no gain in a wide box.
             promise = 0.0
             for m in range(n_edges):
-                promise += abs(weights[m]) * (surplus[m, UPPER] - surplus[m, LOWER])
+                promise += abs(weights[m]) * (residuals[m, UPPER] - residuals[m, LOWER])
             if estimable and promise < box[UPPER, k, other] - box[LOWER, k, other]:
-                low, high = _combine(weights, surplus, target, reference, moves, edges, residual)
-                square_low, square_high = _square_of_difference(moves[k], moves[other])
-                length = _squared_length(reference, k, other)
+                low, high = bound_linear_function(
+                    weights, residuals, target, reference, displacements, edges, remainder
+                )
+                square_low, square_high = square_of_difference(
+                    displacements[k], displacements[other]
+                )
+                length = squared_length(reference, k, other)
                 low = down(down(low + square_low) + length)
                 high = up(up(high + square_high) + length)
                 if not narrow(box, k, other, low, high):

@@ -8,7 +8,7 @@ import numpy as np
 
 from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
-from dg_localization.solver.contract.combination import combine
+from dg_localization.solver.contract.combination import combine, combine_for_pair
 from dg_localization.solver.contract.fixed_point import Contractor, Goal, Pruned
 from dg_localization.solver.contract.groups import groups_of, with_measured_pair
 from dg_localization.solver.contract.reduction import SMALL_FLEET
@@ -79,3 +79,24 @@ class Pruner:
                 return Pruned(Status.EMPTY, combined, explained)
             return self._contractor.contract(combined, groups, self._slice_goal, stopped)
         return Pruned(Status.UNFINISHED, box, explained)
+
+    def narrow_pair(self, box: FloatArray, positions: FloatArray, pair: Pair) -> bool:
+        """
+        Narrow an unknown pair of a finished box in place, in a frame of its own.
+
+        Parameters
+        ----------
+        box : ndarray, shape (4, n, n)
+            The box in m^2.
+        positions : ndarray, shape (n, q)
+            A placement in or near the box, in m.
+        pair : tuple of int
+            Two points that measured pairs connect.
+
+        Returns
+        -------
+        bool
+            False when the box is proved to hold no placement.
+
+        """
+        return bool(combine_for_pair(*self._groups[:4], box, positions, *pair))

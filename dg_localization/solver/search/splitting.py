@@ -1,4 +1,4 @@
-"""Where to split a box: at its largest gap, else where it is too wide."""
+"""Where to split a box: at the gap that leaves least to choose from, else where it is too wide."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ def choose_split(
     box: FloatArray, explained: FloatArray, resolution_m: float
 ) -> tuple[int, int, float, float]:
     """
-    Choose where to split a contracted box: at its largest gap, else where it is too wide.
+    Choose where to split a contracted box: at a gap, else where it is too wide.
+
+    Of several gaps the one counts that leaves the least of its range: both parts are then known
+    well, and contraction decides about them. The widest gaps are those of far points, about which
+    little is known yet.
 
     Parameters
     ----------
@@ -39,16 +43,17 @@ def choose_split(
 
     """
     n_points = box.shape[1]
-    gap_i, gap_j, widest_gap_m = -1, -1, LEAST_GAP * resolution_m
+    gap_i, gap_j, least_left_m = -1, -1, math.inf
     i, j, widest_m2, widest_m = -1, -1, 0.0, 0.0
     for k in range(n_points):
         for other in range(k + 1, n_points):
             low, high = box[LOWER, k, other], box[UPPER, k, other]
+            width_m = math.sqrt(high) - math.sqrt(low)
             if high < np.inf:
-                widest_m = max(widest_m, math.sqrt(high) - math.sqrt(low))
+                widest_m = max(widest_m, width_m)
             gap_m = math.sqrt(box[GAP_UPPER, k, other]) - math.sqrt(box[GAP_LOWER, k, other])
-            if gap_m > widest_gap_m:
-                gap_i, gap_j, widest_gap_m = k, other, gap_m
+            if gap_m > LEAST_GAP * resolution_m and (gap_i < 0 or width_m - gap_m < least_left_m):
+                gap_i, gap_j, least_left_m = k, other, width_m - gap_m
             times = excess(box, explained, EXPLAINED_FACTOR, resolution_m, k, other)
             if times > 1.0 and high - low > widest_m2:
                 i, j, widest_m2 = k, other, high - low

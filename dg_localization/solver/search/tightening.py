@@ -1,11 +1,14 @@
 """
 Tightening of a finished box towards the exact hull.
 
-A slice off one end of a range is a smaller problem: what contraction proves to be empty of it is
-cut off. A slice knows the distance it was cut from, which makes it a measurement like the others,
-and near an extreme all measurements are at their own extremes: slices contract far better than
-the box they were cut from. Every end is shaved in slices as thick as they come off; what then is
-left of the effort goes to thin ones, which are halved across the other ranges where they resist.
+First every range is bounded by linear programs, in a frame of its own. That comes close to the
+linearized hull, and what it leaves are effects of higher order: the business of slices. A slice
+off one end of a range is a smaller problem: what contraction proves to be empty of it is cut off.
+A slice knows the distance it was cut from, which makes it a measurement like the others, and near
+an extreme all measurements are at their own extremes: slices contract far better than the box they
+were cut from. Every end is shaved in slices as thick as they come off; what then is left of the
+effort goes to thin ones, which are halved across the other ranges where they resist. The effort
+ends early when slices no longer come off.
 """
 
 from __future__ import annotations
@@ -16,9 +19,11 @@ from itertools import count, product
 
 import numpy as np
 
+from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
 from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.place.placements import agrees
 from dg_localization.solver.problem import Problem
@@ -37,6 +42,16 @@ LEAST_SHAVE = 0.3
 LEAST_SLICES = 4
 """An end for which fewer slices than this are left is not peeled."""
 
+MOST_FRUITLESS = 100
+"""So many slices in a row that cut nothing off are the last ones."""
+
+FRUIT = 0.01
+"""A cut counts when it takes more than this fraction of a range."""
+
+LOCAL_ROUNDS = 3
+LEAST_LOCAL_GAIN = 0.02
+"""Linear programs for all ranges are repeated while they shorten some range by this fraction."""
+
 WELL_EXPLAINED = 0.01
 """A range this close to the first-order effect of the errors, relatively, is not tightened."""
 
@@ -51,6 +66,7 @@ class _Knife:
         self._stopped = stopped
         self.box = box
         self.slices = slices
+        self._fruitless = 0
 
     def shave(self, pair: Pair, end: int) -> bool:
         """Cut thinner and thinner slices off one end of a range; False when nothing is left."""
@@ -113,8 +129,9 @@ class _Knife:
         return parts[0][2]
 
     def _may_go_on(self, reserve: int = 0) -> bool:
-        """Return whether more slices are left than are kept in reserve, and time."""
-        return self.slices > reserve and not self._stopped()
+        """Return whether slices are left beyond the reserve, time too, and they still cut."""
+        tired = self._fruitless >= MOST_FRUITLESS
+        return self.slices > reserve and not tired and not self._stopped()
 
     def _width(self, pair: Pair) -> float:
         return float(self.box[UPPER, *pair] - self.box[LOWER, *pair])
@@ -128,12 +145,15 @@ class _Knife:
     def _contracted(self, part: FloatArray, pair: Pair) -> FloatArray | None:
         """Return what contraction leaves of a slice, None when it is nothing."""
         self.slices -= 1
+        self._fruitless += 1
         pruned = self._pruner.prune_slice(part, pair, self._stopped)
         return None if pruned.status is Status.EMPTY else pruned.box
 
     def _set_end(self, pair: Pair, end: int, value: float) -> bool:
         """Move one end of a range; False when nothing is left."""
         i, j = pair
+        if abs(value - self.box[end, i, j]) > FRUIT * self._width(pair):
+            self._fruitless = 0
         self.box[end, [i, j], [j, i]] = value
         return bool(self.box[LOWER, i, j] <= self.box[UPPER, i, j])
 
@@ -174,6 +194,42 @@ def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
     return sorted(((i, j) for i, j in pairs), key=lambda pair: -width[pair] / explained[pair])
 
 
+def narrow_in_local_frames(pruner: Pruner, pruned: Pruned, stopped: Callable[[], bool]) -> bool:
+    """
+    Narrow the unexplained pairs of a box in place by linear programs; False: nothing is left.
+
+    Parameters
+    ----------
+    pruner : Pruner
+        Narrows single pairs.
+    pruned : Pruned
+        The box, and what the errors explain of it.
+    stopped : callable
+        Whether to stop early; the box is sound all the same.
+
+    Returns
+    -------
+    bool
+        False when the box is proved to hold no placement.
+
+    """
+    box, n_points = pruned.box, pruner.problem.n_points
+    widths = np.zeros((n_points, n_points))
+    pairs = unexplained_pairs(pruner.problem, pruned)
+    with until(stopped):
+        for _ in range(LOCAL_ROUNDS):
+            remember_widths(box, widths)
+            positions = place_problem(pruner.problem, box)
+            for pair in pairs:
+                if stopped():
+                    return True
+                if not pruner.narrow_pair(box, positions, pair):
+                    return False
+            if largest_gain(box, widths) < LEAST_LOCAL_GAIN:
+                break
+    return True
+
+
 def tighten(
     pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
 ) -> FloatArray | None:
@@ -203,6 +259,8 @@ def tighten(
         return None
     if pruned.status is Status.UNFINISHED:
         return pruned.box
+    if not narrow_in_local_frames(pruner, pruned, stopped):
+        return None
     ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
     knife = _Knife(pruner, pruned.box, slices, stopped)
     if not all(knife.shave(pair, end) for pair, end in ends * PASSES):

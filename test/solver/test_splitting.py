@@ -1,0 +1,35 @@
+"""Where a box is split."""
+
+import numpy as np
+from solver_cases import box_of, squared_distances
+
+from dg_localization import Problem, SolverOptions, Verdict, solve
+from dg_localization.solver.box import GAP_LOWER, GAP_UPPER
+from dg_localization.solver.search.splitting import choose_split
+
+
+def test_a_box_is_split_at_the_gap_that_leaves_least_of_its_range():
+    lower, upper = np.zeros((3, 3)), np.zeros((3, 3))
+    box = box_of(lower, upper)
+    for (i, j), ends in {(0, 1): (1.0, 10.0, 4.0, 9.0), (0, 2): (3.0, 5.0, 3.2, 4.9)}.items():
+        box[:, [i, j], [j, i]] = np.square(ends)[:, None]
+    i, j, low_end, high_start = choose_split(box, np.zeros((3, 3)), 0.05)
+    assert (i, j) == (0, 2)
+    assert (low_end, high_start) == (box[GAP_LOWER, 0, 2], box[GAP_UPPER, 0, 2])
+
+
+def test_exact_pairs_beside_wide_ones_do_not_make_a_patch_flexible():
+    rng = np.random.default_rng(0)
+    n_points = 12
+    squared = squared_distances(rng.uniform(0.0, 0.5, (n_points, 3)))
+    lower, upper = np.zeros_like(squared), np.full_like(squared, np.inf)
+    np.fill_diagonal(upper, 0.0)
+    pairs = np.argwhere(np.triu(np.ones_like(squared), 1))
+    for number, (i, j) in enumerate(rng.permutation(pairs)[:53]):
+        error_m = 0.05 if number >= 15 else 1e-12
+        distance_m = np.sqrt(squared[i, j])
+        lower[i, j] = lower[j, i] = max(0.0, distance_m - error_m) ** 2
+        upper[i, j] = upper[j, i] = (distance_m + error_m) ** 2
+    result = solve(Problem(lower, upper, 3), SolverOptions(resolution=0.01, max_boxes=20))
+    assert result.verdict is Verdict.COVERED
+    assert len(result.hypotheses) == result.statistics.kept == 1
