@@ -4,8 +4,8 @@ Contraction by linear combinations of all measured distances at once.
 Projections see a few points at a time; where errors run through a chain of them, the bounds they
 give are wider than the measurements deserve. Here all measured pairs bound a pair together
 (`linearization`). The multipliers are those of least squares, weighted by the errors; they need no
-care for rounding. The same identity narrows the displacements first (an interval Newton step for more
-equations than unknowns). The paper has no such step; it projects only.
+care for rounding. The same identity narrows the displacements first (an interval Newton step for
+more equations than unknowns). The paper has no such step; it projects only.
 """
 
 from __future__ import annotations
