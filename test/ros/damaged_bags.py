@@ -29,6 +29,7 @@ PERIOD_NS = 100_000_000
 RANGES_M = {'/a/range/b': 3.0, '/a/range/c': 4.0, '/b/range/c': 5.0}
 STEPS = 9
 CHUNK_BYTES = 1000
+SCHEMA, CHUNK, CHUNK_INDEX = 3, 6, 8
 HUGE = (2**31, 2**40, 2**63, 2**64 - 1)
 OPCODE_BYTES, LENGTH_BYTES = 1, 8
 MAGIC_BYTES = 8
@@ -280,7 +281,7 @@ def _execute(statement: str, bag: Path) -> None:
 
 
 def _mcap(path: Path) -> Iterator[Damage]:
-    records = list(_records(path.read_bytes()))
+    records = list(mcap_records(path.read_bytes()))
     for begin, opcode in records:
         yield Damage(f'cut at record {opcode} at {begin}', partial(_cut, begin))
         yield Damage(f'cut in record {opcode} at {begin}', partial(_cut, begin + 11))
@@ -291,7 +292,7 @@ def _mcap(path: Path) -> Iterator[Damage]:
         yield Damage(f'record {opcode} at {begin} is twice', partial(_repeat, begin))
 
 
-def _records(data: bytes) -> Iterator[tuple[int, int]]:
+def mcap_records(data: bytes) -> Iterator[tuple[int, int]]:
     """Yield where each record begins, and its opcode."""
     begin = MAGIC_BYTES
     while begin < len(data) - MAGIC_BYTES:
