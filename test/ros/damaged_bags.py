@@ -63,7 +63,8 @@ def write_bag(path: Path, storage: str) -> None:
     ----------
     path : Path
         A folder that does not exist.
-    storage : {'db3', 'mcap', 'mcap without checksums'}
+    storage : {'db3', 'mcap', 'mcap without checksums', 'mcap without chunks'}
+        Without chunks there are no checksums either, as rosbag2's preset `fastwrite` has it.
 
     """
     plugin = StoragePlugin.SQLITE3 if storage == 'db3' else StoragePlugin.MCAP
@@ -76,7 +77,7 @@ def write_bag(path: Path, storage: str) -> None:
                 time_ns = START_NS + step * PERIOD_NS
                 writer.write(connections[topic], time_ns, range_message(time_ns, range_m))
     if storage != 'db3':
-        _rewrite(storage_of(path), checksums=storage == 'mcap')
+        _rewrite(storage_of(path), checksums=storage == 'mcap', chunks='chunks' not in storage)
 
 
 def range_message(time_ns: int, range_m: float) -> bytes:
@@ -91,8 +92,8 @@ def storage_of(bag: Path) -> Path:
     return path
 
 
-def _rewrite(path: Path, checksums: bool) -> None:
-    """Write an .mcap anew as rosbag2 does: in chunks, here many small ones, with checksums."""
+def _rewrite(path: Path, checksums: bool, chunks: bool) -> None:
+    """Write an .mcap anew as rosbag2 does, the chunks small and many."""
     with path.open('rb') as file:
         records = list(StreamReader(file).records)
     with path.open('wb') as file:
@@ -100,6 +101,7 @@ def _rewrite(path: Path, checksums: bool) -> None:
             file,
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.ZSTD if checksums else CompressionType.NONE,
+            use_chunking=chunks,
             enable_crcs=checksums,
         )
         writer.start(profile='ros2', library='test')
