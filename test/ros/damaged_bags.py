@@ -29,6 +29,7 @@ PERIOD_NS = 100_000_000
 RANGES_M = {'/a/range/b': 3.0, '/a/range/c': 4.0, '/b/range/c': 5.0}
 STEPS = 9
 CHUNK_BYTES = 1000
+SCHEMA, CHUNK, CHUNK_INDEX = 3, 6, 8
 HUGE = (2**31, 2**40, 2**63, 2**64 - 1)
 OPCODE_BYTES, LENGTH_BYTES = 1, 8
 MAGIC_BYTES = 8
@@ -62,7 +63,8 @@ def write_bag(path: Path, storage: str) -> None:
     ----------
     path : Path
         A folder that does not exist.
-    storage : {'db3', 'mcap', 'mcap without checksums'}
+    storage : {'db3', 'mcap', 'mcap without checksums', 'mcap without chunks'}
+        Without chunks there are no checksums either, as rosbag2's preset `fastwrite` has it.
 
     """
     plugin = StoragePlugin.SQLITE3 if storage == 'db3' else StoragePlugin.MCAP
@@ -75,7 +77,7 @@ def write_bag(path: Path, storage: str) -> None:
                 time_ns = START_NS + step * PERIOD_NS
                 writer.write(connections[topic], time_ns, range_message(time_ns, range_m))
     if storage != 'db3':
-        _rewrite(storage_of(path), checksums=storage == 'mcap')
+        _rewrite(storage_of(path), checksums=storage == 'mcap', chunks='chunks' not in storage)
 
 
 def range_message(time_ns: int, range_m: float) -> bytes:
@@ -90,8 +92,8 @@ def storage_of(bag: Path) -> Path:
     return path
 
 
-def _rewrite(path: Path, checksums: bool) -> None:
-    """Write an .mcap anew as rosbag2 does: in chunks, here many small ones, with checksums."""
+def _rewrite(path: Path, checksums: bool, chunks: bool) -> None:
+    """Write an .mcap anew as rosbag2 does, the chunks small and many."""
     with path.open('rb') as file:
         records = list(StreamReader(file).records)
     with path.open('wb') as file:
@@ -99,6 +101,7 @@ def _rewrite(path: Path, checksums: bool) -> None:
             file,
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.ZSTD if checksums else CompressionType.NONE,
+            use_chunking=chunks,
             enable_crcs=checksums,
         )
         writer.start(profile='ros2', library='test')
@@ -280,7 +283,7 @@ def _execute(statement: str, bag: Path) -> None:
 
 
 def _mcap(path: Path) -> Iterator[Damage]:
-    records = list(_records(path.read_bytes()))
+    records = list(mcap_records(path.read_bytes()))
     for begin, opcode in records:
         yield Damage(f'cut at record {opcode} at {begin}', partial(_cut, begin))
         yield Damage(f'cut in record {opcode} at {begin}', partial(_cut, begin + 11))
@@ -291,7 +294,7 @@ def _mcap(path: Path) -> Iterator[Damage]:
         yield Damage(f'record {opcode} at {begin} is twice', partial(_repeat, begin))
 
 
-def _records(data: bytes) -> Iterator[tuple[int, int]]:
+def mcap_records(data: bytes) -> Iterator[tuple[int, int]]:
     """Yield where each record begins, and its opcode."""
     begin = MAGIC_BYTES
     while begin < len(data) - MAGIC_BYTES:

@@ -16,14 +16,14 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
 
-from damaged_bags import damages, write_bag  # noqa: E402
+from damaged_bags import CHUNK, CHUNK_INDEX, SCHEMA, damages, mcap_records, storage_of, write_bag  # noqa: E402
 
 from dg_localization.ros.bags import localize_bag as module  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
-N_BITS = int(os.environ.get('DAMAGED_BAG_BITS', '50'))
-N_OTHERS = int(os.environ.get('DAMAGED_BAG_OTHERS', '90'))
-STORAGES = ('db3', 'mcap', 'mcap without checksums')
+N_BITS = int(os.environ.get('DAMAGED_BAG_BITS', '40'))
+N_OTHERS = int(os.environ.get('DAMAGED_BAG_OTHERS', '70'))
+STORAGES = ('db3', 'mcap', 'mcap without checksums', 'mcap without chunks')
 
 
 class Runs:
@@ -111,3 +111,49 @@ def test_a_damaged_bag_never_loses_anything_silently(runs, storage):
         if wrong:
             failures.append(f'{damage.name}: {wrong}')
     assert not failures, f'{len(failures)} of {n_cases}:\n' + '\n'.join(failures)
+
+
+@pytest.mark.parametrize(
+    ('opcode', 'offset', 'reason'),
+    [
+        (CHUNK, 100, 'the chunk before byte'),
+        # A time that nothing is done with.
+        (CHUNK_INDEX, 9, 'the checksum of its summary'),
+        # A definition, without which the bag cannot be opened.
+        (SCHEMA, 100, 'the checksum of its summary'),
+    ],
+)
+def test_a_wrong_checksum_is_named(runs, opcode, offset, reason):
+    bag = runs.folder / 'bag'
+    write_bag(bag, 'mcap')
+    data = bytearray(storage_of(bag).read_bytes())
+    # The last record of a kind; that of a schema is in the summary.
+    begin = {opcode: begin for begin, opcode in mcap_records(data)}[opcode]
+    data[begin + offset] ^= 1
+    storage_of(bag).write_bytes(data)
+    code, _, report, printed = runs.run(bag)
+    assert code == 1 and reason in printed
+    assert (report is None) is (opcode == SCHEMA)
+
+
+def test_a_chunk_that_is_damaged_keeps_the_answers_before_it(runs):
+    bag = runs.folder / 'bag'
+    write_bag(bag, 'mcap')
+    path = storage_of(bag)
+    data = bytearray(path.read_bytes())
+    last_chunk = {opcode: begin for begin, opcode in mcap_records(data)}[CHUNK]
+    data[last_chunk + 100] ^= 1
+    path.write_bytes(data)
+    code, answers, report, _ = runs.run(bag)
+    assert code == 1 and answers and 0 < report['ticks'] < 4
+    assert report['ending'].startswith('It ends at ')
+
+
+def test_metadata_that_hides_a_topic_is_damage(runs):
+    bag = runs.folder / 'bag'
+    write_bag(bag, 'db3')
+    metadata = bag / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('name: /b/range/c', 'name: /b/range/x'))
+    code, _, report, _ = runs.run(bag)
+    assert code == 1
+    assert any(text.startswith('/b/range/c: 9 messages are in') for text in report['damage'])

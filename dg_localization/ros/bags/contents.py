@@ -23,8 +23,8 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.optional import install_hint
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError
-from dg_localization.ros.optional import install_hint
 
 # After the field of its checksum a file has its magic; the checksum has 4 bytes.
 MCAP_MAGIC_BYTES = 8
@@ -143,7 +143,8 @@ def damage_of(bag: Bag, contents: Contents, read_ns: tuple[int, int] | None) -> 
     for topic in bag.topics:
         wanted = contents.count(topic.name, read_ns[0], read_ns[1] + 1)
         delivered, unreadable = bag.delivered[topic.name], bag.unreadable[topic.name]
-        if delivered + unreadable < wanted:
+        # More than there are when the index leads to some of them twice.
+        if contents.known and delivered + unreadable != wanted:
             yield f'{topic.name}: {wanted} messages are in the files, {delivered} were read'
         elif unreadable and not delivered:
             yield f'{topic.name}: none of its messages could be read'

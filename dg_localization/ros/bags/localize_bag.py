@@ -288,6 +288,7 @@ def main(args: Sequence[str]) -> int:
     """
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
+    contents = Contents()
     try:
         contents = read_contents(options.bag)
         warm_up()
@@ -295,6 +296,8 @@ def main(args: Sequence[str]) -> int:
             began_s = time.perf_counter()
             report = localize_bag(options, task, contents, stop)
             _print_report(report, options.report, time.perf_counter() - began_s)
+    except BagError as error:
+        raise BagError('\n'.join([str(error), *contents.damage])) from error
     except (OSError, sqlite3.Error) as error:
         raise ExecutableError(str(error)) from error
     except (InterruptedRun, KeyboardInterrupt):

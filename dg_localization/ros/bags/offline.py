@@ -166,12 +166,7 @@ def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> In
     finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
     found = finder.find(sorted((topic, list(kinds)) for topic, kinds in recorded.items()))
     links = (*settings.links, *found)
-    named = {link.topic for link in links}
-    others = [
-        link
-        for topic in sorted(set(recorded) - named)
-        if (link := _named_by_a_template(settings, topic)) is not None
-    ]
+    others = [link for link in finder.wrong_types if link not in links]
     notices = tuple(filter(None, (_wrong_with(link, recorded) for link in (*links, *others))))
     topics = tuple(link.topic for link in links if not _wrong_with(link, recorded))
     if not topics:
@@ -182,12 +177,6 @@ def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> In
             f'and the bag has {", ".join(sorted(recorded)) or "no topics"}'
         )
     return Inputs(links, notices, topics)
-
-
-def _named_by_a_template(settings: Settings, topic: str) -> Link | None:
-    """Return the link that the name of a topic makes, whatever its type is."""
-    links = (template.link_of(topic, settings.fleet.points) for template in settings.templates)
-    return next((link for link in links if link is not None), None)
 
 
 def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:

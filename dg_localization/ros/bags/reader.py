@@ -207,8 +207,8 @@ class Bag:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first to the last message of the bag."""
-        return (self.end_ns - self.start_ns) / NS_PER_S
+        """Time from the first message of the bag to just after the last."""
+        return (self.end_ns + 1 - self.start_ns) / NS_PER_S
 
     def messages(
         self, start_s: float = 0.0, duration_s: float | None = None
