@@ -236,7 +236,7 @@ class BagLocalizer:
     def take(self, message: BagMessage) -> None:
         """Take one recorded message."""
         if message.topic in self._copied:
-            self._writer.copy(message.topic, message.time_ns, message.data)
+            self._writer.write_bytes(message.topic, message.time_ns, message.data)
         link = self._links[message.topic]
         self.intake.take(link, message.data, in_seconds(message.time_ns))
 
@@ -250,7 +250,7 @@ class BagLocalizer:
         for name, message in estimate_messages(
             estimate, settings.fixed_frame, settings.lifetime_s
         ):
-            self._writer.write(self._task.topics[name], time_ns, message)
+            self._writer.write_bytes(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
         if outline(diagnostics) != self._outline:
             self._write(time_ns, diagnostics)

@@ -1,8 +1,8 @@
 """
 A new rosbag2, in .mcap or .db3, by the package rosbags: the same messages give the same bytes.
 
-rclpy leaves the padding between the fields of a message as it finds the memory. What is written
-here is therefore read and written again by rosbags, which pads with zeros.
+rclpy leaves the padding between the fields of a message as it finds the memory. Its messages are
+therefore read and written again by rosbags, which pads with zeros.
 """
 
 from collections.abc import Iterable, Iterator
@@ -68,11 +68,11 @@ class BagWriter:
         """Write a message of rclpy on a topic that was added."""
         type_name = self._connections[topic].msgtype
         decoded = self._types.deserialize_cdr(serialize_message(message), type_name)
-        self.copy(topic, time_ns, self._types.serialize_cdr(decoded, type_name))
+        self.write_bytes(topic, time_ns, self._types.serialize_cdr(decoded, type_name))
         self.holds_answers = True
 
-    def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
-        """Write the bytes of a message on a topic that was added."""
+    def write_bytes(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
+        """Write a serialized message on a topic that was added."""
         self._writer.write(self._connections[topic], time_ns, data)
 
 
