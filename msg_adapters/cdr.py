@@ -28,8 +28,8 @@ class CdrWriter:
     def _align(self, size: int) -> None:
         self._data += bytes((len(ENCAPSULATION) - len(self._data)) % size)
 
-    def boolean(self, value: bool) -> None:
-        """Write a bool."""
+    def uint8(self, value: int) -> None:
+        """Write a byte, or a bool."""
         self._data.append(value)
 
     def int32(self, value: int) -> None:

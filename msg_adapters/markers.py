@@ -140,7 +140,7 @@ def _write_marker(
     writer.float64s(np.full(3, marker.size_m))
     writer.float32s(marker.colors_rgba[0] if is_text else np.zeros(4))
     write_time(writer, 'lifetime', lifetime_s)
-    writer.boolean(False)  # frame_locked
+    writer.uint8(False)  # frame_locked
     n_points = 0 if is_text else len(marker.points_m)
     writer.uint32(n_points)
     writer.float64s(marker.points_m[:n_points])
@@ -163,7 +163,7 @@ def _write_no_mesh(writer: CdrWriter) -> None:
     writer.string('')  # mesh_resource
     writer.string('')  # mesh_file: name, data
     writer.uint32(0)
-    writer.boolean(False)  # mesh_use_embedded_materials
+    writer.uint8(False)  # mesh_use_embedded_materials
 
 
 def _check_colors(marker: Marker) -> None:

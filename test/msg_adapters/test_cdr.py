@@ -8,11 +8,25 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from msg_adapters import Marker, MarkerScene, PoseList, Shape, UncertainPose  # noqa: E402
+from msg_adapters import (  # noqa: E402
+    Diagnostics,
+    Level,
+    Marker,
+    MarkerScene,
+    PoseList,
+    Shape,
+    Status,
+    UncertainPose,
+)
+from msg_adapters.diagnostics import (  # noqa: E402
+    diagnostics_to_cdr,
+    diagnostics_to_message,
+)
 from msg_adapters.markers import marker_scene_to_cdr, marker_scene_to_message  # noqa: E402
 from msg_adapters.poses import (  # noqa: E402
     pose_array_to_cdr,
@@ -58,6 +72,17 @@ def test_markers(frame, text):
     for shown in (scene, replace(scene, markers=())):
         found = deserialize_message(marker_scene_to_cdr(shown), MarkerArray)
         assert found == marker_scene_to_message(shown)
+
+
+@pytest.mark.parametrize('text', FRAMES)
+def test_diagnostics(text):
+    statuses = (
+        Status(Level.ERROR, text, 'message', text, {'a': text, text: 'value'}),
+        Status(Level.OK, 'name', text),
+    )
+    for diagnostics in (Diagnostics(2.5, statuses), Diagnostics(2.5, ())):
+        found = deserialize_message(diagnostics_to_cdr(diagnostics), DiagnosticArray)
+        assert found == diagnostics_to_message(diagnostics)
 
 
 def test_equal_values_give_equal_bytes():

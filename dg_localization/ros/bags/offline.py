@@ -26,7 +26,6 @@ from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
     DIAGNOSTICS,
-    diagnostics_message,
     estimate_messages,
     estimate_outputs,
     outline,
@@ -34,6 +33,7 @@ from dg_localization.ros.interface.outputs import (
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
+from msg_adapters.diagnostics import diagnostics_to_cdr
 
 DIAGNOSTICS_HZ = 1.0
 
@@ -236,7 +236,7 @@ class BagLocalizer:
     def take(self, message: BagMessage) -> None:
         """Take one recorded message."""
         if message.topic in self._copied:
-            self._writer.write_bytes(message.topic, message.time_ns, message.data)
+            self._writer.copy(message.topic, message.time_ns, message.data)
         link = self._links[message.topic]
         self.intake.take(link, message.data, in_seconds(message.time_ns))
 
@@ -250,7 +250,7 @@ class BagLocalizer:
         for name, message in estimate_messages(
             estimate, settings.fixed_frame, settings.lifetime_s
         ):
-            self._writer.write_bytes(self._task.topics[name], time_ns, message)
+            self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
         if outline(diagnostics) != self._outline:
             self._write(time_ns, diagnostics)
@@ -262,7 +262,7 @@ class BagLocalizer:
 
     def _write(self, time_ns: int, diagnostics: Diagnostics) -> None:
         self._outline = outline(diagnostics)
-        message = diagnostics_message(diagnostics)
+        message = diagnostics_to_cdr(diagnostics)
         self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, message)
 
     def _diagnose(self, time_ns: int) -> Diagnostics:

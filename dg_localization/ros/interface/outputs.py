@@ -18,7 +18,8 @@ from visualization_msgs.msg import MarkerArray
 from dg_localization.fleet import Estimate
 from dg_localization.ros.interface.markers import scene
 from dg_localization.ros.interface.poses import feasible_poses, unique_pose
-from msg_adapters import Diagnostics, adapter_for
+from msg_adapters import Diagnostics
+from msg_adapters.diagnostics import diagnostics_to_cdr
 from msg_adapters.markers import marker_scene_to_cdr
 from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr
 
@@ -33,8 +34,6 @@ LATCHED = QoSProfile(
 ACKNOWLEDGE_S = 1.0
 
 DECIMAL = re.compile(r'\d+\.\d+')
-
-_diagnostic_array = adapter_for('diagnostic_msgs/msg/DiagnosticArray').to_message
 
 
 class Output(NamedTuple):
@@ -96,11 +95,6 @@ def estimate_messages(
     yield '~/markers', marker_scene_to_cdr(scene(estimate, frame_id, lifetime_s))
 
 
-def diagnostics_message(diagnostics: Diagnostics) -> Any:
-    """Return what is published on /diagnostics."""
-    return _diagnostic_array(diagnostics)
-
-
 def _publisher(node: LifecycleNode, output: Output) -> Publisher:
     return node.create_publisher(output.message_class, output.name, output.qos)
 
@@ -148,7 +142,7 @@ class DiagnosticsPublisher:
     def publish(self, diagnostics: Diagnostics) -> None:
         """Publish."""
         self._last_seen = outline(diagnostics)
-        self._publisher.publish(diagnostics_message(diagnostics))
+        self._publisher.publish(diagnostics_to_cdr(diagnostics))
 
     def publish_change(self, diagnostics: Diagnostics) -> None:
         """Publish if a level or a message differs from what was published last."""
