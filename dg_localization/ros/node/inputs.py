@@ -60,6 +60,8 @@ class Inputs:
         """Take the subscriptions off the graph."""
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+        self._finder.wrong_types.clear()
 
     def _subscribe(self, link: Link) -> None:
         # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
