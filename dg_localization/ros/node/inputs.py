@@ -4,13 +4,17 @@ from collections.abc import Callable
 from functools import partial
 
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters import adapter_for
+
+# As the profile of that name, which every publisher can serve, with a longer queue: publishing
+# an answer or the diagnostics of a large fleet keeps the executor from receiving for a moment.
+SENSOR_DATA = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Inputs:
@@ -69,6 +73,6 @@ class Inputs:
             adapter_for(link.type_name).message_class(),
             link.topic,
             partial(self._take, link),
-            qos_profile_sensor_data,
+            SENSOR_DATA,
             raw=True,
         )
