@@ -23,8 +23,8 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.optional import install_hint
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError
-from dg_localization.ros.optional import install_hint
 
 # After the field of its checksum a file has its magic; the checksum has 4 bytes.
 MCAP_MAGIC_BYTES = 8
