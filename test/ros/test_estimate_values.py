@@ -8,6 +8,9 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from geometry_msgs.msg import PoseArray  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
+
 from dg_localization import Verdict  # noqa: E402
 from dg_localization.fleet import (  # noqa: E402
     Estimate,
@@ -23,9 +26,11 @@ from dg_localization.ros.interface.links import Link  # noqa: E402
 from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
     FRESH_RGBA,
+    MOST_DRAWN,
     STALE_RGBA,
     scene,
 )
+from dg_localization.ros.interface.outputs import estimate_messages  # noqa: E402
 from dg_localization.ros.interface.poses import feasible_poses, unique_pose  # noqa: E402
 from msg_adapters import Level, Shape  # noqa: E402
 
@@ -115,6 +120,23 @@ def test_unknown_heading_is_no_rotation_at_all():
 def test_no_placement_gives_an_empty_list():
     poses = feasible_poses(estimate(), 'map')
     assert (poses.positions_m.shape, poses.orientations_xyzw.shape) == ((0, 3), (0, 4))
+
+
+def test_array_of_one_robot_leaves_unknown_positions_out_and_that_of_the_fleet_does_not():
+    lost = placement(positions_m=np.array([[0.0, 0.0], [np.nan, np.nan]]))
+    messages = dict(estimate_messages(estimate(placement(), lost), 'map', 1.0))
+    fleet, a, b = (
+        deserialize_message(messages[f'~/{name}feasible_poses'], PoseArray).poses
+        for name in ('', 'a/', 'b/')
+    )
+    assert (len(fleet), len(a), len(b)) == (4, 2, 1)
+    assert math.isnan(fleet[3].position.x) and b[0].position.x == 3.0
+
+
+def test_only_so_many_placements_are_drawn():
+    drawn = scene(estimate(*[placement(k) for k in range(MOST_DRAWN + 9)]), 'map', 1.0).markers
+    (robots,) = [marker for marker in drawn if marker.namespace == 'robots']
+    assert len(robots.points_m) == 2 * MOST_DRAWN
 
 
 def test_covariance_holds_the_squares_of_the_farthest_sides():
