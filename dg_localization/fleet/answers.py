@@ -72,19 +72,25 @@ def answer(
     elsewhere = check_elsewhere(constraints, plan.points, options, cancel)
     if elsewhere.verdict is Verdict.INFEASIBLE:
         return elsewhere
-    result = solve(constraints.of(plan.solved).problem(), options, cancel)
+    options = replace(options, max_hypotheses=snapshot.config.max_hypotheses)
+    result = solve(constraints.of(plan.points).problem(), options, cancel)
     statistics = add_statistics(elsewhere.statistics, result.statistics)
-    placer = Placer(snapshot, constraints, plan, dropped)
+    placer = Placer(snapshot, constraints, plan, result, dropped)
     placements: list[Placement] = []
-    n_unlisted = 0
+    n_seen = 0
     for hypothesis in result.hypotheses:
-        if len(placements) < snapshot.config.max_hypotheses:
-            placements += placer.placements(hypothesis)
-        else:
-            n_unlisted += placer.most_placements(hypothesis)
+        if len(placements) >= options.max_hypotheses:
+            break
+        placements += placer.placements(hypothesis)
+        n_seen += 1
+    else:
+        # The solver built no more than these, and left out those that it found to be empty.
+        n_seen = max(n_seen, min(result.n_hypotheses, options.max_hypotheses))
+    n_unseen = result.n_hypotheses - n_seen
     # A hypothesis whose headings contradict the rays has no placement.
-    verdict = result.verdict if placements else Verdict.INFEASIBLE
-    return Answer(verdict, tuple(placements), len(placements) + n_unlisted, statistics)
+    verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE
+    number = len(placements) + n_unseen * placer.most_images
+    return Answer(verdict, tuple(placements), number, statistics)
 
 
 def check_elsewhere(

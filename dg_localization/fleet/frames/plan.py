@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 import math
@@ -23,25 +23,16 @@ class FramePlan:
     Parameters
     ----------
     frame : FixedFrame
-    solved : tuple of int
-        The connected points that the solver places.
-    pendant : tuple of int
-        The connected points that fewer than q distances hold, each to points listed before it.
-        They are free to swing: each would cost the solver a whole circle or sphere of boxes.
+    points : tuple of int
+        The connected points, ascending.
     cores : tuple of tuple of int
-        Choices of q solved points whose place in the fixed frame is known, best first.
+        Choices of q of them whose place in the fixed frame is known, best first.
 
     """
 
     frame: FixedFrame
-    solved: tuple[int, ...]
-    pendant: tuple[int, ...]
+    points: tuple[int, ...]
     cores: tuple[tuple[int, ...], ...]
-
-    @property
-    def points(self) -> tuple[int, ...]:
-        """The connected points, the solved ones first."""
-        return self.solved + self.pendant
 
 
 def plan_frames(
@@ -78,7 +69,7 @@ def _plan_from_anchors(
     frame = FixedFrame(FrameKind.ANCHORS, names)
     origin = anchors.cores[0][0]
     plans = [
-        _plan(frame, alternative, alternative.component_of(origin), anchors.cores, anchors.boxes)
+        FramePlan(frame, alternative.component_of(origin), anchors.cores)
         for alternative in alternatives
     ]
     free = {i for i, robot in enumerate(config.robots) if robot not in config.anchors}
@@ -105,32 +96,12 @@ def _plan_from_reference(
     if all(headed):
         frame = FixedFrame(FrameKind.HEADING, (config.reference_robot,))
         return [
-            _plan(frame, alternative, points, cores)
-            for alternative, points, cores in zip(alternatives, components, headed, strict=True)
+            FramePlan(frame, points, cores)
+            for points, cores in zip(components, headed, strict=True)
         ]
     core = _robot_core(config, constraints, origin, components)
     frame = FixedFrame(FrameKind.ROBOTS, tuple(config.points[i] for i in core))
-    return [
-        _plan(frame, alternative, points, (core,))
-        for alternative, points in zip(alternatives, components, strict=True)
-    ]
-
-
-def _plan(
-    frame: FixedFrame,
-    constraints: Constraints,
-    component: tuple[int, ...],
-    cores: tuple[tuple[int, ...], ...],
-    kept: Iterable[int] = (),
-) -> FramePlan:
-    """Return the plan for a component; the first core and `kept` are solved in any case."""
-    pendant = constraints.pendant_points(component, {*cores[0], *kept})
-    return FramePlan(
-        frame=frame,
-        solved=tuple(point for point in component if point not in pendant),
-        pendant=tuple(reversed(pendant)),
-        cores=tuple(core for core in cores if not set(core) & set(pendant)),
-    )
+    return [FramePlan(frame, points, (core,)) for points in components]
 
 
 def _heading_cores(
