@@ -159,6 +159,9 @@ class Estimate:
         How the fixed frame is tied to the fleet; None when there are no placements.
     previous_frame : FixedFrame or None
         The frame of the placements before, where it was another; None when nothing has changed.
+    frame_doubt : str
+        A sentence on why the frame is not that of the reference robot; empty if it is, or if
+        anchors make it.
     groups : tuple of Group
         The robots that are not connected to the fixed frame but to each other.
 
@@ -176,6 +179,7 @@ class Estimate:
     landmarks: tuple[str, ...] = ()
     frame: FixedFrame | None = None
     previous_frame: FixedFrame | None = None
+    frame_doubt: str = ''
     groups: tuple[Group, ...] = ()
 
     @property

@@ -98,6 +98,7 @@ def _with_placements(
         conflicts=conflicts,
         landmarks=config.landmarks,
         frame=None if plans.main is None else plans.main.frame,
+        frame_doubt=plans.reason,
         groups=found.groups,
     )
 

@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
+from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
 from dg_localization.ros.interface.poses import feasible_poses, unique_pose
 from msg_adapters import Diagnostics, adapter_for
@@ -58,7 +59,7 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
 
 
 def estimate_messages(
-    estimate: Estimate, frame_id: str, lifetime_s: float
+    estimate: Estimate, fixed_frame: str, lifetime_s: float
 ) -> Iterator[tuple[str, Any]]:
     """
     Yield the messages of an estimate, each with the name of its topic.
@@ -68,23 +69,24 @@ def estimate_messages(
     Parameters
     ----------
     estimate : Estimate
-    frame_id : str
-        Frame of everything published.
+    fixed_frame : str
+        Name of the frame of the anchors.
     lifetime_s : float
         How long viewers show the markers.
 
     """
-    fleet = _pose_array(feasible_poses(estimate, frame_id))
+    name = frame_id(estimate.frame, fixed_frame)
+    fleet = _pose_array(feasible_poses(estimate, name))
     yield '~/feasible_poses', fleet
     n_robots = len(estimate.robots)
     for row, robot in enumerate(estimate.robots):
         poses = PoseArray(header=fleet.header, poses=fleet.poses[row::n_robots])
         yield f'~/{robot}/feasible_poses', poses
     for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, frame_id)
+        pose = unique_pose(estimate, row, name)
         if pose is not None:
             yield f'~/{robot}/pose', _pose(pose)
-    yield '~/markers', _marker_array(scene(estimate, frame_id, lifetime_s))
+    yield '~/markers', _marker_array(scene(estimate, name, lifetime_s))
 
 
 def diagnostics_message(diagnostics: Diagnostics) -> Any:
@@ -106,18 +108,18 @@ class EstimatePublishers:
         The node they belong to.
     robots : tuple of str
         The fleet; every estimate must have these, in this order.
-    frame_id : str
-        Frame of everything published.
+    fixed_frame : str
+        Name of the frame of the anchors.
     lifetime_s : float
         How long viewers show the markers.
 
     """
 
     def __init__(
-        self, node: LifecycleNode, robots: tuple[str, ...], frame_id: str, lifetime_s: float
+        self, node: LifecycleNode, robots: tuple[str, ...], fixed_frame: str, lifetime_s: float
     ) -> None:
         self._node = node
-        self._frame_id = frame_id
+        self._fixed_frame = fixed_frame
         self._lifetime_s = lifetime_s
         self._publishers = {
             output.name: _publisher(node, output) for output in estimate_outputs(robots)
@@ -125,7 +127,7 @@ class EstimatePublishers:
 
     def publish(self, estimate: Estimate) -> None:
         """Publish an estimate on every topic."""
-        for name, message in estimate_messages(estimate, self._frame_id, self._lifetime_s):
+        for name, message in estimate_messages(estimate, self._fixed_frame, self._lifetime_s):
             self._publishers[name].publish(message)
 
     def destroy(self) -> None:

@@ -273,6 +273,10 @@ class LocalizerNode(LifecycleNode):
 
     def _publish(self, estimate: Estimate) -> None:
         self._estimate = estimate
+        if estimate.frame_change:
+            self.get_logger().warning(
+                estimate.frame_change, throttle_duration_sec=REPEATED_WARNING_S
+            )
         self._outputs.publish(estimate)
         self._diagnostics.publish_change(self._diagnose())
 
