@@ -14,6 +14,9 @@ from rclpy.serialization import deserialize_message  # noqa: E402
 from dg_localization import Verdict  # noqa: E402
 from dg_localization.fleet import (  # noqa: E402
     Estimate,
+    FixedFrame,
+    FrameKind,
+    Group,
     InputState,
     LinkKey,
     LinkKind,
@@ -22,6 +25,7 @@ from dg_localization.fleet import (  # noqa: E402
     RejectionReason,
 )
 from dg_localization.ros.interface.diagnostics import Malformed, Report, statuses  # noqa: E402
+from dg_localization.ros.interface.frames import frame_id  # noqa: E402
 from dg_localization.ros.interface.links import Link  # noqa: E402
 from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
@@ -452,3 +456,42 @@ def test_malformed_messages_are_counted_and_named():
 def test_two_topics_of_one_link_have_names_of_their_own():
     links = tuple(Link(topic, 'sensor_msgs/msg/Range', AB, True) for topic in ('/x', '/y'))
     assert status('input range a->b by /y', None, links=links).values['topic'] == '/y'
+
+
+def test_frames_are_named_after_what_they_are_tied_to():
+    names = [
+        frame_id(frame, 'hall')
+        for frame in (
+            FixedFrame(FrameKind.ANCHORS, ('p', 'q')),
+            FixedFrame(FrameKind.HEADING, ('b',)),
+            FixedFrame(FrameKind.ROBOTS, ('a', 'b')),
+            None,
+        )
+    ]
+    assert names == ['hall', 'b/base_link', 'fleet', 'hall']
+
+
+def test_a_change_of_the_frame_is_a_warning():
+    before, now = FixedFrame(FrameKind.HEADING, ('a',)), FixedFrame(FrameKind.ROBOTS, ('a', 'b'))
+    made = estimate(placement(), frame=now, previous_frame=before)
+    fleet = status('fleet', made)
+    assert fleet.level == Level.WARN
+    assert fleet.message == (
+        'the frame has changed: body frame of a before, origin at a, x towards b now'
+    )
+    silent = 'reference robot a is not connected: the frame is that of b'
+    fleet = status('fleet', estimate(placement(), frame_doubt=silent))
+    assert (fleet.level, fleet.message) == (Level.WARN, silent)
+
+
+def test_robots_that_are_not_connected_to_the_frame_are_placed_in_their_own():
+    frame = FixedFrame(FrameKind.HEADING, ('b',))
+    group = Group(('b',), frame, (placement(),), 1)
+    made = estimate(placement(), frame=FixedFrame(FrameKind.ROBOTS, ('a',)), groups=(group,))
+    fleet, robot = status('fleet', made), status('robot b', made)
+    assert (fleet.level, fleet.message) == (Level.WARN, '1 more in frames of their own')
+    assert fleet.values['group_0'] == 'b: body frame of b; hypotheses: 1'
+    assert robot.level == Level.WARN
+    assert robot.message == 'not connected to the published frame: placed in body frame of b'
+    assert robot.values['hypothesis_0'].startswith('at 3.000 1.000 m')
+    assert status('robot a', made).level == Level.OK

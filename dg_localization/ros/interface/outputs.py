@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
+from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
 from dg_localization.ros.interface.poses import feasible_poses, unique_pose
 from msg_adapters import Diagnostics
@@ -58,7 +59,7 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
 
 
 def estimate_messages(
-    estimate: Estimate, frame_id: str, lifetime_s: float
+    estimate: Estimate, fixed_frame: str, lifetime_s: float
 ) -> Iterator[tuple[str, bytes]]:
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
@@ -70,13 +71,14 @@ def estimate_messages(
     Parameters
     ----------
     estimate : Estimate
-    frame_id : str
-        Frame of everything published.
+    fixed_frame : str
+        Name of the frame of the anchors.
     lifetime_s : float
         How long viewers show the markers.
 
     """
-    fleet = feasible_poses(estimate, frame_id)
+    name = frame_id(estimate.frame, fixed_frame)
+    fleet = feasible_poses(estimate, name)
     yield '~/feasible_poses', pose_array_to_cdr(fleet)
     n_robots = len(estimate.robots)
     is_known = np.asarray(np.isfinite(fleet.positions_m).all(axis=1))
@@ -89,10 +91,10 @@ def estimate_messages(
         )
         yield f'~/{robot}/feasible_poses', pose_array_to_cdr(poses)
     for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, frame_id)
+        pose = unique_pose(estimate, row, name)
         if pose is not None:
             yield f'~/{robot}/pose', uncertain_pose_to_cdr(pose)
-    yield '~/markers', marker_scene_to_cdr(scene(estimate, frame_id, lifetime_s))
+    yield '~/markers', marker_scene_to_cdr(scene(estimate, name, lifetime_s))
 
 
 def _publisher(node: LifecycleNode, output: Output) -> Publisher:

@@ -268,6 +268,10 @@ class LocalizerNode(LifecycleNode):
 
     def _publish(self, answer: Answer) -> None:
         self._estimate = answer.estimate
+        if answer.estimate.frame_change:
+            self.get_logger().warning(
+                answer.estimate.frame_change, throttle_duration_sec=REPEATED_WARNING_S
+            )
         self._outputs.publish(answer.messages)
         self._diagnostics.publish_change(self._diagnose())
 
