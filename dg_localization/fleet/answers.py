@@ -8,6 +8,7 @@ from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import Group, Placement
 from dg_localization.fleet.frames.placer import Placer
 from dg_localization.fleet.frames.plan import FramePlan, Plans
+from dg_localization.fleet.rigidity import NOT_RIGID, Rigidity, rigidity_of
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.solver.options import Cancel, SolverOptions
@@ -31,6 +32,8 @@ class Answer:
         Of all problems solved.
     groups : tuple of Group
         What is connected, but not to the fixed frame.
+    rigidity : Rigidity
+        The rigid pieces of all of them.
 
     """
 
@@ -39,6 +42,7 @@ class Answer:
     n_hypotheses: int
     statistics: Statistics
     groups: tuple[Group, ...] = ()
+    rigidity: Rigidity = NOT_RIGID
 
 
 NO_WORK = Statistics(processed=0, empty=0, split=0, kept=0, pending=0, seconds=0.0)
@@ -79,6 +83,7 @@ def answer(
     robots = snapshot.config.robots
     statistics = NO_WORK
     groups = []
+    rigidity = NOT_RIGID
     for plan in plans.others:
         found = _answer_group(snapshot, constraints, plan, options, dropped, cancel)
         statistics = add_statistics(statistics, found.statistics)
@@ -86,11 +91,17 @@ def answer(
             return replace(CONTRADICTION, statistics=statistics)
         names = tuple(robots[point] for point in plan.points if point < len(robots))
         groups.append(Group(names, plan.frame, found.placements, found.n_hypotheses))
+        rigidity += found.rigidity
     found = NO_PLACE
     if plans.main is not None:
         found = _answer_group(snapshot, constraints, plans.main, options, dropped, cancel)
     statistics = add_statistics(statistics, found.statistics)
-    return replace(found, statistics=statistics, groups=tuple(groups))
+    return replace(
+        found,
+        statistics=statistics,
+        groups=tuple(groups),
+        rigidity=found.rigidity + rigidity,
+    )
 
 
 def _answer_group(
@@ -120,7 +131,9 @@ def _answer_group(
     verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE
     number = len(placements) + n_unseen * placer.most_images
     listed = tuple(placements[: options.max_hypotheses])
-    return Answer(verdict, listed, number, result.statistics)
+    names = [snapshot.config.points[point] for point in plan.points]
+    rigidity = rigidity_of(names, result, snapshot.config.dimension)
+    return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)
 
 
 def add_statistics(first: Statistics, second: Statistics) -> Statistics:

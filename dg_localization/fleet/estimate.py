@@ -164,6 +164,10 @@ class Estimate:
         anchors make it.
     groups : tuple of Group
         The robots that are not connected to the fixed frame but to each other.
+    rigid_groups : tuple of tuple of str
+        The points that the measurements hold rigid together: each group can only move as a whole.
+    would_fix : tuple of str
+        Measurements that would join two of these groups, as short sentences.
 
     """
 
@@ -181,6 +185,8 @@ class Estimate:
     previous_frame: FixedFrame | None = None
     frame_doubt: str = ''
     groups: tuple[Group, ...] = ()
+    rigid_groups: tuple[tuple[str, ...], ...] = ()
+    would_fix: tuple[str, ...] = ()
 
     @property
     def frame_change(self) -> str:

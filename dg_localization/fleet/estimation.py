@@ -11,6 +11,7 @@ from dg_localization.fleet.conflicts import Explanation, Links, explain
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.frames.plan import Plans, plan_frames
+from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.interval.environment import default_environment
@@ -34,7 +35,12 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
         return _explained(snapshot, constraints, found.statistics, cancel)
     if plans.main is None:
         reason = '; '.join([plans.reason, *_group_texts(found)])
-        return replace(_without_placements(snapshot, None, reason), groups=found.groups)
+        return replace(
+            _without_placements(snapshot, None, reason),
+            groups=found.groups,
+            rigid_groups=found.rigidity.pieces,
+            would_fix=_would_fix(snapshot.config, found),
+        )
     return _with_placements(snapshot, found, plans)
 
 
@@ -100,7 +106,21 @@ def _with_placements(
         frame=None if plans.main is None else plans.main.frame,
         frame_doubt=plans.reason,
         groups=found.groups,
+        rigid_groups=found.rigidity.pieces,
+        would_fix=_would_fix(config, found),
     )
+
+
+def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
+    """Return what would join the pieces of a fleet, those that nothing joins last."""
+    joining = []
+    for group in found.groups:
+        n_group = len(group.robots)
+        n_others = len(config.points) - n_group
+        missing = missing_ranges(n_group, n_others, 0, config.dimension)
+        names = ', '.join(group.robots)
+        joining.append(f'{missing} ranges to other robots would join {names} to the rest')
+    return (*found.rigidity.remedies, *joining)
 
 
 def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
@@ -120,6 +140,7 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
         parts.append('the fleet can still move without any measurement changing')
+        parts += found.rigidity.remedies[:1]
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')
@@ -177,6 +198,7 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
         statistics=statistics,
         # Several ways to drop links may connect other robots: their frames are not the same.
         groups=answers[0].groups if len(answers) == 1 else (),
+        rigidity=answers[0].rigidity if len(answers) == 1 else NOT_RIGID,
     )
 
 

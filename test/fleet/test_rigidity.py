@@ -7,6 +7,7 @@ import pytest
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.rigidity import missing_ranges
 
 NOW_S = 10.0
 TWO_FOURS = {
@@ -136,3 +137,76 @@ def test_anchors_leave_the_folds_of_the_rest():
     assert estimate.n_hypotheses == len(estimate.placements) == 4
     truth_m = np.array(list(places.values()))
     assert any(is_in(placement, truth_m) for placement in estimate.placements)
+
+
+def test_a_range_would_fix_a_hinge():
+    localizer = localizer_of(TWO_FOURS, within(*FOURS))
+    estimate = localizer.step(NOW_S)
+    assert estimate.rigid_groups == tuple(tuple(four.split()) for four in FOURS)
+    # The pair with the longest arms: r1 is 8.5 m from the hinge, r5 5.7 m.
+    assert estimate.would_fix == ('range r1 - r5 would fix the hinge at r4',)
+    assert estimate.would_fix[0] in estimate.reason
+    distance_m = math.dist(TWO_FOURS['r1'], TWO_FOURS['r5'])
+    localizer.add_range('r1', 'r5', distance_m, NOW_S, NOW_S)
+    assert not any(placement.flexible for placement in localizer.step(NOW_S).placements)
+
+
+def test_a_range_across_would_decide_a_reflection():
+    places, pairs = strip(2)
+    localizer = localizer_of(places, pairs)
+    estimate = localizer.step(NOW_S)
+    assert estimate.n_hypotheses == 4
+    (text,) = estimate.would_fix
+    assert text.endswith('or bearings would decide the reflection in s2, s3')
+    first, second = text.split()[1], text.split()[3]
+    assert {first, second} <= set(places) - {'s2', 's3'}
+    distance_m = math.dist(places[first], places[second])
+    localizer.add_range(first, second, distance_m, NOW_S, NOW_S)
+    fixed = localizer.step(NOW_S)
+    assert (fixed.n_hypotheses, fixed.would_fix) == (2, ())
+
+
+def test_a_decided_reflection_needs_nothing():
+    places, pairs = strip(2)
+    localizer = localizer_of(places, pairs, bearing_half_width_rad=0.01)
+    for target in ('s0', 's3', 's4'):
+        ray = [*np.subtract(places[target], places['s2']), 0.0]
+        assert localizer.add_bearing('s2', target, ray, NOW_S, NOW_S) is None
+    estimate = localizer.step(NOW_S)
+    assert (estimate.n_hypotheses, estimate.would_fix) == (1, ())
+
+
+@pytest.mark.parametrize(
+    ('counts', 'dimension', 'missing'),
+    [
+        ((4, 4, 1), 2, 1),
+        ((2, 2, 1), 2, 1),
+        ((4, 4, 0), 2, 3),
+        ((4, 1, 0), 2, 2),
+        ((5, 5, 2), 3, 1),
+        ((5, 5, 1), 3, 3),
+        ((5, 2, 1), 3, 2),
+        ((5, 5, 0), 3, 6),
+    ],
+)
+def test_as_many_ranges_are_missing_as_pieces_are_free(counts, dimension, missing):
+    assert missing_ranges(*counts, dimension) == missing
+
+
+def test_in_space_a_shared_robot_leaves_three_ranges():
+    rng = np.random.default_rng(3)
+    names = [f'r{k}' for k in range(1, 10)]
+    places = {name: tuple(rng.uniform(0.0, 9.0, 3)) for name in names}
+    fives = ('r1 r2 r3 r4 r5', 'r5 r6 r7 r8 r9')
+    estimate = localizer_of(places, within(*fives), dimension=3).step(NOW_S)
+    assert estimate.rigid_groups == tuple(tuple(five.split()) for five in fives)
+    assert estimate.would_fix == (
+        '3 ranges between r1, r2, r3, r4 and r6, r7, r8, r9 would fix the joint at r5',
+    )
+
+
+def test_what_nothing_joins_needs_more_ranges():
+    pairs = within('r1 r2 r3', 'r5 r6 r7')
+    estimate = localizer_of(TWO_FOURS, pairs).step(NOW_S)
+    assert estimate.would_fix == ('3 ranges to other robots would join r5, r6, r7 to the rest',)
+    assert estimate.rigid_groups == (('r1', 'r2', 'r3'), ('r5', 'r6', 'r7'))

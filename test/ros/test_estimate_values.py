@@ -495,3 +495,13 @@ def test_robots_that_are_not_connected_to_the_frame_are_placed_in_their_own():
     assert robot.message == 'not connected to the published frame: placed in body frame of b'
     assert robot.values['hypothesis_0'].startswith('at 3.000 1.000 m')
     assert status('robot a', made).level == Level.OK
+
+
+def test_the_diagnostics_say_what_is_rigid_and_what_would_fix_the_rest():
+    made = estimate(
+        placement(), rigid_groups=(('a', 'b'), ('b', 'c')), would_fix=('range a - c',) * 50
+    )
+    values = status('fleet', made).values
+    assert values['rigid_groups'] == 'a, b; b, c'
+    assert values['would_fix'].startswith('range a - c; range a - c')
+    assert len(values['would_fix']) == 300

@@ -190,6 +190,11 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         'hypotheses_proved': str(sum(placement.proved for placement in estimate.placements)),
         'frame': str(estimate.frame) if estimate.frame else '',
     }
+    if estimate.rigid_groups:
+        texts = (', '.join(group) for group in estimate.rigid_groups)
+        values['rigid_groups'] = shortened('; '.join(texts))
+    if estimate.would_fix:
+        values['would_fix'] = shortened('; '.join(estimate.would_fix))
     if estimate.statistics is not None:
         values['boxes'] = str(estimate.statistics.processed)
         values['solve_s'] = f'{estimate.statistics.seconds:.4f}'
