@@ -36,16 +36,7 @@ def fleet(
 ) -> tuple[dict[tuple[int, int], PairReadings], FloatArray, FloatArray]:
     """Simulate a fleet; return readings by pair, and places and headings at the end."""
     rng = np.random.default_rng([seed, robots])
-    members = [
-        SimulatedRobot.drive(
-            rng,
-            seconds,
-            ODOMETRY_ERROR,
-            rng.uniform(-5.0, 5.0, 3) * [1.0, 1.0, 0.0],
-            rng.uniform(-math.pi, math.pi),
-        )
-        for _robot in range(robots)
-    ]
+    members = [SimulatedRobot.drive(rng, seconds, ODOMETRY_ERROR) for _robot in range(robots)]
     count = len(members[0].yaws_rad)
     picked = np.arange(count - 1, -1, -EVERY)[::-1]
     stamps = picked * 0.1

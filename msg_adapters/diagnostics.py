@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.cdr import CdrWriter
+from msg_adapters.headers import header_to_message, stamp_from_message, write_header
 
 TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
 
@@ -80,6 +81,22 @@ def diagnostics_to_message(diagnostics: Diagnostics) -> Any:
         header=header_to_message(diagnostics.stamp_s, ''),
         status=[_status_to_message(status) for status in diagnostics.statuses],
     )
+
+
+def diagnostics_to_cdr(diagnostics: Diagnostics) -> bytes:
+    """Write a serialized `diagnostic_msgs/DiagnosticArray`."""
+    writer = CdrWriter()
+    write_header(writer, diagnostics.stamp_s, '')
+    writer.uint32(len(diagnostics.statuses))
+    for status in diagnostics.statuses:
+        writer.uint8(status.level)
+        for text in (status.name, status.message, status.hardware_id):
+            writer.string(text)
+        writer.uint32(len(status.values))
+        for key, value in status.values.items():
+            writer.string(key)
+            writer.string(value)
+    return writer.to_bytes()
 
 
 def _status_from_message(status: Any) -> Status:

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from msg_adapters.cdr import CdrWriter
+
 _NS_PER_S = 1_000_000_000
 
 
@@ -62,6 +64,27 @@ def _split(name: str, time_s: float) -> tuple[int, int]:
     if not abs(time_s) < float('inf'):
         raise ValueError(f'{name} {time_s} s is not finite')
     return divmod(round(time_s * _NS_PER_S), _NS_PER_S)
+
+
+def write_header(writer: CdrWriter, stamp_s: float, frame_id: str) -> None:
+    """
+    Write a `std_msgs/Header` with the given stamp (s) and frame.
+
+    Raises
+    ------
+    ValueError
+        If the stamp is not finite.
+
+    """
+    write_time(writer, 'stamp', stamp_s)
+    writer.string(frame_id)
+
+
+def write_time(writer: CdrWriter, name: str, time_s: float) -> None:
+    """Write a `builtin_interfaces/Time` or `Duration`; `name` is for the error."""
+    sec, nanosec = _split(name, time_s)
+    writer.int32(sec)
+    writer.uint32(nanosec)
 
 
 def header_to_message(stamp_s: float, frame_id: str) -> Any:

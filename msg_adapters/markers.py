@@ -7,15 +7,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_adapters.cdr import CdrWriter
 from msg_adapters.geometry import point_to_message, vector_to_message, xyz_from_message
-from msg_adapters.headers import duration_to_message, header_to_message, stamp_from_message
+from msg_adapters.headers import (
+    duration_to_message,
+    header_to_message,
+    stamp_from_message,
+    write_header,
+    write_time,
+)
 
 TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
+# Actions of visualization_msgs/Marker.
+ADD, DELETE_ALL = 0, 3
 
 
 class Shape(IntEnum):
     """The marker types in use, by the numbers of `visualization_msgs/Marker`."""
 
+    NONE = 0
     LINE_LIST = 5
     SPHERE_LIST = 7
     TEXT = 9
@@ -97,6 +107,73 @@ def marker_scene_to_message(scene: MarkerScene) -> Any:
     return visualization.MarkerArray(markers=[clear, *drawn])
 
 
+def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
+    """
+    Write a serialized `visualization_msgs/MarkerArray`: first "delete all", then the markers.
+
+    Raises
+    ------
+    ValueError
+        If a marker has not as many colors as points.
+
+    """
+    writer = CdrWriter()
+    writer.uint32(1 + len(scene.markers))
+    nothing = Marker('', 0, Shape.NONE, np.zeros((0, 3)), np.zeros((0, 4)), 0.0)
+    _write_marker(writer, nothing, scene, DELETE_ALL, 0.0)
+    for marker in scene.markers:
+        _write_marker(writer, marker, scene, ADD, scene.lifetime_s)
+    return writer.to_bytes()
+
+
+def _write_marker(
+    writer: CdrWriter, marker: Marker, scene: MarkerScene, action: int, lifetime_s: float
+) -> None:
+    _check_colors(marker)
+    is_text = marker.shape is Shape.TEXT
+    write_header(writer, scene.stamp_s, scene.frame_id)
+    writer.string(marker.namespace)
+    for number in (marker.identifier, marker.shape, action):
+        writer.int32(number)
+    writer.float64s(marker.points_m[0] if is_text else np.zeros(3))
+    writer.float64s([0.0, 0.0, 0.0, 1.0])  # orientation
+    writer.float64s(np.full(3, marker.size_m))
+    writer.float32s(marker.colors_rgba[0] if is_text else np.zeros(4))
+    write_time(writer, 'lifetime', lifetime_s)
+    writer.uint8(False)  # frame_locked
+    n_points = 0 if is_text else len(marker.points_m)
+    writer.uint32(n_points)
+    writer.float64s(marker.points_m[:n_points])
+    writer.uint32(n_points)
+    writer.float32s(marker.colors_rgba[:n_points])
+    _write_no_texture(writer)
+    writer.string(marker.text)
+    _write_no_mesh(writer)
+
+
+def _write_no_texture(writer: CdrWriter) -> None:
+    writer.string('')  # texture_resource
+    write_header(writer, 0.0, '')  # texture: header, format, data
+    writer.string('')
+    writer.uint32(0)
+    writer.uint32(0)  # uv_coordinates
+
+
+def _write_no_mesh(writer: CdrWriter) -> None:
+    writer.string('')  # mesh_resource
+    writer.string('')  # mesh_file: name, data
+    writer.uint32(0)
+    writer.uint8(False)  # mesh_use_embedded_materials
+
+
+def _check_colors(marker: Marker) -> None:
+    if len(marker.colors_rgba) != len(marker.points_m):
+        raise ValueError(
+            f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
+            f'and {len(marker.colors_rgba)} colors; give one color for each point'
+        )
+
+
 def marker_scene_from_message(message: Any) -> MarkerScene:
     """
     Read a `visualization_msgs/MarkerArray` that `marker_scene_to_message` wrote.
@@ -107,8 +184,7 @@ def marker_scene_from_message(message: Any) -> MarkerScene:
         If the array does not begin with "delete all", or holds a shape not in `Shape`.
 
     """
-    delete_all = 3
-    if not message.markers or message.markers[0].action != delete_all:
+    if not message.markers or message.markers[0].action != DELETE_ALL:
         raise ValueError('the marker array does not begin with DELETEALL')
     header, drawn = message.markers[0].header, message.markers[1:]
     return MarkerScene(
@@ -122,11 +198,7 @@ def marker_scene_from_message(message: Any) -> MarkerScene:
 def _to_message(marker: Marker, header: Any, lifetime: Any) -> Any:
     from visualization_msgs import msg as visualization
 
-    if len(marker.colors_rgba) != len(marker.points_m):
-        raise ValueError(
-            f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
-            f'and {len(marker.colors_rgba)} colors; give one color for each point'
-        )
+    _check_colors(marker)
     message = visualization.Marker(
         header=header,
         ns=marker.namespace,

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_adapters.cdr import CdrWriter
 from msg_adapters.geometry import pose_to_message, xyz_from_message, xyzw_from_message
-from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.headers import header_to_message, stamp_from_message, write_header
 
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 POSE_WITH_COVARIANCE_STAMPED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
@@ -95,6 +96,48 @@ def pose_array_to_message(poses: PoseList) -> Any:
     )
 
 
+def pose_array_to_cdr(poses: PoseList) -> bytes:
+    """
+    Write a serialized `geometry_msgs/PoseArray`.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many orientations as positions.
+
+    """
+    rows = np.concatenate([poses.positions_m, poses.orientations_xyzw], axis=1)
+    writer = CdrWriter()
+    write_header(writer, poses.stamp_s, poses.frame_id)
+    writer.uint32(len(rows))
+    writer.float64s(rows)
+    return writer.to_bytes()
+
+
+def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
+    """
+    Write a serialized `geometry_msgs/PoseWithCovarianceStamped`.
+
+    Raises
+    ------
+    ValueError
+        If the covariance is not of shape (6, 6).
+
+    """
+    _check_covariance(estimate)
+    writer = CdrWriter()
+    write_header(writer, estimate.stamp_s, estimate.frame_id)
+    writer.float64s(estimate.position_xyz)
+    writer.float64s(estimate.orientation_xyzw)
+    writer.float64s(estimate.covariance)
+    return writer.to_bytes()
+
+
+def _check_covariance(estimate: UncertainPose) -> None:
+    if np.shape(estimate.covariance) != (6, 6):
+        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
+
+
 def uncertain_pose_from_message(message: Any) -> UncertainPose:
     """Read a `geometry_msgs/PoseWithCovarianceStamped`."""
     pose = message.pose.pose
@@ -119,8 +162,7 @@ def uncertain_pose_to_message(estimate: UncertainPose) -> Any:
     """
     from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 
-    if np.shape(estimate.covariance) != (6, 6):
-        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
+    _check_covariance(estimate)
     return PoseWithCovarianceStamped(
         header=header_to_message(estimate.stamp_s, estimate.frame_id),
         pose=PoseWithCovariance(

@@ -12,7 +12,7 @@ from dg_localization.fleet.config import (
     LinkOverride,
     RangeErrorModel,
 )
-from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Placement
+from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import (
@@ -36,6 +36,7 @@ __all__ = [
     'FixedFrame',
     'FleetConfig',
     'FrameKind',
+    'Group',
     'InputState',
     'LinkKey',
     'LinkKind',

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.estimate import Placement
+from dg_localization.fleet.estimate import Group, Placement
 from dg_localization.fleet.frames.placer import Placer
-from dg_localization.fleet.frames.plan import FramePlan
+from dg_localization.fleet.frames.plan import FramePlan, Plans
+from dg_localization.fleet.rigidity import NOT_RIGID, Rigidity, rigidity_of
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.solver.options import Cancel, SolverOptions
@@ -29,6 +30,10 @@ class Answer:
         How many there are; those not listed are not checked against the headings.
     statistics : Statistics
         Of all problems solved.
+    groups : tuple of Group
+        What is connected, but not to the fixed frame.
+    rigidity : Rigidity
+        The rigid pieces of all of them.
 
     """
 
@@ -36,29 +41,32 @@ class Answer:
     placements: tuple[Placement, ...]
     n_hypotheses: int
     statistics: Statistics
+    groups: tuple[Group, ...] = ()
+    rigidity: Rigidity = NOT_RIGID
 
 
 NO_WORK = Statistics(processed=0, empty=0, split=0, kept=0, pending=0, seconds=0.0)
 CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, NO_WORK)
+NO_PLACE = Answer(Verdict.COVERED, (), 0, NO_WORK)
 
 
 def answer(
     snapshot: Snapshot,
     constraints: Constraints,
-    plan: FramePlan,
+    plans: Plans,
     options: SolverOptions,
     dropped: frozenset[LinkKey] = frozenset(),
     cancel: Cancel | None = None,
 ) -> Answer:
     """
-    Return every placement that agrees with the constraints, in the frame of the plan.
+    Return every placement that agrees with the constraints, in the frames of the plans.
 
     Parameters
     ----------
     snapshot : Snapshot
     constraints : Constraints
         What the snapshot says without the dropped links.
-    plan : FramePlan
+    plans : Plans
     options : SolverOptions
     dropped : frozenset of LinkKey
     cancel : Cancel, optional
@@ -67,65 +75,65 @@ def answer(
     Returns
     -------
     Answer
-
-    """
-    elsewhere = check_elsewhere(constraints, plan.points, options, cancel)
-    if elsewhere.verdict is Verdict.INFEASIBLE:
-        return elsewhere
-    result = solve(constraints.of(plan.solved).problem(), options, cancel)
-    statistics = add_statistics(elsewhere.statistics, result.statistics)
-    placer = Placer(snapshot, constraints, plan, dropped)
-    placements: list[Placement] = []
-    n_unlisted = 0
-    for hypothesis in result.hypotheses:
-        if len(placements) < snapshot.config.max_hypotheses:
-            placements += placer.placements(hypothesis)
-        else:
-            n_unlisted += placer.most_placements(hypothesis)
-    # A hypothesis whose headings contradict the rays has no placement.
-    verdict = result.verdict if placements else Verdict.INFEASIBLE
-    return Answer(verdict, tuple(placements), len(placements) + n_unlisted, statistics)
-
-
-def check_elsewhere(
-    constraints: Constraints,
-    points: tuple[int, ...],
-    options: SolverOptions,
-    cancel: Cancel | None = None,
-) -> Answer:
-    """
-    Check the components of the fleet other than one for contradictions.
-
-    Parameters
-    ----------
-    constraints : Constraints
-    points : tuple of int
-        The component that is not checked; may be empty.
-    options : SolverOptions
-    cancel : Cancel, optional
-
-    Returns
-    -------
-    Answer
-        Without placements: those components have no place in the fixed frame.
+        A contradiction anywhere contradicts the whole fleet.
 
     """
     if constraints.contradictory:
         return CONTRADICTION
-    visited = set(points)
+    robots = snapshot.config.robots
     statistics = NO_WORK
-    for point in range(len(constraints.points)):
-        if point in visited:
-            continue
-        component = constraints.component_of(point)
-        visited.update(component)
-        if len(component) < 3:
-            continue
-        result = solve(constraints.of(component).problem(), options, cancel)
-        statistics = add_statistics(statistics, result.statistics)
-        if result.verdict is Verdict.INFEASIBLE:
+    groups = []
+    rigidity = NOT_RIGID
+    for plan in plans.others:
+        found = _answer_group(snapshot, constraints, plan, options, dropped, cancel)
+        statistics = add_statistics(statistics, found.statistics)
+        if found.verdict is Verdict.INFEASIBLE:
             return replace(CONTRADICTION, statistics=statistics)
-    return Answer(Verdict.COVERED, (), 0, statistics)
+        names = tuple(robots[point] for point in plan.points if point < len(robots))
+        groups.append(Group(names, plan.frame, found.placements, found.n_hypotheses))
+        rigidity += found.rigidity
+    found = NO_PLACE
+    if plans.main is not None:
+        found = _answer_group(snapshot, constraints, plans.main, options, dropped, cancel)
+    statistics = add_statistics(statistics, found.statistics)
+    return replace(
+        found,
+        statistics=statistics,
+        groups=tuple(groups),
+        rigidity=found.rigidity + rigidity,
+    )
+
+
+def _answer_group(
+    snapshot: Snapshot,
+    constraints: Constraints,
+    plan: FramePlan,
+    options: SolverOptions,
+    dropped: frozenset[LinkKey],
+    cancel: Cancel | None,
+) -> Answer:
+    """Return every placement of connected points, in the frame of their plan."""
+    options = replace(options, max_hypotheses=snapshot.config.max_hypotheses)
+    result = solve(constraints.of(plan.points).problem(), options, cancel)
+    placer = Placer(snapshot, constraints, plan, result, dropped)
+    placements: list[Placement] = []
+    n_seen = 0
+    for hypothesis in result.hypotheses:
+        if len(placements) >= options.max_hypotheses:
+            break
+        placements += placer.placements(hypothesis)
+        n_seen += 1
+    else:
+        # The solver built no more than these, and left out those that it found to be empty.
+        n_seen = max(n_seen, min(result.n_hypotheses, options.max_hypotheses))
+    n_unseen = result.n_hypotheses - n_seen
+    # A hypothesis whose headings contradict the rays has no placement.
+    verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE
+    number = len(placements) + n_unseen * placer.most_images
+    listed = tuple(placements[: options.max_hypotheses])
+    names = [snapshot.config.points[point] for point in plan.points]
+    rigidity = rigidity_of(names, result, snapshot.config.dimension)
+    return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)
 
 
 def add_statistics(first: Statistics, second: Statistics) -> Statistics:

@@ -105,6 +105,30 @@ class Placement:
 
 
 @dataclass(frozen=True)
+class Group:
+    """
+    Robots that measurements connect to each other, but not to the fixed frame.
+
+    Parameters
+    ----------
+    robots : tuple of str
+        Their names in parameter order.
+    frame : FixedFrame
+        A frame of their own: no coordinates in it may be compared with those of another.
+    placements : tuple of Placement
+        As those of an estimate, unknown where a robot is not in the group.
+    n_hypotheses : int
+        How many there are in all.
+
+    """
+
+    robots: tuple[str, ...]
+    frame: FixedFrame
+    placements: tuple[Placement, ...]
+    n_hypotheses: int
+
+
+@dataclass(frozen=True)
 class Estimate:
     """
     Every placement of the fleet at one time, or the reason why there is none.
@@ -133,6 +157,17 @@ class Estimate:
         Names of the anchors that are not robots.
     frame : FixedFrame or None
         How the fixed frame is tied to the fleet; None when there are no placements.
+    previous_frame : FixedFrame or None
+        The frame of the placements before, where it was another; None when nothing has changed.
+    frame_doubt : str
+        A sentence on why the frame is not that of the reference robot; empty if it is, or if
+        anchors make it.
+    groups : tuple of Group
+        The robots that are not connected to the fixed frame but to each other.
+    rigid_groups : tuple of tuple of str
+        The points that the measurements hold rigid together: each group can only move as a whole.
+    would_fix : tuple of str
+        Measurements that would join two of these groups, as short sentences.
 
     """
 
@@ -147,3 +182,15 @@ class Estimate:
     conflicts: tuple[Conflict, ...] = ()
     landmarks: tuple[str, ...] = ()
     frame: FixedFrame | None = None
+    previous_frame: FixedFrame | None = None
+    frame_doubt: str = ''
+    groups: tuple[Group, ...] = ()
+    rigid_groups: tuple[tuple[str, ...], ...] = ()
+    would_fix: tuple[str, ...] = ()
+
+    @property
+    def frame_change(self) -> str:
+        """A sentence on how the frame has changed; empty when it has not."""
+        if self.previous_frame is None:
+            return ''
+        return f'the frame has changed: {self.previous_frame} before, {self.frame} now'

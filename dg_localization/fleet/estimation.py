@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, add_statistics, answer, check_elsewhere
+from dg_localization.fleet.answers import Answer, add_statistics, answer
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.conflicts import Explanation, Links, explain
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.estimate import Estimate
-from dg_localization.fleet.frames.plan import FramePlan, plan_frames
+from dg_localization.fleet.frames.plan import Plans, plan_frames
+from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.interval.environment import default_environment
@@ -29,12 +30,18 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     constraints = constrain(snapshot)
-    found, plan = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
+    found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         return _explained(snapshot, constraints, found.statistics, cancel)
-    if isinstance(plan, str):
-        return _without_placements(snapshot, None, plan)
-    return _with_placements(snapshot, found, plan)
+    if plans.main is None:
+        reason = '; '.join([plans.reason, *_group_texts(found)])
+        return replace(
+            _without_placements(snapshot, None, reason),
+            groups=found.groups,
+            rigid_groups=found.rigidity.pieces,
+            would_fix=_would_fix(snapshot.config, found),
+        )
+    return _with_placements(snapshot, found, plans)
 
 
 def _solve(
@@ -43,12 +50,10 @@ def _solve(
     options: SolverOptions,
     dropped: frozenset[LinkKey] = frozenset(),
     cancel: Cancel | None = None,
-) -> tuple[Answer, FramePlan | str]:
-    """Return the answer in a frame of its own, and that frame or why there is none."""
-    plans = plan_frames(snapshot, constraints, [constraints])
-    if isinstance(plans, str):
-        return check_elsewhere(constraints, (), options, cancel), plans
-    return answer(snapshot, constraints, plans[0], options, dropped, cancel), plans[0]
+) -> tuple[Answer, Plans]:
+    """Return the answer in frames of its own, and these."""
+    (plans,) = plan_frames(snapshot, constraints, [constraints])
+    return answer(snapshot, constraints, plans, options, dropped, cancel), plans
 
 
 def _no_data_reason(snapshot: Snapshot) -> str:
@@ -83,7 +88,7 @@ def _without_placements(
 
 
 def _with_placements(
-    snapshot: Snapshot, found: Answer, plan: FramePlan, conflicts: tuple[Conflict, ...] = ()
+    snapshot: Snapshot, found: Answer, plans: Plans, conflicts: tuple[Conflict, ...] = ()
 ) -> Estimate:
     """Return an estimate with placements, as many as may be listed."""
     config = snapshot.config
@@ -91,15 +96,31 @@ def _with_placements(
         stamp_s=snapshot.stamp_s,
         robots=config.robots,
         verdict=found.verdict,
-        reason=_reason(snapshot, found, plan),
+        reason=_reason(snapshot, found, plans),
         placements=found.placements[: config.max_hypotheses],
         n_hypotheses=found.n_hypotheses,
         statistics=found.statistics,
         links=_marked_links(snapshot, conflicts),
         conflicts=conflicts,
         landmarks=config.landmarks,
-        frame=plan.frame,
+        frame=None if plans.main is None else plans.main.frame,
+        frame_doubt=plans.reason,
+        groups=found.groups,
+        rigid_groups=found.rigidity.pieces,
+        would_fix=_would_fix(config, found),
     )
+
+
+def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
+    """Return what would join the pieces of a fleet, those that nothing joins last."""
+    joining = []
+    for group in found.groups:
+        n_group = len(group.robots)
+        n_others = len(config.points) - n_group
+        missing = missing_ranges(n_group, n_others, 0, config.dimension)
+        names = ', '.join(group.robots)
+        joining.append(f'{missing} ranges to other robots would join {names} to the rest')
+    return (*found.rigidity.remedies, *joining)
 
 
 def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
@@ -108,7 +129,7 @@ def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[
     return tuple(replace(link, contradicts=link.key in guilty) for link in snapshot.links)
 
 
-def _reason(snapshot: Snapshot, found: Answer, plan: FramePlan) -> str:
+def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
     """Return a sentence on what the placements are."""
     config = snapshot.config
     count = found.n_hypotheses
@@ -119,16 +140,27 @@ def _reason(snapshot: Snapshot, found: Answer, plan: FramePlan) -> str:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
         parts.append('the fleet can still move without any measurement changing')
+        parts += found.rigidity.remedies[:1]
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')
-    lost = [robot for i, robot in enumerate(config.robots) if i not in plan.points]
+    parts += [plans.reason] if plans.reason else []
+    grouped = {robot for group in found.groups for robot in group.robots}
+    points = () if plans.main is None else plans.main.points
+    lost = [name for i, name in enumerate(config.robots) if i not in points]
+    lost = [name for name in lost if name not in grouped]
     if lost:
         parts.append(f'not connected: {", ".join(lost)}')
+    parts += _group_texts(found)
     stale = sum(link.stale for link in snapshot.links)
     if stale:
         parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
     return '; '.join(parts)
+
+
+def _group_texts(found: Answer) -> list[str]:
+    """Return a text on each group in a frame of its own."""
+    return [f'in a frame of their own: {", ".join(group.robots)}' for group in found.groups]
 
 
 def _explained(
@@ -139,15 +171,16 @@ def _explained(
     explanation = _explanation(snapshot, cancel)
     corrections = explanation.corrections if explanation.complete else ()
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
-    plans = plan_frames(snapshot, constraints, alternatives) if alternatives else ''
-    if isinstance(plans, str):
-        reason = _contradiction_reason(config, explanation, plans)
+    plans = plan_frames(snapshot, constraints, alternatives)
+    if not plans or plans[0].main is None:
+        why = plans[0].reason if plans else ''
+        reason = _contradiction_reason(config, explanation, why)
         return _without_placements(
             snapshot, Verdict.INFEASIBLE, reason, statistics, explanation.conflicts
         )
     answers = [
-        answer(snapshot, alternative, plan, config.solver, dropped, cancel)
-        for alternative, plan, dropped in zip(alternatives, plans, corrections, strict=True)
+        answer(snapshot, alternative, planned, config.solver, dropped, cancel)
+        for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
     ]
     union = _union(answers, statistics)
     return _with_placements(snapshot, union, plans[0], explanation.conflicts)
@@ -163,6 +196,9 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
         placements=tuple(place for found in answers for place in found.placements),
         n_hypotheses=sum(found.n_hypotheses for found in answers),
         statistics=statistics,
+        # Several ways to drop links may connect other robots: their frames are not the same.
+        groups=answers[0].groups if len(answers) == 1 else (),
+        rigidity=answers[0].rigidity if len(answers) == 1 else NOT_RIGID,
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.estimate import Estimate
+from dg_localization.fleet.estimate import Estimate, FixedFrame
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
@@ -22,7 +23,8 @@ class Localizer:
     Every placement of a fleet that agrees with its measurements.
 
     Adding measurements, taking snapshots and `reset` change or read the same store: call them
-    from one thread. `estimate` reads nothing but its snapshot and may run in any other.
+    from one thread. `estimate` reads nothing but its snapshot and the last frame, and may run in
+    another.
 
     Parameters
     ----------
@@ -35,6 +37,7 @@ class Localizer:
         self._config = config
         self._store = MeasurementStore(config)
         self._anchors = anchor_geometry(config)
+        self._frame: FixedFrame | None = None
 
     @property
     def config(self) -> FleetConfig:
@@ -179,6 +182,8 @@ class Localizer:
         """
         Return every placement that agrees with a snapshot.
 
+        A frame other than that of the estimate before is announced in `previous_frame`.
+
         Parameters
         ----------
         snapshot : Snapshot
@@ -190,7 +195,12 @@ class Localizer:
         Estimate
 
         """
-        return estimate_snapshot(snapshot, cancel)
+        estimate = estimate_snapshot(snapshot, cancel)
+        if estimate.frame is None or (cancel is not None and cancel.is_set()):
+            return estimate
+        previous, self._frame = self._frame, estimate.frame
+        changed = previous is not None and previous != estimate.frame
+        return replace(estimate, previous_frame=previous) if changed else estimate
 
     def step(self, now_s: float) -> Estimate:
         """Return every placement that agrees with the measurements at `now_s`."""

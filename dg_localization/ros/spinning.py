@@ -105,7 +105,7 @@ def _spin_until(stop: StopRequest, node: Node) -> None:
     # The executor returns from its wait when a callback of the node is due.
     guard = node.create_guard_condition(lambda: None)
     with waking(guard.trigger):
-        while not stop.is_set():
+        while not stop.is_set() and node.context.ok():
             try:
                 executor.spin_once()
             except Exception:

@@ -1,4 +1,4 @@
-"""What rays say about distances and chirality, and which points are pendant."""
+"""What rays say about distances and chirality, and where pendant robots are."""
 
 import math
 
@@ -7,7 +7,6 @@ import pytest
 
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.constraints.constrain import constrain
-from dg_localization.fleet.frames.pendant import place_pendant_points
 
 NOW_S = 5.0
 
@@ -108,18 +107,6 @@ def test_dropped_links_leave_no_trace():
     assert bare.rays == {}
 
 
-def test_pendant_points_are_those_that_fewer_than_q_distances_hold():
-    localizer = make('abcdef')
-    pairs = ['ab', 'ac', 'bc', 'bd', 'de', 'af', 'bf']
-    for first, second in pairs:
-        localizer.add_range(first, second, 2.0, NOW_S, NOW_S)
-    constraints = constrain(localizer.snapshot(NOW_S))
-    component = constraints.component_of(0)
-    assert component == (0, 1, 2, 3, 4, 5)
-    assert constraints.pendant_points(component, {0, 1}) == [4, 3]
-    assert constraints.pendant_points(component, {0, 1, 4}) == []
-
-
 def test_a_pendant_robot_is_on_its_circle():
     localizer = make('abcd', range_error=RangeErrorModel())
     for first, second in ('ab', 'ac', 'bc', 'cd'):
@@ -132,16 +119,3 @@ def test_a_pendant_robot_is_on_its_circle():
         gap = placement.positions_m[3] - placement.positions_m[2]
         assert np.linalg.norm(gap) == pytest.approx(2.0, rel=0.03)
         assert np.isfinite(placement.enclosure_m).all()
-
-
-@pytest.mark.parametrize('dimension', [2, 3])
-def test_a_pendant_point_is_put_at_the_middle_distances(dimension):
-    positions = np.eye(3)[:, :dimension] * 3.0
-    measured = [(3, 0, 4.0), (3, 1, 9.0)][: dimension - 1] + [(4, 3, 1.0)]
-    lower, upper = np.zeros((5, 5)), np.full((5, 5), np.inf)
-    for i, j, squared in measured:
-        lower[i, j] = lower[j, i] = upper[i, j] = upper[j, i] = squared
-    placed = place_pendant_points(positions, lower, upper)
-    assert placed.shape == (5, dimension)
-    for i, j, squared in measured:
-        assert ((placed[i] - placed[j]) ** 2).sum() == pytest.approx(squared)

@@ -187,6 +187,10 @@ def test_a_fleet_away_from_the_anchors_has_no_place():
     assert estimate.placements == ()
     assert estimate.verdict is None
     assert 'no robot is connected to the anchors p, q' in estimate.reason
+    (group,) = estimate.groups
+    assert str(group.frame) == 'origin at a, x towards b'
+    for placement, sign in zip(group.placements, (1.0, -1.0), strict=True):
+        assert_holds(placement, rows(SQUARE) * [1.0, sign])
 
 
 def test_a_robot_without_measurements_does_not_disturb_the_others():
@@ -202,13 +206,77 @@ def test_a_robot_without_measurements_does_not_disturb_the_others():
         assert np.isfinite(placement.enclosure_m[:4]).all()
 
 
-def test_a_reference_robot_without_measurements_leaves_no_frame():
-    localizer = make_localizer([*SQUARE, 'lost'], reference_robot='lost')
+def test_the_next_robot_stands_in_for_a_silent_reference_robot():
+    localizer = make_localizer(['b', 'c', 'lost', 'a', 'd'], reference_robot='lost')
     add_ranges(localizer, SQUARE)
     estimate = localizer.step(NOW_S)
-    assert estimate.placements == ()
-    assert estimate.frame is None
-    assert 'reference robot lost is not connected' in estimate.reason
+    assert estimate.frame.points == ('a', 'd')
+    assert 'reference robot lost is not connected: the frame is that of a' in estimate.reason
+    assert estimate.n_hypotheses == 2
+    for placement in estimate.placements:
+        assert np.isnan(placement.positions_m[2]).all()
+        assert placement.positions_m[3] == pytest.approx([0.0, 0.0])
+
+
+def test_a_change_of_the_frame_is_announced_once():
+    localizer = make_localizer(SQUARE)
+    add_ranges(localizer, SQUARE)
+    first = localizer.step(NOW_S)
+    assert first.previous_frame is None and first.frame_change == ''
+    add_bearings(localizer, SQUARE, 'a', ['b', 'c'])
+    second = localizer.step(NOW_S)
+    assert second.previous_frame == first.frame != second.frame
+    assert second.frame_change == (
+        'the frame has changed: origin at a, x towards b before, body frame of a now'
+    )
+    assert localizer.step(NOW_S).previous_frame is None
+    # What is published afterwards must not turn silently either.
+    localizer.reset()
+    assert localizer.step(NOW_S).frame_change == ''
+    add_ranges(localizer, SQUARE)
+    assert localizer.step(NOW_S).previous_frame == second.frame
+
+
+def test_two_groups_have_a_frame_each():
+    far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
+    localizer = make_localizer([*SQUARE, *far, 'lost'])
+    add_ranges(localizer, SQUARE)
+    add_ranges(localizer, far)
+    add_bearings(localizer, far, 'e', ['f', 'g'])
+    estimate = localizer.step(NOW_S)
+    assert str(estimate.frame) == 'origin at a, x towards b'
+    assert 'not connected: lost; in a frame of their own: e, f, g' in estimate.reason
+    for placement in estimate.placements:
+        assert np.isnan(placement.positions_m[4:]).all()
+    (group,) = estimate.groups
+    assert (group.robots, str(group.frame)) == (('e', 'f', 'g'), 'body frame of e')
+    assert group.n_hypotheses == 1
+    (placement,) = group.placements
+    assert np.isnan(placement.positions_m[:4]).all()
+    truth = rows(far) - far['e']
+    assert (placement.enclosure_m[4:7, 0] <= truth + 1e-9).all()
+    assert (truth - 1e-9 <= placement.enclosure_m[4:7, 1]).all()
+
+
+def test_a_contradiction_among_the_others_is_one_of_the_fleet():
+    far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
+    localizer = make_localizer([*SQUARE, *far])
+    add_ranges(localizer, SQUARE)
+    add_ranges(localizer, far, [('e', 'f'), ('e', 'g')])
+    localizer.add_range('f', 'g', 20.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert estimate.placements == estimate.groups == ()
+
+
+def test_headings_that_contradict_rays_are_found_in_every_group():
+    far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
+    localizer = make_localizer([*SQUARE, *far])
+    add_ranges(localizer, SQUARE)
+    add_ranges(localizer, far)
+    add_bearings(localizer, far, 'e', ['f'])
+    localizer.add_bearing('e', 'g', (1.0, 0.0, 0.0), NOW_S, NOW_S)
+    assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
 
 
 def test_no_data_and_stale_data_give_no_placements():

@@ -262,6 +262,11 @@ def holds(placement, world, frame):
 
 def check(world, localizer):
     estimate = localizer.step(world.now_s)
+    for group in estimate.groups:
+        assert group.n_hypotheses == len(group.placements)
+        assert any(holds(placement, world, group.frame) for placement in group.placements)
+        for placement in group.placements:
+            check_form(placement, world)
     if estimate.verdict is None:
         assert estimate.placements == ()
         assert estimate.reason

@@ -8,9 +8,15 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from geometry_msgs.msg import PoseArray  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
+
 from dg_localization import Verdict  # noqa: E402
 from dg_localization.fleet import (  # noqa: E402
     Estimate,
+    FixedFrame,
+    FrameKind,
+    Group,
     InputState,
     LinkKey,
     LinkKind,
@@ -19,13 +25,16 @@ from dg_localization.fleet import (  # noqa: E402
     RejectionReason,
 )
 from dg_localization.ros.interface.diagnostics import Malformed, Report, statuses  # noqa: E402
+from dg_localization.ros.interface.frames import frame_id  # noqa: E402
 from dg_localization.ros.interface.links import Link  # noqa: E402
 from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
     FRESH_RGBA,
+    MOST_DRAWN,
     STALE_RGBA,
     scene,
 )
+from dg_localization.ros.interface.outputs import estimate_messages  # noqa: E402
 from dg_localization.ros.interface.poses import feasible_poses, unique_pose  # noqa: E402
 from msg_adapters import Level, Shape  # noqa: E402
 
@@ -115,6 +124,23 @@ def test_unknown_heading_is_no_rotation_at_all():
 def test_no_placement_gives_an_empty_list():
     poses = feasible_poses(estimate(), 'map')
     assert (poses.positions_m.shape, poses.orientations_xyzw.shape) == ((0, 3), (0, 4))
+
+
+def test_array_of_one_robot_leaves_unknown_positions_out_and_that_of_the_fleet_does_not():
+    lost = placement(positions_m=np.array([[0.0, 0.0], [np.nan, np.nan]]))
+    messages = dict(estimate_messages(estimate(placement(), lost), 'map', 1.0))
+    fleet, a, b = (
+        deserialize_message(messages[f'~/{name}feasible_poses'], PoseArray).poses
+        for name in ('', 'a/', 'b/')
+    )
+    assert (len(fleet), len(a), len(b)) == (4, 2, 1)
+    assert math.isnan(fleet[3].position.x) and b[0].position.x == 3.0
+
+
+def test_only_so_many_placements_are_drawn():
+    drawn = scene(estimate(*[placement(k) for k in range(MOST_DRAWN + 9)]), 'map', 1.0).markers
+    (robots,) = [marker for marker in drawn if marker.namespace == 'robots']
+    assert len(robots.points_m) == 2 * MOST_DRAWN
 
 
 def test_covariance_holds_the_squares_of_the_farthest_sides():
@@ -430,3 +456,52 @@ def test_malformed_messages_are_counted_and_named():
 def test_two_topics_of_one_link_have_names_of_their_own():
     links = tuple(Link(topic, 'sensor_msgs/msg/Range', AB, True) for topic in ('/x', '/y'))
     assert status('input range a->b by /y', None, links=links).values['topic'] == '/y'
+
+
+def test_frames_are_named_after_what_they_are_tied_to():
+    names = [
+        frame_id(frame, 'hall')
+        for frame in (
+            FixedFrame(FrameKind.ANCHORS, ('p', 'q')),
+            FixedFrame(FrameKind.HEADING, ('b',)),
+            FixedFrame(FrameKind.ROBOTS, ('a', 'b')),
+            None,
+        )
+    ]
+    assert names == ['hall', 'b/base_link', 'fleet', 'hall']
+
+
+def test_a_change_of_the_frame_is_a_warning():
+    before, now = FixedFrame(FrameKind.HEADING, ('a',)), FixedFrame(FrameKind.ROBOTS, ('a', 'b'))
+    made = estimate(placement(), frame=now, previous_frame=before)
+    fleet = status('fleet', made)
+    assert fleet.level == Level.WARN
+    assert fleet.message == (
+        'the frame has changed: body frame of a before, origin at a, x towards b now'
+    )
+    silent = 'reference robot a is not connected: the frame is that of b'
+    fleet = status('fleet', estimate(placement(), frame_doubt=silent))
+    assert (fleet.level, fleet.message) == (Level.WARN, silent)
+
+
+def test_robots_that_are_not_connected_to_the_frame_are_placed_in_their_own():
+    frame = FixedFrame(FrameKind.HEADING, ('b',))
+    group = Group(('b',), frame, (placement(),), 1)
+    made = estimate(placement(), frame=FixedFrame(FrameKind.ROBOTS, ('a',)), groups=(group,))
+    fleet, robot = status('fleet', made), status('robot b', made)
+    assert (fleet.level, fleet.message) == (Level.WARN, '1 more in frames of their own')
+    assert fleet.values['group_0'] == 'b: body frame of b; hypotheses: 1'
+    assert robot.level == Level.WARN
+    assert robot.message == 'not connected to the published frame: placed in body frame of b'
+    assert robot.values['hypothesis_0'].startswith('at 3.000 1.000 m')
+    assert status('robot a', made).level == Level.OK
+
+
+def test_the_diagnostics_say_what_is_rigid_and_what_would_fix_the_rest():
+    made = estimate(
+        placement(), rigid_groups=(('a', 'b'), ('b', 'c')), would_fix=('range a - c',) * 50
+    )
+    values = status('fleet', made).values
+    assert values['rigid_groups'] == 'a, b; b, c'
+    assert values['would_fix'].startswith('range a - c; range a - c')
+    assert len(values['would_fix']) == 300

@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
 from dg_localization.ros import spinning
@@ -134,6 +135,14 @@ def test_relative_templates_are_in_the_namespace_of_the_node(bench, make_node):
         partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/left/robot_1/range/robot_2')
     )
     bench.until(lambda: node.count_subscribers('/left/robot_1/range/robot_2'), 'a subscription')
+
+
+def test_many_resets_do_not_flood_the_log(bench, make_node, capfd):
+    make_node()
+    capfd.readouterr()
+    for _ in range(10):
+        assert bench.call('/localizer/reset', Trigger).success
+    assert capfd.readouterr().err.count('reset: all measurements are forgotten') in range(1, 5)
 
 
 def test_second_node_of_the_same_name_is_reported(bench, make_node):

@@ -146,7 +146,7 @@ def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
     times_ns, values = read(localize.output, '/localizer/feasible_poses')
     assert times_ns == [START_NS + 2 * k * PERIOD_NS for k in range(1, 11)]
     assert [v.stamp_s for v in values] == pytest.approx([t * 1e-9 for t in times_ns], abs=1e-6)
-    assert {value.frame_id for value in values} == {'map'}
+    assert {value.frame_id for value in values} == {'fleet'}
     placed = values[-1].positions_m.reshape(2, 3, 3)
     gaps = np.linalg.norm(placed[:, [0, 0, 1]] - placed[:, [1, 2, 2]], axis=-1)
     assert np.allclose(gaps, list(TRIANGLE.values()), atol=0.3)
@@ -300,11 +300,13 @@ def test_links_and_remappings_work_as_for_the_node(localize, recorder):
             recorder.write(f'/site/{observer}{target}', step, data)
     links = [f'{a}{b} {RANGE} {a} {b}' for a, b in TRIANGLE]
     bag = recorder.close()
-    ros_args = ('--ros-args', '-r', '__ns:=/site', '-p', 'fixed_frame:=hall')
+    ros_args = ('--ros-args', '-r', '__ns:=/site', '-p', 'reference_robot:=b')
     code, report = localize(bag, *ros_args, links=links)
     assert code == 0 and report['accepted'] == 33
     _, values = read(localize.output, '/site/localizer/feasible_poses')
-    assert values[0].frame_id == 'hall'
+    # The reference robot is at the origin.
+    position = values[0].poses[1].position
+    assert (position.x, position.y) == (0.0, 0.0)
     _, (first, *_) = read(localize.output, '/diagnostics')
     assert first.statuses[0].name == 'site/localizer: fleet'
 

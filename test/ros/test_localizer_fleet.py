@@ -87,7 +87,7 @@ def test_robot_arrays_agree_with_the_fleet_array(fresh, paper_fleet):
     fresh.play(paper_fleet, cameras=False)
     fresh.until(lambda: fresh.heard.fleet and fresh.heard.fleet[-1].poses, 'placements')
     fleet = fresh.heard.fleet[-1]
-    assert fleet.header.frame_id == 'map'
+    assert fleet.header.frame_id == 'fleet'
     for row, (robot, arrays) in enumerate(fresh.heard.robots.items()):
         poses = fleet.poses[row::6]
         fresh.until(
@@ -184,7 +184,7 @@ def test_markers_clear_what_was_there_and_color_links(fresh, paper_fleet):
     by_namespace = {marker.namespace: marker for marker in scene.markers}
     assert set(by_namespace) == {'robots', 'headings', 'names', 'enclosures', 'links'}
     assert len(by_namespace['robots'].points_m) == 6
-    assert scene.frame_id == 'map'
+    assert scene.frame_id == 'robot_2/base_link'
 
 
 def test_late_listener_gets_the_last_answer(fresh, paper_fleet):

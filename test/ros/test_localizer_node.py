@@ -159,8 +159,8 @@ def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, 
     node = make_node()
     monkeypatch.setattr(node.get_logger(), 'info', lambda text, **_: logged.append(text))
     bench.play_triangle()
-    bench.until_status('fleet', Level.WARN, 'loading the solver')
-    bench.until_status('robot robot_1', Level.WARN, 'loading the solver')
+    bench.until_status('fleet', Level.WARN, 'the solver')
+    bench.until_status('robot robot_1', Level.WARN, 'the solver')
     bench.until_status('input range robot_1->robot_2', Level.OK)
     assert bench.call('/localizer/reset', Trigger).success
     bench.until_status('input range robot_1->robot_2', Level.OK)
@@ -301,7 +301,7 @@ def test_broken_file_ends_the_executable_with_a_message(start_localizer, tmp_pat
 def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     # The line is written while the topics are still being made.
-    bench.until(lambda: 'loading the solver' in process.output(), 'the first line of the log')
+    bench.until(lambda: 'the solver' in process.output(), 'the first line of the log')
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
 

@@ -89,3 +89,11 @@ def test_an_unbounded_side_still_gives_a_lower_bound():
     contract_opposite_side(lower, upper, 0, 1, 2, 0.49, 0.5)
     assert lower[1, 2] == pytest.approx(9.0 * 0.75)
     assert upper[1, 2] == np.inf
+
+
+def test_lengths_whose_squares_overflow_bound_nothing():
+    lower, upper = np.full((3, 3), 1.7e308), np.full((3, 3), 1.7e308)
+    lower[1, 2] = lower[2, 1] = 0.0
+    before = lower.copy(), upper.copy()
+    contract_opposite_side(lower, upper, 0, 1, 2, 0.99, 1.0)
+    assert np.array_equal(lower, before[0]) and np.array_equal(upper, before[1])

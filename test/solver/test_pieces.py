@@ -217,6 +217,17 @@ def test_bounds_hold_for_all_placements():
     assert (hypothesis.lower >= result.lower).all() and (hypothesis.upper <= result.upper).all()
 
 
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('exponent', [-530, -500, 500, 508])
+def test_extreme_sizes_are_placed(exponent):
+    for bodies in (FOURS, FOURS[:1], [(0, 1, 2), (1, 2, 3), (3, 4), (5, 6)]):
+        positions = np.ldexp(TWO_FOURS_M, exponent)
+        result = solve(known(positions, bodies), SolverOptions(resolution=2.0**exponent))
+        assert result.verdict is Verdict.COVERED
+        assert holds(result, positions, squared_distances(positions))
+        assert all(np.isfinite(h.positions).all() for h in result.hypotheses)
+
+
 def test_pieces_that_nothing_joins_know_nothing_of_each_other():
     result = solve(known(TWO_FOURS_M, [(0, 1, 2), (3, 4, 5, 6)]))
     assert result.joints == ()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.constraints.angles import Angles, angles_of
 from dg_localization.fleet.constraints.chirality import planar_chiralities, spatial_chiralities
 from dg_localization.fleet.constraints.distances import given_distances
-from dg_localization.fleet.constraints.graph import connected_to, pendant_points
+from dg_localization.fleet.constraints.graph import connected_to
 from dg_localization.fleet.constraints.rays import RayBundle, include_displacement
 from dg_localization.fleet.constraints.triangulation import triangulate
 from dg_localization.fleet.snapshot import Snapshot
@@ -68,10 +68,6 @@ class Constraints:
     def component_of(self, point: int) -> tuple[int, ...]:
         """Return the points that bounded distances join to `point`, itself included, in order."""
         return tuple(sorted(connected_to(np.isfinite(self.upper), point)))
-
-    def pendant_points(self, component: Sequence[int], kept: set[int]) -> list[int]:
-        """Return the pendant points of a component; see `graph.pendant_points`."""
-        return pendant_points(np.isfinite(self.upper), component, kept, self.dimension)
 
     def of(self, points: Sequence[int]) -> Constraints:
         """Return what is known of some of the points, renumbered in the order of the list."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.frames.local import best_apexes
-from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.decompose.joints import JointKind
+from dg_localization.solver.result import Hypothesis, Result
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,37 @@ class ChiralityChoice:
     sign: int
 
 
+def rigid_with(core: tuple[int, ...], result: Result) -> frozenset[int]:
+    """
+    Return the points that have a chirality with a core: those that cannot turn against it.
+
+    Parameters
+    ----------
+    core : tuple of int
+        q points.
+    result : Result
+        The pieces that they belong to.
+
+    Returns
+    -------
+    frozenset of int
+        The points of all pieces that reflections join to the piece of the core, without the core;
+        none where the core is not in one piece.
+
+    """
+    clusters = [set(piece.points) for piece in result.pieces]
+    for joint in result.joints:
+        if joint.kind is JointKind.REFLECTION:
+            joined = set.union(*(clusters[number] for number in joint.pieces))
+            clusters = [joined if cluster & joined == cluster else cluster for cluster in clusters]
+    for cluster in clusters:
+        if cluster.issuperset(core):
+            return frozenset(cluster - set(core))
+    return frozenset()
+
+
 def possible_choices(
-    hypothesis: Hypothesis, solved: Constraints, core: tuple[int, ...]
+    hypothesis: Hypothesis, solved: Constraints, core: tuple[int, ...], rigid: frozenset[int]
 ) -> list[ChiralityChoice | None]:
     """
     Return the mirror images that the known chiralities allow.
@@ -42,16 +72,17 @@ def possible_choices(
         Of the points of the hypothesis.
     core : tuple of int
         At most q of them.
+    rigid : frozenset of int
+        The points that have a chirality with the core.
 
     Returns
     -------
     list of ChiralityChoice or None
-        One when a chirality decides it, else both; a single None when the points lie in the
-        hyperplane of the core, so that there is nothing to choose.
+        One when a chirality decides it, else both; a single None when every point can turn into
+        its mirror image or lies in the hyperplane of the core, so that there is nothing to choose.
 
     """
-    others = [point for point in range(len(solved.points)) if point not in core]
-    if len(core) < solved.dimension or not others:
+    if len(core) < solved.dimension:
         return [None]
     known = {}
     for chirality in solved.chiralities:
@@ -59,6 +90,8 @@ def possible_choices(
         if len(apexes) == 1 and set(core) < set(chirality.points):
             apex = apexes.pop()
             known[apex] = chirality.sign_of((*core, apex))
-    apex = best_apexes(hypothesis, core, list(known) or others)[0]
+    if not (known or rigid):
+        return [None]
+    apex = best_apexes(hypothesis, core, list(known) or sorted(rigid))[0]
     signs = [known[apex]] if known else [1, -1]
     return [ChiralityChoice(core, apex, sign) for sign in signs]

@@ -2,8 +2,8 @@
 From the hypotheses of the solver to placements of the fleet in the fixed frame.
 
 The solver bounds distances. The steps from there: choose a mirror image, enclose the coordinates
-in a frame of the fleet's own points and register that with the fixed frame, add the pendant
-points, estimate the headings, assemble the rows.
+in a frame of the fleet's own points and register that with the fixed frame, estimate the headings,
+assemble the rows.
 """
 
 from __future__ import annotations
@@ -21,18 +21,17 @@ from dg_localization.fleet.frames.headings import (
     NoHeadingError,
     estimate_heading,
 )
-from dg_localization.fleet.frames.mirror_images import ChiralityChoice, possible_choices
-from dg_localization.fleet.frames.pendant import (
-    enclose_pendant_points,
-    keep_distances,
-    place_pendant_points,
+from dg_localization.fleet.frames.mirror_images import (
+    ChiralityChoice,
+    possible_choices,
+    rigid_with,
 )
 from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.frames.registration import Registration
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.interval.arrays import Interval
-from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.result import Hypothesis, Result
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +46,9 @@ class Placer:
     constraints : Constraints
         Of all points of the fleet.
     plan : FramePlan
-        The frame; the points of the problem are ``plan.solved``, in that order.
+        The frame; the points of the problem are ``plan.points``, in that order.
+    result : Result
+        What the solver answered.
     dropped : frozenset of LinkKey
         What `constraints` leave out.
 
@@ -58,14 +59,14 @@ class Placer:
         snapshot: Snapshot,
         constraints: Constraints,
         plan: FramePlan,
+        result: Result,
         dropped: frozenset[LinkKey],
     ) -> None:
         self._config = snapshot.config
         self._plan = plan
         self._dropped = dropped
-        self._known = constraints.of(plan.points)
-        self._solved = constraints.of(plan.solved)
-        row_of = {point: row for row, point in enumerate(plan.solved)}
+        self._solved = constraints.of(plan.points)
+        row_of = {point: row for row, point in enumerate(plan.points)}
         self._registration = Registration(
             plan.frame.kind,
             self._solved,
@@ -76,6 +77,7 @@ class Placer:
                 if point in row_of
             },
         )
+        self._rigid = rigid_with(self._registration.cores[0], result)
         self._encloser = Encloser(self._solved, self._registration)
 
     def placements(self, hypothesis: Hypothesis) -> list[Placement]:
@@ -85,22 +87,23 @@ class Placer:
         There are none when the rays rule out every heading of some robot.
         """
         placements: list[Placement] = []
-        for choice, solved in self._mirror_images(hypothesis):
-            positions = self._fixed_positions(hypothesis, choice, solved)
-            enclosure = enclose_pendant_points(solved, self._known.lower, self._known.upper)
-            if enclosure is not None:
-                mirrored = bool(placements)
-                placement = self._complete(hypothesis, positions, enclosure, mirrored)
-                placements += [placement] if placement is not None else []
+        for choice, enclosure in self._mirror_images(hypothesis):
+            positions = self._fixed_positions(hypothesis, choice, enclosure)
+            mirrored = bool(placements)
+            placement = self._complete(hypothesis, positions, enclosure, mirrored)
+            placements += [placement] if placement is not None else []
         return placements
 
-    def most_placements(self, hypothesis: Hypothesis) -> int:
-        """Return how many placements a hypothesis stands for at most, without making them."""
-        return 1 if self._solved.chiralities else len(self._choices(hypothesis))
+    @property
+    def most_images(self) -> int:
+        """How many placements a hypothesis stands for at most."""
+        short = len(self._registration.cores[0]) < self._solved.dimension
+        return 1 if self._solved.chiralities or short or not self._rigid else 2
 
     def _choices(self, hypothesis: Hypothesis) -> list[ChiralityChoice | None]:
         """Return the mirror images that the known chiralities allow."""
-        return possible_choices(hypothesis, self._solved, self._registration.cores[0])
+        core = self._registration.cores[0]
+        return possible_choices(hypothesis, self._solved, core, self._rigid)
 
     def _mirror_images(
         self, hypothesis: Hypothesis
@@ -135,11 +138,7 @@ class Placer:
     def _complete(
         self, hypothesis: Hypothesis, positions: FloatArray, enclosure: Interval, mirrored: bool
     ) -> Placement | None:
-        """Return the placement with pendant points and headings; None when no heading is left."""
-        lower, upper = self._known.lower, self._known.upper
-        n_solved = len(self._plan.solved)
-        positions = place_pendant_points(positions, lower, upper)
-        positions = np.clip(positions, enclosure.lower, enclosure.upper)
+        """Return the placement with headings; None when no heading is left."""
         try:
             headings = self._headings(positions, enclosure)
         except NoHeadingError:
@@ -147,20 +146,20 @@ class Placer:
         return assemble(
             self._config,
             PlacedPoints(self._plan.points, positions, enclosure, headings),
-            proved=hypothesis.proved and keep_distances(positions, n_solved, lower, upper),
-            flexible=hypothesis.flexible or bool(self._plan.pendant),
+            proved=hypothesis.proved,
+            flexible=hypothesis.flexible,
             mirrored=mirrored,
             dropped=self._dropped,
         )
 
     def _headings(self, positions: FloatArray, enclosure: Interval) -> dict[int, Heading]:
         """Return the headings that are known, by index into the points of the fleet."""
-        rows = self._known.rows
+        rows = self._solved.rows
         reference = None
         if self._plan.frame.kind == FrameKind.HEADING:
             reference = self._plan.cores[0][0]
         headings = {}
-        for observer, rays in self._known.rays.items():
+        for observer, rays in self._solved.rays.items():
             point = self._plan.points[rows[observer]]
             heading: Heading | None = NO_TURN
             if point != reference:

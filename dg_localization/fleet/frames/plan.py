@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 import math
@@ -23,32 +23,45 @@ class FramePlan:
     Parameters
     ----------
     frame : FixedFrame
-    solved : tuple of int
-        The connected points that the solver places.
-    pendant : tuple of int
-        The connected points that fewer than q distances hold, each to points listed before it.
-        They are free to swing: each would cost the solver a whole circle or sphere of boxes.
+    points : tuple of int
+        The connected points, ascending.
     cores : tuple of tuple of int
-        Choices of q solved points whose place in the fixed frame is known, best first.
+        Choices of q of them whose place in the fixed frame is known, best first.
 
     """
 
     frame: FixedFrame
-    solved: tuple[int, ...]
-    pendant: tuple[int, ...]
+    points: tuple[int, ...]
     cores: tuple[tuple[int, ...], ...]
 
-    @property
-    def points(self) -> tuple[int, ...]:
-        """The connected points, the solved ones first."""
-        return self.solved + self.pendant
+
+@dataclass(frozen=True)
+class Plans:
+    """
+    The frames of a fleet.
+
+    Parameters
+    ----------
+    main : FramePlan or None
+        That of the points that the fixed frame is tied to; None when nothing fixes it.
+    reason : str
+        A sentence that says why there is no main plan, or that another robot than the reference
+        robot has the origin; empty otherwise.
+    others : tuple of FramePlan
+        One for each group of robots that are connected to each other and not to the fixed frame.
+
+    """
+
+    main: FramePlan | None
+    reason: str
+    others: tuple[FramePlan, ...]
 
 
 def plan_frames(
     snapshot: Snapshot, constraints: Constraints, alternatives: Sequence[Constraints]
-) -> list[FramePlan] | str:
+) -> list[Plans]:
     """
-    Choose one fixed frame for all alternatives.
+    Choose one fixed frame for all alternatives, and frames for what is not connected to it.
 
     Parameters
     ----------
@@ -60,77 +73,110 @@ def plan_frames(
 
     Returns
     -------
-    list of FramePlan or str
-        One plan for each alternative, or a sentence that says why there is no frame.
+    list of Plans
+        One for each alternative.
 
     """
+    reason = ''
     if snapshot.anchors.cores:
-        return _plan_from_anchors(snapshot, alternatives)
-    return _plan_from_reference(snapshot.config, constraints, alternatives)
+        plans = _plans_from_anchors(snapshot, alternatives)
+        if not plans:
+            names = ', '.join(snapshot.config.anchors)
+            reason = f'no robot is connected to the anchors {names} by a usable range'
+    else:
+        plans, reason = _plans_from_reference(snapshot.config, constraints, alternatives)
+    mains: Sequence[FramePlan | None] = plans or [None] * len(alternatives)
+    return [
+        Plans(main, reason, _plans_of_others(snapshot.config, alternative, main))
+        for main, alternative in zip(mains, alternatives, strict=True)
+    ]
 
 
-def _plan_from_anchors(
+def _plans_of_others(
+    config: FleetConfig, constraints: Constraints, main: FramePlan | None
+) -> tuple[FramePlan, ...]:
+    """Return a plan for each group of at least two points with a robot that is not in another."""
+    visited = set(() if main is None else main.points)
+    plans = []
+    for robot in range(len(config.robots)):
+        if robot not in visited:
+            component = constraints.component_of(robot)
+            visited.update(component)
+            if len(component) > 1:
+                plans += _plans_from_robot(config, robot, constraints, [constraints])
+    return tuple(plans)
+
+
+def _plans_from_anchors(
     snapshot: Snapshot, alternatives: Sequence[Constraints]
-) -> list[FramePlan] | str:
-    """Return plans in the coordinates of the anchors, or why there are none."""
+) -> list[FramePlan]:
+    """Return plans in the coordinates of the anchors; none when no robot is connected to them."""
     config, anchors = snapshot.config, snapshot.anchors
-    names = tuple(config.anchors)
-    frame = FixedFrame(FrameKind.ANCHORS, names)
+    frame = FixedFrame(FrameKind.ANCHORS, tuple(config.anchors))
     origin = anchors.cores[0][0]
     plans = [
-        _plan(frame, alternative, alternative.component_of(origin), anchors.cores, anchors.boxes)
+        FramePlan(frame, alternative.component_of(origin), anchors.cores)
         for alternative in alternatives
     ]
     free = {i for i, robot in enumerate(config.robots) if robot not in config.anchors}
     if free and not any(free & set(plan.points) for plan in plans):
-        return f'no robot is connected to the anchors {", ".join(names)} by a usable range'
+        return []
     return plans
 
 
-def _plan_from_reference(
+def _plans_from_reference(
     config: FleetConfig, constraints: Constraints, alternatives: Sequence[Constraints]
-) -> list[FramePlan] | str:
-    """Return plans in the frame of the reference robot, or why there are none."""
-    origin = config.robots.index(config.reference_robot)
-    components = [alternative.component_of(origin) for alternative in alternatives]
-    if all(len(points) == 1 for points in components):
-        return (
+) -> tuple[list[FramePlan], str]:
+    """
+    Return plans in the frame of the reference robot, or of the next one that is connected.
+
+    Returns
+    -------
+    list of FramePlan
+        None when no robot is connected to any other point.
+    str
+        A sentence on why it is not the frame of the reference robot; empty if it is.
+
+    """
+    reference = config.robots.index(config.reference_robot)
+    for robot in (*range(reference, len(config.robots)), *range(reference)):
+        if any(len(alternative.component_of(robot)) > 1 for alternative in alternatives):
+            break
+    else:
+        return [], (
             f'reference robot {config.reference_robot} is not connected to any other by a usable '
-            'range: nothing fixes the frame'
+            'range, nor is another robot: nothing fixes the frame'
         )
+    reason = ''
+    if robot != reference:
+        reason = (
+            f'reference robot {config.reference_robot} is not connected: the frame is that of '
+            f'{config.robots[robot]}'
+        )
+    return _plans_from_robot(config, robot, constraints, alternatives), reason
+
+
+def _plans_from_robot(
+    config: FleetConfig,
+    origin: int,
+    constraints: Constraints,
+    alternatives: Sequence[Constraints],
+) -> list[FramePlan]:
+    """Return plans with a robot at the origin."""
+    components = [alternative.component_of(origin) for alternative in alternatives]
     headed = [
         _heading_cores(alternative, origin, points)
         for alternative, points in zip(alternatives, components, strict=True)
     ]
     if all(headed):
-        frame = FixedFrame(FrameKind.HEADING, (config.reference_robot,))
+        frame = FixedFrame(FrameKind.HEADING, (config.robots[origin],))
         return [
-            _plan(frame, alternative, points, cores)
-            for alternative, points, cores in zip(alternatives, components, headed, strict=True)
+            FramePlan(frame, points, cores)
+            for points, cores in zip(components, headed, strict=True)
         ]
     core = _robot_core(config, constraints, origin, components)
     frame = FixedFrame(FrameKind.ROBOTS, tuple(config.points[i] for i in core))
-    return [
-        _plan(frame, alternative, points, (core,))
-        for alternative, points in zip(alternatives, components, strict=True)
-    ]
-
-
-def _plan(
-    frame: FixedFrame,
-    constraints: Constraints,
-    component: tuple[int, ...],
-    cores: tuple[tuple[int, ...], ...],
-    kept: Iterable[int] = (),
-) -> FramePlan:
-    """Return the plan for a component; the first core and `kept` are solved in any case."""
-    pendant = constraints.pendant_points(component, {*cores[0], *kept})
-    return FramePlan(
-        frame=frame,
-        solved=tuple(point for point in component if point not in pendant),
-        pendant=tuple(reversed(pendant)),
-        cores=tuple(core for core in cores if not set(core) & set(pendant)),
-    )
+    return [FramePlan(frame, points, (core,)) for points in components]
 
 
 def _heading_cores(

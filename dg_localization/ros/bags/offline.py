@@ -26,7 +26,6 @@ from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
     DIAGNOSTICS,
-    diagnostics_message,
     estimate_messages,
     estimate_outputs,
     outline,
@@ -34,6 +33,7 @@ from dg_localization.ros.interface.outputs import (
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
+from msg_adapters.diagnostics import diagnostics_to_cdr
 
 DIAGNOSTICS_HZ = 1.0
 
@@ -251,7 +251,7 @@ class BagLocalizer:
 
     def _write(self, time_ns: int, diagnostics: Diagnostics) -> None:
         self._outline = outline(diagnostics)
-        message = diagnostics_message(diagnostics)
+        message = diagnostics_to_cdr(diagnostics)
         self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, message)
 
     def _diagnose(self, time_ns: int) -> Diagnostics:

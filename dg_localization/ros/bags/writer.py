@@ -1,9 +1,4 @@
-"""
-A new rosbag2, in .mcap or .db3, by the package rosbags: the same messages give the same bytes.
-
-rclpy leaves the padding between the fields of a message as it finds the memory. What is written
-here is therefore read and written again by rosbags, which pads with zeros.
-"""
+"""A new rosbag2, in .mcap or .db3, by the package rosbags: equal messages give equal bytes."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,7 +8,6 @@ import sqlite3
 from typing import Any
 
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 
 from dg_localization.ros.bags.reader import Topic
 
@@ -24,7 +18,7 @@ FOREVER = (2**31 - 1, 2**32 - 1)
 
 class BagWriter:
     """
-    Writes messages of rclpy, and those of another bag as they are; `new_bag` makes one.
+    Writes serialized messages; `new_bag` makes one.
 
     Parameters
     ----------
@@ -47,7 +41,7 @@ class BagWriter:
         self._connections: dict[str, Any] = {}
 
     def add_output(self, topic: str, message_class: type, profile: QoSProfile) -> None:
-        """Add a topic for messages of rclpy, offered with `profile` when the bag is played."""
+        """Add a topic, offered with `profile` when the bag is played."""
         package = message_class.__module__.partition('.')[0]
         self._add(topic, f'{package}/msg/{message_class.__name__}', [_recorded_qos(profile)])
 
@@ -64,15 +58,13 @@ class BagWriter:
             topic, type_name, typestore=self._types, offered_qos_profiles=list(offered)
         )
 
-    def write(self, topic: str, time_ns: int, message: Any) -> None:
-        """Write a message of rclpy on a topic that was added."""
-        type_name = self._connections[topic].msgtype
-        decoded = self._types.deserialize_cdr(serialize_message(message), type_name)
-        self.copy(topic, time_ns, self._types.serialize_cdr(decoded, type_name))
+    def write(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Write a serialized answer on a topic that was added."""
+        self.copy(topic, time_ns, data)
         self.holds_answers = True
 
     def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
-        """Write the bytes of a message on a topic that was added."""
+        """Write a message of another bag on a topic that was added."""
         self._writer.write(self._connections[topic], time_ns, data)
 
 

@@ -7,13 +7,14 @@ from operator import attrgetter
 
 import numpy as np
 
-from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
+from dg_localization.fleet import Conflict, Estimate, Group, InputState, LinkKey, LinkKind
 from dg_localization.ros.interface.links import Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
 # The topics hold every placement; the diagnostics show a person the first few.
 LISTED_HYPOTHESES = 8
+LISTED_GROUPS = 8
 # What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
 MOST_CHARACTERS = 300
 
@@ -151,7 +152,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
         return Level.ERROR, f'contradiction: {estimate.reason}'
     if not estimate.placements:
         return Level.WARN, estimate.reason
-    doubts = list(_doubts(estimate))
+    doubts = [*_doubts(estimate), *_doubts_of_frame(estimate)]
     if doubts:
         return Level.WARN, '; '.join(doubts)
     return Level.OK, 'localized: one hypothesis'
@@ -169,6 +170,16 @@ def _doubts(estimate: Estimate) -> Iterator[str]:
         yield 'out of budget: the hypotheses hold every placement, but may be too many or too wide'
 
 
+def _doubts_of_frame(estimate: Estimate) -> Iterator[str]:
+    """Yield why coordinates are not in the frame that was asked for, or in that of before."""
+    if estimate.frame_change:
+        yield estimate.frame_change
+    if estimate.frame_doubt:
+        yield estimate.frame_doubt
+    if estimate.groups:
+        yield f'{len(estimate.groups)} more in frames of their own'
+
+
 def _estimate_values(estimate: Estimate) -> dict[str, str]:
     values = {
         'stamp_s': f'{estimate.stamp_s:.3f}',
@@ -179,12 +190,23 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         'hypotheses_proved': str(sum(placement.proved for placement in estimate.placements)),
         'frame': str(estimate.frame) if estimate.frame else '',
     }
+    if estimate.rigid_groups:
+        texts = (', '.join(group) for group in estimate.rigid_groups)
+        values['rigid_groups'] = shortened('; '.join(texts))
+    if estimate.would_fix:
+        values['would_fix'] = shortened('; '.join(estimate.would_fix))
     if estimate.statistics is not None:
         values['boxes'] = str(estimate.statistics.processed)
         values['solve_s'] = f'{estimate.statistics.seconds:.4f}'
     for number, conflict in enumerate(estimate.conflicts):
         values[f'conflict_{number}'] = _conflict_text(conflict)
+    for number, group in enumerate(estimate.groups[:LISTED_GROUPS]):
+        values[f'group_{number}'] = shortened(_group_text(group))
     return values
+
+
+def _group_text(group: Group) -> str:
+    return f'{", ".join(group.robots)}: {group.frame}; hypotheses: {group.n_hypotheses}'
 
 
 def _conflict_text(conflict: Conflict) -> str:
@@ -196,7 +218,9 @@ def _robot_status(report: Report, row: int) -> Status:
     level, message = _robot_state(report, row)
     values = {}
     if report.estimate is not None and not report.trouble:
-        for number, placement in enumerate(report.estimate.placements[:LISTED_HYPOTHESES]):
+        group = _group_of(report.estimate, robot)
+        placements = report.estimate.placements if group is None else group.placements
+        for number, placement in enumerate(placements[:LISTED_HYPOTHESES]):
             position = ' '.join(f'{x:.3f}' for x in placement.positions_m[row])
             width = ' '.join(f'{x:.3f}' for x in np.ptp(placement.enclosure_m[row], axis=0))
             values[f'hypothesis_{number}'] = f'at {position} m, enclosure {width} m wide'
@@ -207,6 +231,9 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
     estimate, robot = report.estimate, report.robots[row]
     if report.trouble or report.late:
         return Level.WARN, report.trouble or report.late
+    group = None if estimate is None else _group_of(estimate, robot)
+    if group is not None:
+        return Level.WARN, f'not connected to the published frame: placed in {group.frame}'
     if estimate is None or not estimate.placements:
         contradicts = estimate is not None and robot in _ends_of(estimate.conflicts)
         if contradicts:
@@ -221,6 +248,10 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
         return Level.WARN, 'not bounded: too few measurements'
     doubts = list(_doubts(estimate))
     return (Level.WARN, '; '.join(doubts)) if doubts else (Level.OK, 'localized')
+
+
+def _group_of(estimate: Estimate, robot: str) -> Group | None:
+    return next((group for group in estimate.groups if robot in group.robots), None)
 
 
 def _ends_of(conflicts: Iterable[Conflict]) -> set[str]:

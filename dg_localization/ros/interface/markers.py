@@ -23,11 +23,13 @@ LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
 
 # Neighboring numbers differ by the golden angle, so that few hypotheses are told apart well.
 HUE_STEP = 0.381966
+# More placements on top of each other show nothing, and cost every viewer time.
+MOST_DRAWN = 32
 
 
 def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     """
-    Return robots, headings, names, enclosures and links of every placement.
+    Return robots, headings, names, enclosures and links of the first `MOST_DRAWN` placements.
 
     Each placement has a color of its own; links are green, gray when stale, red when they
     contradict others. What is not known or not bounded is left out.
@@ -59,6 +61,10 @@ def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     return MarkerScene(estimate.stamp_s, frame_id, shown, lifetime_s)
 
 
+def _drawn(estimate: Estimate) -> tuple[Placement, ...]:
+    return estimate.placements[:MOST_DRAWN]
+
+
 def _color(hypothesis: int) -> NDArray[np.float64]:
     return np.array([*hsv_to_rgb(hypothesis * HUE_STEP % 1.0, 0.8, 0.95), 0.9])
 
@@ -74,9 +80,12 @@ def _marker(
     groups: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
     size_m: float,
 ) -> Marker:
-    """Join groups of points, one color each, to one marker."""
+    """Join groups of points, with one color for all or for each of a group, to one marker."""
     points = [np.reshape(points, (-1, 3)) for points, _ in groups]
-    colors = [np.tile(color, (len(p), 1)) for p, (_, color) in zip(points, groups, strict=True)]
+    colors = [
+        np.broadcast_to(color, (len(part), 4))
+        for part, (_, color) in zip(points, groups, strict=True)
+    ]
     return Marker(
         namespace,
         0,
@@ -93,7 +102,7 @@ def _known(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _robots(estimate: Estimate) -> Marker:
     groups = []
-    for number, placement in enumerate(estimate.placements):
+    for number, placement in enumerate(_drawn(estimate)):
         groups.append((_known(in_space(placement.positions_m)), _color(number)))
         groups.append((_known(in_space(placement.landmarks_m)), LANDMARK_RGBA))
     return _marker('robots', Shape.SPHERE_LIST, groups, ROBOT_DIAMETER_M)
@@ -101,7 +110,7 @@ def _robots(estimate: Estimate) -> Marker:
 
 def _headings(estimate: Estimate) -> Marker:
     groups = []
-    for number, placement in enumerate(estimate.placements):
+    for number, placement in enumerate(_drawn(estimate)):
         starts = in_space(placement.positions_m)
         ends = starts + HEADING_LENGTH_M * _forward(placement.orientations_xyzw)
         segments = np.stack([starts, ends], axis=1)
@@ -118,34 +127,32 @@ def _forward(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _enclosures(estimate: Estimate) -> Marker:
     groups = []
-    for number, placement in enumerate(estimate.placements):
-        for lower_upper in placement.enclosure_m:
-            if np.isfinite(lower_upper).all():
-                groups.append((in_space(_edges(lower_upper)), _color(number)))
+    for number, placement in enumerate(_drawn(estimate)):
+        is_bounded = np.isfinite(placement.enclosure_m).all(axis=(1, 2))
+        groups.append((in_space(_edges(placement.enclosure_m[is_bounded])), _color(number)))
     return _marker('enclosures', Shape.LINE_LIST, groups, LINE_WIDTH_M)
 
 
-def _edges(lower_upper: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the edges of a box of shape (2, q), two rows each."""
-    dimension = lower_upper.shape[1]
-    axes = np.arange(dimension)
+def _edges(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the edges of boxes of shape (k, 2, q), two rows each, box by box."""
+    dimension = boxes.shape[2]
     corners = [np.array(choice) for choice in product((0, 1), repeat=dimension)]
     pairs = [pair for pair in combinations(corners, 2) if np.abs(pair[0] - pair[1]).sum() == 1]
-    return np.array([lower_upper[corner, axes] for pair in pairs for corner in pair])
+    # For each row, which of the two bounds it has in each coordinate.
+    bounds = np.array([corner for pair in pairs for corner in pair])
+    return boxes[:, bounds, np.arange(dimension)].reshape(-1, dimension)
 
 
 def _links(estimate: Estimate) -> Marker:
     row = {name: i for i, name in enumerate((*estimate.robots, *estimate.landmarks))}
+    links = [link for link in estimate.links if {link.key.observer, link.key.target} <= set(row)]
+    ends = np.array([(row[link.key.observer], row[link.key.target]) for link in links], dtype=int)
+    colors = np.reshape([_link_color(link) for link in links], (-1, 4))
     groups = []
-    for placement in estimate.placements:
-        points = _points(placement)
-        for link in estimate.links:
-            key = link.key
-            if key.observer not in row or key.target not in row:
-                continue
-            segment = points[[row[key.observer], row[key.target]]]
-            if np.isfinite(segment).all():
-                groups.append((segment, _link_color(link)))
+    for placement in _drawn(estimate):
+        segments = _points(placement)[ends.reshape(-1, 2)]
+        is_known = np.isfinite(segments).all(axis=(1, 2))
+        groups.append((segments[is_known], np.repeat(colors[is_known], 2, axis=0)))
     return _marker('links', Shape.LINE_LIST, groups, LINE_WIDTH_M)
 
 
@@ -158,7 +165,7 @@ def _link_color(link: LinkState) -> NDArray[np.float64]:
 def _names(estimate: Estimate) -> Iterator[Marker]:
     names = (*estimate.robots, *estimate.landmarks)
     above = np.array([0.0, 0.0, ROBOT_DIAMETER_M])
-    for number, placement in enumerate(estimate.placements):
+    for number, placement in enumerate(_drawn(estimate)):
         for row, (name, point) in enumerate(zip(names, _points(placement), strict=True)):
             if np.isfinite(point).all():
                 yield Marker(

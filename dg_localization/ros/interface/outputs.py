@@ -1,12 +1,14 @@
 """The outputs: an estimate as messages, and the publishers of the node."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 import re
 import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 from rclpy.publisher import Publisher
@@ -14,9 +16,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
+from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
 from dg_localization.ros.interface.poses import feasible_poses, unique_pose
-from msg_adapters import Diagnostics, adapter_for
+from msg_adapters import Diagnostics
+from msg_adapters.diagnostics import diagnostics_to_cdr
+from msg_adapters.markers import marker_scene_to_cdr
+from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
@@ -29,11 +35,6 @@ LATCHED = QoSProfile(
 ACKNOWLEDGE_S = 1.0
 
 DECIMAL = re.compile(r'\d+\.\d+')
-
-_pose_array = adapter_for('geometry_msgs/msg/PoseArray').to_message
-_pose = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').to_message
-_marker_array = adapter_for('visualization_msgs/msg/MarkerArray').to_message
-_diagnostic_array = adapter_for('diagnostic_msgs/msg/DiagnosticArray').to_message
 
 
 class Output(NamedTuple):
@@ -58,38 +59,42 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
 
 
 def estimate_messages(
-    estimate: Estimate, frame_id: str, lifetime_s: float
-) -> Iterator[tuple[str, Any]]:
+    estimate: Estimate, fixed_frame: str, lifetime_s: float
+) -> Iterator[tuple[str, bytes]]:
     """
-    Yield the messages of an estimate, each with the name of its topic.
+    Yield the serialized messages of an estimate, each with the name of its topic.
 
     One without placements empties the pose arrays and the view, so that no old answer looks new.
+    The array of one robot is for viewers, some of which refuse an array with NaN in it: a
+    placement where its position is not known is left out.
 
     Parameters
     ----------
     estimate : Estimate
-    frame_id : str
-        Frame of everything published.
+    fixed_frame : str
+        Name of the frame of the anchors.
     lifetime_s : float
         How long viewers show the markers.
 
     """
-    fleet = _pose_array(feasible_poses(estimate, frame_id))
-    yield '~/feasible_poses', fleet
+    name = frame_id(estimate.frame, fixed_frame)
+    fleet = feasible_poses(estimate, name)
+    yield '~/feasible_poses', pose_array_to_cdr(fleet)
     n_robots = len(estimate.robots)
+    is_known = np.asarray(np.isfinite(fleet.positions_m).all(axis=1))
     for row, robot in enumerate(estimate.robots):
-        poses = PoseArray(header=fleet.header, poses=fleet.poses[row::n_robots])
-        yield f'~/{robot}/feasible_poses', poses
+        own = np.flatnonzero(is_known[row::n_robots]) * n_robots + row
+        poses = replace(
+            fleet,
+            positions_m=fleet.positions_m[own],
+            orientations_xyzw=fleet.orientations_xyzw[own],
+        )
+        yield f'~/{robot}/feasible_poses', pose_array_to_cdr(poses)
     for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, frame_id)
+        pose = unique_pose(estimate, row, name)
         if pose is not None:
-            yield f'~/{robot}/pose', _pose(pose)
-    yield '~/markers', _marker_array(scene(estimate, frame_id, lifetime_s))
-
-
-def diagnostics_message(diagnostics: Diagnostics) -> Any:
-    """Return what is published on /diagnostics."""
-    return _diagnostic_array(diagnostics)
+            yield f'~/{robot}/pose', uncertain_pose_to_cdr(pose)
+    yield '~/markers', marker_scene_to_cdr(scene(estimate, name, lifetime_s))
 
 
 def _publisher(node: LifecycleNode, output: Output) -> Publisher:
@@ -106,26 +111,18 @@ class EstimatePublishers:
         The node they belong to.
     robots : tuple of str
         The fleet; every estimate must have these, in this order.
-    frame_id : str
-        Frame of everything published.
-    lifetime_s : float
-        How long viewers show the markers.
 
     """
 
-    def __init__(
-        self, node: LifecycleNode, robots: tuple[str, ...], frame_id: str, lifetime_s: float
-    ) -> None:
+    def __init__(self, node: LifecycleNode, robots: tuple[str, ...]) -> None:
         self._node = node
-        self._frame_id = frame_id
-        self._lifetime_s = lifetime_s
         self._publishers = {
             output.name: _publisher(node, output) for output in estimate_outputs(robots)
         }
 
-    def publish(self, estimate: Estimate) -> None:
-        """Publish an estimate on every topic."""
-        for name, message in estimate_messages(estimate, self._frame_id, self._lifetime_s):
+    def publish(self, messages: Iterable[tuple[str, bytes]]) -> None:
+        """Publish what `estimate_messages` made of an estimate."""
+        for name, message in messages:
             self._publishers[name].publish(message)
 
     def destroy(self) -> None:
@@ -147,7 +144,7 @@ class DiagnosticsPublisher:
     def publish(self, diagnostics: Diagnostics) -> None:
         """Publish."""
         self._last_seen = outline(diagnostics)
-        self._publisher.publish(diagnostics_message(diagnostics))
+        self._publisher.publish(diagnostics_to_cdr(diagnostics))
 
     def publish_change(self, diagnostics: Diagnostics) -> None:
         """Publish if a level or a message differs from what was published last."""

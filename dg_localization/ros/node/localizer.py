@@ -7,38 +7,43 @@ are taken on the executor's thread; the newest snapshot of them is answered on a
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import partial, wraps
+from functools import wraps
+from threading import Event
 import time
 import traceback
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import (
     Estimate,
     FleetConfig,
     Localizer,
+    Snapshot,
     solver_warnings,
     warm_up,
     warm_up_status,
 )
 from dg_localization.ros.interface.diagnostics import Report, shortened, statuses
-from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
-from dg_localization.ros.interface.outputs import DiagnosticsPublisher, EstimatePublishers
+from dg_localization.ros.interface.outputs import (
+    DiagnosticsPublisher,
+    EstimatePublishers,
+    estimate_messages,
+)
 from dg_localization.ros.interface.parameters.settings import declare_settings
 from dg_localization.ros.interface.rate import RateMeter
 from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime
+from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
-from msg_adapters import Diagnostics, adapter_for
+from msg_adapters import Diagnostics
 
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
@@ -48,6 +53,14 @@ SILENT_CLOCK_S = 3.0
 # An estimate that takes so many times its limits, and at least so long, will never end.
 PATIENCE = 5.0
 LEAST_PATIENCE_S = 10.0
+
+
+class Answer(NamedTuple):
+    """An estimate, and the serialized messages of it by topic."""
+
+    estimate: Estimate
+    messages: tuple[tuple[str, bytes], ...]
+
 
 Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
 
@@ -86,7 +99,7 @@ class LocalizerNode(LifecycleNode):
     """
 
     _outputs: EstimatePublishers
-    _worker: EstimateWorker
+    _worker: EstimateWorker[Answer]
     _warm_up_began_s: float
 
     def __init__(
@@ -101,9 +114,8 @@ class LocalizerNode(LifecycleNode):
         self._made_to_activate = ExitStack()
         self._estimate: Estimate | None = None
         self._failure = ''
-        self._inputs: dict[str, Link] = {}
+        self._inputs: Inputs | None = None
         self._rate = RateMeter(self.settings.rate_hz)
-        self._wrong_types: dict[Link, tuple[str, ...]] = {}
         self._time = NodeTime(self._clock_s)
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
@@ -117,15 +129,13 @@ class LocalizerNode(LifecycleNode):
     @transition
     def on_configure(self) -> None:
         """Make the outputs, the reset service and the worker; receive nothing yet."""
-        made, settings, fleet = self._made_to_configure, self.settings, self.settings.fleet
-        self._outputs = EstimatePublishers(
-            self, fleet.robots, settings.fixed_frame, settings.lifetime_s
-        )
+        made = self._made_to_configure
+        self._outputs = EstimatePublishers(self, self.settings.fleet.robots)
         made.callback(self._outputs.destroy)
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
         self._worker = EstimateWorker(
-            self._localizer.estimate,
+            self._answer,
             answer_ready,
             warm_up,
             self._make_wake_up(self._on_warm),
@@ -143,16 +153,13 @@ class LocalizerNode(LifecycleNode):
         """Receive, and localize at the given rate."""
         made = self._made_to_activate
         made.callback(self._forget, 'deactivated')
-        made.callback(self._inputs.clear)
         if not self.settings.autostart:
             self._bond_with_manager()
-        for link in self.settings.links:
-            self._subscribe(link)
+        self._inputs = Inputs(self, self.settings, self._on_message)
+        made.callback(self._inputs.destroy)
         ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
         made.callback(self.destroy_timer, ticker)
-        settings = self.settings
-        finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
-        search = partial(self._find_topics, finder)
+        search = self._inputs.search
         searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=self._steady)
         made.callback(self.destroy_timer, searcher)
         self._state = 'active'
@@ -207,27 +214,6 @@ class LocalizerNode(LifecycleNode):
         else:
             self._made_to_activate.callback(end_bond)
 
-    def _subscribe(self, link: Link) -> None:
-        message_class = adapter_for(link.type_name).message_class()
-        callback = partial(self._on_message, link)
-        # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
-        subscription = self.create_subscription(
-            message_class, link.topic, callback, qos_profile_sensor_data, raw=True
-        )
-        self._inputs[link.topic] = link
-        self._made_to_activate.callback(self.destroy_subscription, subscription)
-
-    def _find_topics(self, finder: TopicFinder) -> None:
-        """
-        Subscribe to topics that the templates name, once they exist.
-
-        Every subscription costs the executor time at every wake-up, and most pairs of a large
-        fleet never measure each other.
-        """
-        for link in finder.find(self.get_topic_names_and_types()):
-            self._subscribe(link)
-        self._wrong_types = finder.wrong_types
-
     def _on_message(self, link: Link, data: bytes) -> None:
         """Take one measurement; whatever is wrong with it is counted, never raised."""
         now_s = self._now_s()
@@ -246,6 +232,15 @@ class LocalizerNode(LifecycleNode):
             self._worker.submit(self._localizer.snapshot(now_s))
             self._rate.count(now_s)
 
+    def _answer(self, snapshot: Snapshot, cancel: Event) -> Answer:
+        """Answer a snapshot, and make the messages of it; in the thread of the worker."""
+        return self._with_messages(self._localizer.estimate(snapshot, cancel))
+
+    def _with_messages(self, estimate: Estimate) -> Answer:
+        settings = self.settings
+        messages = estimate_messages(estimate, settings.fixed_frame, settings.lifetime_s)
+        return Answer(estimate, tuple(messages))
+
     def _on_warm(self) -> None:
         """Log how long the solver took to be ready."""
         took_s = time.monotonic() - self._warm_up_began_s
@@ -259,7 +254,7 @@ class LocalizerNode(LifecycleNode):
     def _on_answer(self) -> None:
         """Publish what the worker found."""
         try:
-            estimate = self._worker.take()
+            answer = self._worker.take()
         except Exception as error:  # a defect of ours: say so instead of showing an old answer
             self.get_logger().error(
                 f'the estimate failed:\n{traceback.format_exc()}',
@@ -267,13 +262,17 @@ class LocalizerNode(LifecycleNode):
             )
             self._fail(shortened(f'internal error: {type(error).__name__}: {error}'))
             return
-        if estimate is not None:
+        if answer is not None:
             self._failure = ''
-            self._publish(estimate)
+            self._publish(answer)
 
-    def _publish(self, estimate: Estimate) -> None:
-        self._estimate = estimate
-        self._outputs.publish(estimate)
+    def _publish(self, answer: Answer) -> None:
+        self._estimate = answer.estimate
+        if answer.estimate.frame_change:
+            self.get_logger().warning(
+                answer.estimate.frame_change, throttle_duration_sec=REPEATED_WARNING_S
+            )
+        self._outputs.publish(answer.messages)
         self._diagnostics.publish_change(self._diagnose())
 
     def _fail(self, reason: str) -> None:
@@ -321,10 +320,10 @@ class LocalizerNode(LifecycleNode):
             lifetime_s=self.settings.lifetime_s,
             estimate=self._estimate,
             robots=self.settings.fleet.robots,
-            links=tuple(self._inputs.values()),
+            links=self._inputs.links if self._inputs else (),
             inputs=self._intake.states(now_s),
             malformed=self._intake.malformed,
-            wrong_types=self._wrong_types,
+            wrong_types=self._inputs.wrong_types if self._inputs else {},
         )
         return Diagnostics(now_s, statuses(report))
 
@@ -361,8 +360,9 @@ class LocalizerNode(LifecycleNode):
         )
         self._publish(self._no_estimate(reason))
 
-    def _no_estimate(self, reason: str) -> Estimate:
-        return Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
+    def _no_estimate(self, reason: str) -> Answer:
+        robots = self.settings.fleet.robots
+        return self._with_messages(Estimate(self._clock_s(), robots, None, reason))
 
     def _clock_s(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9

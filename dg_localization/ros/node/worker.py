@@ -6,9 +6,11 @@ import os
 import sys
 from threading import Event, Lock, enumerate as running_threads
 import time
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from dg_localization.fleet import Estimate, Snapshot
+from dg_localization.fleet import Snapshot
+
+A = TypeVar('A')
 
 THREAD_NAME = 'estimate'
 CLOSE_S = 2.0
@@ -20,7 +22,7 @@ def _nothing() -> None:
     """Do nothing."""
 
 
-class EstimateWorker:
+class EstimateWorker(Generic[A]):
     """
     Runs one estimate at a time; all methods are called from the executor's thread.
 
@@ -45,7 +47,7 @@ class EstimateWorker:
 
     def __init__(
         self,
-        estimate: Callable[[Snapshot, Event], Estimate],
+        estimate: Callable[[Snapshot, Event], A],
         wake: Callable[[], None],
         warm_up: Callable[[], None] = _nothing,
         warm: Callable[[], None] = _nothing,
@@ -55,7 +57,7 @@ class EstimateWorker:
         self._pool = _new_pool()
         self._began_s = 0.0
         self._n_restarts = 0
-        self._wanted: Future[Estimate] | None = None
+        self._wanted: Future[A] | None = None
         self._cancel = Event()
         self._closed = Event()
         self._lock = Lock()
@@ -85,7 +87,7 @@ class EstimateWorker:
             if not stopped.is_set():
                 function()
 
-    def take(self) -> Estimate | None:
+    def take(self) -> A | None:
         """
         Return the answer, once; None when there is none or it was cancelled.
 

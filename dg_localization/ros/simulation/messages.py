@@ -15,7 +15,8 @@ from msg_adapters.peers import PeersReading, peers_to_message
 from msg_adapters.poses import PoseList, pose_array_to_message
 from msg_adapters.ranges import RangeReading, range_to_message
 
-MAP_FRAME = 'map'
+# Not that of the localizer, whose frame moves with a robot where there are no anchors.
+TRUTH_FRAME = 'world'
 MIN_RANGE_M = 0.1
 MAX_RANGE_M = 30.0
 NO_RAY = (np.nan, np.nan, np.nan)
@@ -97,7 +98,7 @@ class SimulatedFleet:
         state = self.motion.state(time_s)
         positions_m = np.column_stack([state.positions_m, np.zeros(len(simulation.ROBOTS))])
         message: PoseArray = pose_array_to_message(
-            PoseList(stamp_s, MAP_FRAME, positions_m, quaternions(state.yaws_rad))
+            PoseList(stamp_s, TRUTH_FRAME, positions_m, quaternions(state.yaws_rad))
         )
         return message
 

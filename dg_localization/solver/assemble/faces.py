@@ -121,5 +121,7 @@ def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m:
     if len(face) < 2 or hypothesis.positions is None:
         return False
     corners = hypothesis.positions[np.searchsorted(points, face)]
+    if not np.isfinite(corners).all():
+        return False
     widths = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
     return bool(widths[len(face) - 2] <= width_m)

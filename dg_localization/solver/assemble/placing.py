@@ -71,7 +71,14 @@ class Placer:
         dimension: int,
         seed: int,
     ) -> None:
-        self._pieces = pieces
+        # Squares of coordinates must not overflow; a power of two changes no digit.
+        finite = [np.nan_to_num(local, posinf=0.0, neginf=0.0) for _, local in pieces]
+        _, exponent = np.frexp(max(float(np.abs(local).max()) for local in finite))
+        self._half = int(exponent) // 2
+        self._pieces = [
+            (points, self._scaled(local, -1))
+            for (points, _), local in zip(pieces, finite, strict=True)
+        ]
         self._joints_of: list[list[Joint]] = [[] for _ in pieces]
         for joint in joints:
             for number in joint.pieces:
@@ -82,10 +89,16 @@ class Placer:
         n_points = 1 + max(max(points) for points, _ in pieces)
         self.positions = np.full((n_points, dimension), np.nan)
 
-    def place(self, clearance_m: float) -> FloatArray:
-        """Place all pieces, those that nothing joins beside each other."""
+    def _scaled(self, values: FloatArray, sign: int) -> FloatArray:
+        """Scale to the size of one, or back, in two steps that cannot overflow."""
+        half = sign * self._half
+        return np.ldexp(np.ldexp(values, half), half)
+
+    def place(self, least_m: float) -> FloatArray:
+        """Place all pieces, those that nothing joins farther apart than `least_m`."""
+        clearance = 1.0 + 2.0 * float(self._scaled(np.array(least_m), -1))
         done = [False] * len(self._pieces)
-        edge_m = 0.0
+        edge = 0.0
         for root, (points, local) in enumerate(self._pieces):
             if done[root]:
                 continue
@@ -104,9 +117,9 @@ class Placer:
                             queue.append(other)
             new = np.isfinite(self.positions[:, 0]) & ~placed
             if placed.any():
-                self.positions[new, 0] += edge_m - self.positions[new, 0].min()
-            edge_m = float(self.positions[new, 0].max()) + clearance_m
-        return self.positions
+                self.positions[new, 0] += edge - self.positions[new, 0].min()
+            edge = float(self.positions[new, 0].max()) + clearance
+        return self._scaled(self.positions, 1)
 
     def _add(self, joint: Joint, placed: int, number: int) -> None:
         """Lay a piece against those that are placed."""

@@ -211,12 +211,12 @@ class Product:
             if hypothesis.positions is not None
         ]
         reflections = combination.reflections()
-        clearance_m = 1.0 + 2.0 * math.sqrt(problem.lower.max())
+        least_m = math.sqrt(problem.lower.max())
         known = np.stack([problem.lower, problem.upper])
         first = None
         for seed in range(MOST_ATTEMPTS):
             placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
-            positions = with_handedness(self._problem, placer.place(clearance_m))
+            positions = with_handedness(self._problem, placer.place(least_m))
             if agrees(self._problem, positions):
                 return positions, True
             if problem.n_points <= MOST_REFINED:

@@ -69,14 +69,18 @@ def contract_opposite_side(
                 greatest = math.inf
                 continue
             y = min(max(x * high_cosine, sides[free, 0]), sides[free, 1])
-            # No part exceeds (x + y)^2.
+            # No part exceeds (x + y)^2; where that overflows nothing is known.
             margin = rounding_error((x + y) * (x + y), 8.0)
+            if math.isinf(margin):
+                return
             least = min(least, x * x + y * y - 2.0 * x * y * high_cosine - margin)
     if not math.isinf(greatest):
         for i in range(2):
             for j in range(2):
                 x, y = sides[0, i], sides[1, j]
                 margin = rounding_error((x + y) * (x + y), 8.0)
+                if math.isinf(margin):
+                    return
                 greatest = max(greatest, x * x + y * y - 2.0 * x * y * low_cosine + margin)
     lower[b, c] = lower[c, b] = max(lower[b, c], least)
     upper[b, c] = upper[c, b] = min(upper[b, c], greatest)

@@ -51,7 +51,7 @@ class Settings:
     templates : tuple of Template
         What the topics of all others are named like, in full.
     fixed_frame : str
-        frame_id of everything that is published.
+        frame_id of what is published in the coordinates of the anchors.
     rate_hz : float
         How often the fleet is localized.
     use_header_stamp : bool

@@ -44,7 +44,14 @@ FLEET = Section(
             at_least=2,
             at_most=3,
         ),
-        Spec('fixed_frame', STRING, 'map', 'frame of everything that is published'),
+        Spec(
+            'fixed_frame',
+            STRING,
+            'map',
+            'name of the frame of the anchors',
+            details='Without anchors the frame is named after what it is tied to, '
+            '`ROBOT/base_link` or `fleet`.',
+        ),
         Spec(
             'reference_robot',
             STRING,

@@ -1,0 +1,30 @@
+"""The names of the frames that estimates are published in (REP-105)."""
+
+from dg_localization.fleet import FixedFrame, FrameKind
+
+BODY_FRAME = 'base_link'
+SHAPE_FRAME = 'fleet'
+
+
+def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
+    """
+    Return the name of a frame, which says what it is tied to.
+
+    Parameters
+    ----------
+    frame : FixedFrame or None
+        The frame of an estimate; None when it has no placements.
+    fixed_frame : str
+        The name of the frame of the anchors, and of what is empty.
+
+    Returns
+    -------
+    str
+        `fixed_frame`, the body frame of a robot, or that of a shape only.
+
+    """
+    if frame is None or frame.kind == FrameKind.ANCHORS:
+        return fixed_frame
+    if frame.kind == FrameKind.HEADING:
+        return f'{frame.points[0]}/{BODY_FRAME}'
+    return SHAPE_FRAME

@@ -1,0 +1,212 @@
+"""Fleets that are not rigid as a whole: their pieces, and what would join them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.rigidity import missing_ranges
+
+NOW_S = 10.0
+TWO_FOURS = {
+    'r1': (0.0, 0.0),
+    'r2': (5.0, 1.0),
+    'r3': (1.0, 4.0),
+    'r4': (6.0, 6.0),
+    'r5': (10.0, 2.0),
+    'r6': (9.0, 9.0),
+    'r7': (4.0, 11.0),
+}
+FOURS = ('r1 r2 r3 r4', 'r4 r5 r6 r7')
+
+
+def within(*bodies):
+    """Return all pairs of some sets of points."""
+    return [
+        (first, second)
+        for body in (body.split() for body in bodies)
+        for i, first in enumerate(body)
+        for second in body[i + 1 :]
+    ]
+
+
+def localizer_of(places, pairs, **settings):
+    """Return a localizer that knows the distances of some pairs to 0.1 %."""
+    defaults = {
+        'robots': tuple(places),
+        'max_speed_m_s': 0.0,
+        'max_turn_rate_rad_s': 0.0,
+        'range_error': RangeErrorModel(min_error_relative=-1e-3, max_error_relative=1e-3),
+        'solver': SolverOptions(resolution=0.05, max_boxes=200),
+    }
+    localizer = Localizer(FleetConfig(**{**defaults, **settings}))
+    for first, second in pairs:
+        distance_m = math.dist(places[first], places[second])
+        assert localizer.add_range(first, second, distance_m, NOW_S, NOW_S) is None
+    return localizer
+
+
+def turned(places, hinge, names, angle_rad, sign=1.0):
+    """Return places with some points turned about another, or mirrored and turned."""
+    center = np.array(places[hinge])
+    rows = [
+        [math.cos(angle_rad), -math.sin(angle_rad)],
+        [math.sin(angle_rad), math.cos(angle_rad)],
+    ]
+    turn = np.array(rows)
+    arms = {name: np.multiply(np.array(places[name]) - center, (1.0, sign)) for name in names}
+    return places | {name: tuple(center + turn @ arm) for name, arm in arms.items()}
+
+
+def in_frame(places, origin, toward):
+    """Return the rows of places with the origin at a point and x to another."""
+    edge = np.subtract(places[toward], places[origin])
+    x, y = edge / np.linalg.norm(edge)
+    return (np.array(list(places.values())) - places[origin]) @ np.array([[x, -y], [y, x]])
+
+
+def is_in(placement, positions_m, slack_m=1e-9):
+    low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+    return ((low_m - slack_m <= positions_m) & (positions_m <= high_m + slack_m)).all()
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_every_turn_of_a_hinge_is_enclosed(sign):
+    estimate = localizer_of(TWO_FOURS, within(*FOURS)).step(NOW_S)
+    assert estimate.verdict is Verdict.COVERED
+    # The first four and its mirror image; the second turns through its own.
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert all(placement.flexible for placement in estimate.placements)
+    for angle_rad in np.linspace(0.0, 6.0, 13):
+        places = turned(TWO_FOURS, 'r4', ('r5', 'r6', 'r7'), angle_rad, sign)
+        positions_m = in_frame(places, 'r1', 'r2')
+        assert any(is_in(placement, positions_m) for placement in estimate.placements)
+
+
+def test_what_turns_has_the_bounding_box_of_its_ring():
+    pairs = [*within('r1 r2 r3'), ('r3', 'r4')]
+    places = {name: TWO_FOURS[name] for name in ('r1', 'r2', 'r3', 'r4')}
+    estimate = localizer_of(places, pairs).step(NOW_S)
+    arm_m = math.dist(places['r3'], places['r4'])
+    assert len(estimate.placements) == 2
+    for placement in estimate.placements:
+        width_m = np.ptp(placement.enclosure_m[3], axis=0)
+        assert (2.0 * arm_m <= width_m).all() and (width_m < 2.0 * arm_m + 0.1).all()
+        assert is_in(placement, placement.positions_m)
+
+
+def test_a_chain_of_robots_is_one_hypothesis():
+    """Nothing in it is rigid, so that it turns into its own mirror image."""
+    places = {name: TWO_FOURS[name] for name in ('r1', 'r2', 'r3')}
+    (placement,) = localizer_of(places, [('r1', 'r2'), ('r2', 'r3')]).step(NOW_S).placements
+    assert placement.flexible
+    for sign in (1.0, -1.0):
+        assert is_in(placement, in_frame(places, 'r1', 'r2') * [1.0, sign])
+
+
+def strip(length):
+    """Return the corners of a strip of fours, two by two, and the pairs within the fours."""
+    rng = np.random.default_rng(1)
+    names = [f's{k}' for k in range(2 * length + 2)]
+    places = {
+        name: (4.0 * (k // 2) + rng.uniform(-0.5, 0.5), 3.0 * (k % 2) + rng.uniform(-0.5, 0.5))
+        for k, name in enumerate(names)
+    }
+    fours = [' '.join(names[2 * k : 2 * k + 4]) for k in range(length)]
+    return places, sorted(set(within(*fours)))
+
+
+@pytest.mark.parametrize('length', [2, 3, 20])
+def test_hypotheses_are_counted_without_being_listed(length):
+    places, pairs = strip(length)
+    estimate = localizer_of(places, pairs, max_hypotheses=4).step(NOW_S)
+    assert estimate.verdict is Verdict.COVERED
+    assert estimate.n_hypotheses == 2**length
+    assert len(estimate.placements) == 4
+    if length == 2:
+        truth_m = in_frame(places, 's0', 's1')
+        assert any(is_in(placement, truth_m) for placement in estimate.placements)
+
+
+def test_anchors_leave_the_folds_of_the_rest():
+    places, pairs = strip(3)
+    anchors = {name: Anchor(places[name]) for name in ('s0', 's1', 's2')}
+    estimate = localizer_of(places, pairs, anchors=anchors).step(NOW_S)
+    assert estimate.n_hypotheses == len(estimate.placements) == 4
+    truth_m = np.array(list(places.values()))
+    assert any(is_in(placement, truth_m) for placement in estimate.placements)
+
+
+def test_a_range_would_fix_a_hinge():
+    localizer = localizer_of(TWO_FOURS, within(*FOURS))
+    estimate = localizer.step(NOW_S)
+    assert estimate.rigid_groups == tuple(tuple(four.split()) for four in FOURS)
+    # The pair with the longest arms: r1 is 8.5 m from the hinge, r5 5.7 m.
+    assert estimate.would_fix == ('range r1 - r5 would fix the hinge at r4',)
+    assert estimate.would_fix[0] in estimate.reason
+    distance_m = math.dist(TWO_FOURS['r1'], TWO_FOURS['r5'])
+    localizer.add_range('r1', 'r5', distance_m, NOW_S, NOW_S)
+    assert not any(placement.flexible for placement in localizer.step(NOW_S).placements)
+
+
+def test_a_range_across_would_decide_a_reflection():
+    places, pairs = strip(2)
+    localizer = localizer_of(places, pairs)
+    estimate = localizer.step(NOW_S)
+    assert estimate.n_hypotheses == 4
+    (text,) = estimate.would_fix
+    assert text.endswith('or bearings would decide the reflection in s2, s3')
+    first, second = text.split()[1], text.split()[3]
+    assert {first, second} <= set(places) - {'s2', 's3'}
+    distance_m = math.dist(places[first], places[second])
+    localizer.add_range(first, second, distance_m, NOW_S, NOW_S)
+    fixed = localizer.step(NOW_S)
+    assert (fixed.n_hypotheses, fixed.would_fix) == (2, ())
+
+
+def test_a_decided_reflection_needs_nothing():
+    places, pairs = strip(2)
+    localizer = localizer_of(places, pairs, bearing_half_width_rad=0.01)
+    for target in ('s0', 's3', 's4'):
+        ray = [*np.subtract(places[target], places['s2']), 0.0]
+        assert localizer.add_bearing('s2', target, ray, NOW_S, NOW_S) is None
+    estimate = localizer.step(NOW_S)
+    assert (estimate.n_hypotheses, estimate.would_fix) == (1, ())
+
+
+@pytest.mark.parametrize(
+    ('counts', 'dimension', 'missing'),
+    [
+        ((4, 4, 1), 2, 1),
+        ((2, 2, 1), 2, 1),
+        ((4, 4, 0), 2, 3),
+        ((4, 1, 0), 2, 2),
+        ((5, 5, 2), 3, 1),
+        ((5, 5, 1), 3, 3),
+        ((5, 2, 1), 3, 2),
+        ((5, 5, 0), 3, 6),
+    ],
+)
+def test_as_many_ranges_are_missing_as_pieces_are_free(counts, dimension, missing):
+    assert missing_ranges(*counts, dimension) == missing
+
+
+def test_in_space_a_shared_robot_leaves_three_ranges():
+    rng = np.random.default_rng(3)
+    names = [f'r{k}' for k in range(1, 10)]
+    places = {name: tuple(rng.uniform(0.0, 9.0, 3)) for name in names}
+    fives = ('r1 r2 r3 r4 r5', 'r5 r6 r7 r8 r9')
+    estimate = localizer_of(places, within(*fives), dimension=3).step(NOW_S)
+    assert estimate.rigid_groups == tuple(tuple(five.split()) for five in fives)
+    assert estimate.would_fix == (
+        '3 ranges between r1, r2, r3, r4 and r6, r7, r8, r9 would fix the joint at r5',
+    )
+
+
+def test_what_nothing_joins_needs_more_ranges():
+    pairs = within('r1 r2 r3', 'r5 r6 r7')
+    estimate = localizer_of(TWO_FOURS, pairs).step(NOW_S)
+    assert estimate.would_fix == ('3 ranges to other robots would join r5, r6, r7 to the rest',)
+    assert estimate.rigid_groups == (('r1', 'r2', 'r3'), ('r5', 'r6', 'r7'))
