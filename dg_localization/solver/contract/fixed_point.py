@@ -158,9 +158,7 @@ class Contractor:
         box, points = work.boxes[0], work.points[0]
         n_local = LOCAL_POINTS[self._dimension - 1]
         for sweep in range(goal.max_sweeps):
-            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(
-                box, work.distance, points, n_points
-            ):
+            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, work.distance, points):
                 return Status.EMPTY
             axes = rank_axes(box, self.axes)
             if sweep == 0 and n_points > n_local:

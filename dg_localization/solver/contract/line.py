@@ -85,8 +85,9 @@ def _restrict(
 
 
 @kernel(inlined=True)
-def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
+def _set_roots(box: FloatArray, distance: FloatArray, points: IntArray) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
+    count = len(points)
     for x in range(count):
         i = points[x]
         for y in range(x + 1, count):
@@ -131,7 +132,6 @@ def reduce_line(
     box: FloatArray,
     distance: FloatArray,
     points: IntArray,
-    count: int,
     n_through: int,
     merged: int,
     sigma: NDArray[np.int8],
@@ -146,9 +146,7 @@ def reduce_line(
     distance : ndarray, shape (4, n, n)
         Scratch space for the distances in m.
     points : ndarray of int
-        The points on the line; the first `count` entries count.
-    count : int
-        Number of points.
+        The points on the line.
     n_through : int
         Number of points, the first ones, that the others are compared through.
     merged : int
@@ -163,7 +161,8 @@ def reduce_line(
         False when no arrangement on a line is left.
 
     """
-    _roots(box, distance, points, count)
+    count = len(points)
+    _set_roots(box, distance, points)
     for z in range(min(count, n_through)):
         j = points[z]
         for x in range(count):

@@ -59,7 +59,7 @@ class Pruner:
         box = np.zeros((4, n_points, n_points))
         box[LOWER] = self.problem.lower
         box[UPPER] = self.problem.upper
-        left = smooth_triangles(box, np.empty_like(box), np.arange(n_points), n_points)
+        left = smooth_triangles(box, np.empty_like(box), np.arange(n_points))
         return box if left else None
 
     def prune(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
