@@ -209,7 +209,7 @@ def back_project(
     b: int,
 ) -> bool:
     """
-    Narrow `box` in place by what was learnt in the space orthogonal to an axis (Section 4.3).
+    Narrow `box` in place by its projection, after that was reduced (Section 4.3).
 
     Parameters
     ----------

@@ -44,11 +44,11 @@ LEAST_GAIN = 0.05
 """A sweep that shortens no range by more than this fraction is the last."""
 
 LEAST_GAP = 0.1
-"""A gap narrower than this fraction of the resolution is not worth a split."""
+"""A gap narrower than this fraction of the resolution does not split a box."""
 
 
 leave_early = nullcontext if COMPILED else until
-"""Compiled kernels end soon; in Python one has to be left in the middle when time is up."""
+"""Compiled kernels return soon; one in Python has to be left when the time is up."""
 
 
 class Pruned(NamedTuple):
@@ -68,7 +68,7 @@ class Goal(NamedTuple):
     Parameters
     ----------
     resolution_m : float
-        It ends when every distance is known to this many metres,
+        It ends when every distance is known to this many meters,
     explained_factor : float
         or no range is more than so many times wider than the measurement errors explain,
     max_sweeps : int
@@ -139,7 +139,7 @@ class Contractor:
         """
         self._work.boxes[0] = box
         if self._n_points > MOST_THROUGH:
-            # They were ranked for the last axis of another box.
+            # They are still in the order of the last axis of another box.
             self._work.points[0] = self._in_order
         explained = np.zeros((self._n_points, self._n_points))
         status, left = Status.UNFINISHED, box
@@ -191,7 +191,7 @@ class Contractor:
             if status is not None:
                 return status
             if widest_gap_m(box) > LEAST_GAP * goal.resolution_m:
-                # The two parts will be looked at one by one; until then they blur each other.
+                # Each part alone contracts better than both together: leave them to the split.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED
             elif not combine(*groups, box, self._dimension, explained):

@@ -28,7 +28,7 @@ from dg_localization.solver.box import (
 )
 
 BOTH = 2
-"""The side of two points that are known to lie on the same side and on opposite ones."""
+"""The side of two points with constraints for the same side and for opposite ones."""
 
 
 @kernel(inlined=True)
@@ -44,7 +44,7 @@ def _restrict(
     """
     Intersect the two parts of pair (i, k) with a near and a far branch; False when empty.
 
-    The branches do not overlap: who calls has joined them if they do.
+    The branches do not overlap: the caller joins them where they do.
     """
     low = distance[LOWER, i, k]
     high = distance[UPPER, i, k]

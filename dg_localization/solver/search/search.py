@@ -82,7 +82,7 @@ def _common_parts(
 
 
 def _n_workers(problem: Problem) -> int:
-    """Return on how many processors to examine boxes: small ones are not worth the change."""
+    """Return how many boxes to examine at a time; threads do not pay for small ones."""
     if problem.n_points < POINTS_PER_WORKER:
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else 1
@@ -115,7 +115,7 @@ def _cover(
 
 
 def _tighten_kept(cover: Cover, pruner: Pruner, slices: int, budget: Budget) -> None:
-    """Tighten what was kept; a box may turn out to be empty after all."""
+    """Tighten the boxes that were kept; one that turns out to be empty is dropped."""
     tightened = [tighten(pruner, box, slices, budget.stopped) for box in cover.kept]
     left = [box for box in tightened if box is not None]
     cover.empty += len(cover.kept) - len(left)
