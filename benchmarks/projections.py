@@ -169,7 +169,7 @@ class Bench:
         self.work.points[0] = np.arange(n_points)
         a, b = (int(end) for end in axis)
         if self.work.boxes.shape[0] == 2:
-            left = reduction.reduce_plane(self.work, self.sides, 0, n_points, a, b, a, b, -1)
+            left = reduction.reduce_plane(self.work, self.sides, 0, n_points, a, b, (a, b, -1))
         else:
             left = reduction.reduce_space(self.work, self.sides, n_points, a, b)
         assert left, 'a box that holds a placement was found empty'
@@ -353,13 +353,13 @@ def study_order() -> dict[str, dict[str, list[float]]]:
 def reduce_through(work: Workspace, level: int, count: int, a: int, b: int, through: int) -> bool:
     """Project a plane to the line and back, comparing points through the first `through`."""
     box, projected, coordinates = work.boxes[level], work.boxes[level + 1], work.coordinates[level]
-    points, projected_points = work.points[level], work.points[level + 1]
-    left = project(box, projected, coordinates, points, count, projected_points, a, b)
+    points, projected_points = work.points[level, :count], work.points[level + 1]
+    left = project(box, projected, coordinates, points, projected_points, a, b)
     if left < 0 or not reduce_line(
-        projected, work.distance, projected_points, left, through, -1, work.sigma
+        projected, work.distance, projected_points[:left], through, -1, work.sigma
     ):
         return False
-    return back_project(box, projected, coordinates, projected_points, left, a, b)
+    return back_project(box, projected, coordinates, projected_points[:left], a, b)
 
 
 @kernel
@@ -383,12 +383,12 @@ def sweep_through(work: Workspace, axes: IntArray, count: int, through: int) -> 
             reduce_through(work, 0, count, a, b, through)
             continue
         projected, coordinates = work.boxes[1], work.coordinates[0]
-        left = project(box, projected, coordinates, work.points[0], count, work.points[1], a, b)
+        left = project(box, projected, coordinates, work.points[0, :count], work.points[1], a, b)
         for y in range(1, left):
             e = work.points[1, y]
             if is_axis(projected, a, e):
                 reduce_through(work, 1, left, a, e, through)
-        back_project(box, projected, coordinates, work.points[1], left, a, b)
+        back_project(box, projected, coordinates, work.points[1, :left], a, b)
     return applied
 
 
@@ -433,7 +433,7 @@ def study_points() -> None:
 def reduce_space_off_faces(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
     """Project space along (a, b) to a plane, reduce that along axes off (a, b), and return."""
     box, plane, coordinates = work.boxes[0], work.boxes[1], work.coordinates[0]
-    left = project(box, plane, coordinates, work.points[0], count, work.points[1], a, b)
+    left = project(box, plane, coordinates, work.points[0, :count], work.points[1], a, b)
     if left < 0:
         return False
     for x in range(1, left):
@@ -441,10 +441,10 @@ def reduce_space_off_faces(work: Workspace, sides: Sides, count: int, a: int, b:
         for y in range(x + 1, left):
             e = work.points[1, y]
             if is_axis(plane, d, e) and not reduction.reduce_plane(
-                work, sides, 1, left, d, e, -1, -1, -1
+                work, sides, 1, left, d, e, reduction.NO_FACE
             ):
                 return False
-    return back_project(box, plane, coordinates, work.points[1], left, a, b)
+    return back_project(box, plane, coordinates, work.points[1, :left], a, b)
 
 
 def skip_axes(*_: Any) -> bool:

@@ -126,7 +126,6 @@ ROUNDING_NAMES = {
     'UNIT',
     'TINIEST',
     'ANGLE_ROUNDING',
-    'ROUNDING_RAD',
 }
 ROUNDING_SIZES = (1e-18, 5e-14)
 """A literal between these is about as large as a unit in the last place of a number near 1."""

@@ -1,7 +1,7 @@
 """
 Angles and their sines and cosines, rounded outward, for numbers and numpy arrays.
 
-IEEE 754 says nothing about the functions of the C library. Those of glibc and numpy err by less
+IEEE 754 says nothing about the functions of the C library. Those of glibc and NumPy err by less
 than four units in the last place, at most 1.8e-15 for an angle below 2 pi. `ANGLE_ROUNDING` is
 added to a result of such a function, or to an angle that a few of them computed.
 """
@@ -34,7 +34,7 @@ def angle_up(angle_rad: Number) -> Number:
     ----------
     angle_rad : float or ndarray
         Sum of a few angles below 2 pi, computed by functions like `atan2` from unit vectors; or
-        such a half width, to which the error of its centre is to be added.
+        such a half width, to which the error of its center is to be added.
 
     Returns
     -------

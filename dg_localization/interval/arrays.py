@@ -14,9 +14,6 @@ from numpy.typing import ArrayLike
 
 from dg_localization.interval.rounding import LARGEST, TINIEST, UNIT
 
-ROUNDING_RAD = 1e-14
-"""The old name of `angles.ANGLE_ROUNDING`."""
-
 
 def up(values: ArrayLike) -> np.ndarray:
     """Return numbers above the exact values whose nearest doubles are `values`."""
@@ -53,9 +50,9 @@ class Interval:
     upper: np.ndarray
 
     @staticmethod
-    def around(centre: np.ndarray | float, radius: np.ndarray | float) -> Interval:
-        """Return [centre - radius, centre + radius]."""
-        return Interval(down(np.subtract(centre, radius)), up(np.add(centre, radius)))
+    def around(center: np.ndarray | float, radius: np.ndarray | float) -> Interval:
+        """Return [center - radius, center + radius]."""
+        return Interval(down(np.subtract(center, radius)), up(np.add(center, radius)))
 
     @staticmethod
     def between(lower: ArrayLike, upper: ArrayLike) -> Interval:

@@ -10,8 +10,8 @@ and where that product underflows the second term is the unit itself. Adding a m
 unit and rounding to nearest cannot fall short of the next number, because rounding is monotone.
 The step is branch-free and scales exactly with powers of two.
 
-An operation that overflows says only that its exact result is beyond the largest double, which is
-then the bound on the near side. So `down` never returns +inf nor `up` -inf, and sums of bounds are
+Where an operation overflows, its exact result is beyond the largest double, which is then the
+bound on the near side. So `down` never returns +inf and `up` never -inf, and sums of bounds are
 never inf - inf (docs/rigor.md).
 """
 

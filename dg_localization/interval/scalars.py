@@ -12,7 +12,8 @@ last place at either end, zero by the least positive number, and an end near the
 number by three of those. Division by an interval with zero
 inside gives the hull of its two half-lines, where the standard's two-output division would give
 them apart; `reverse_square` is sqrRev with its second argument. Decorations, NaI and mid-rad forms
-do not exist here: what is undefined is left out, and who needs to know looks at the operands.
+do not exist here: arguments outside the domain of a function are ignored, and a caller that needs
+to know inspects the operands.
 """
 
 from __future__ import annotations
@@ -133,8 +134,8 @@ def reverse_square(
     """Bound the x of [low, high] whose square lies in [square_low, square_high]."""
     if square_low > square_high or square_high < 0.0:
         return math.inf, -math.inf
-    near = sqrt_down(square_low)
-    far = sqrt_up(square_high)
-    minus_low, minus_high = intersection(low, high, -far, -near)
-    plus_low, plus_high = intersection(low, high, near, far)
+    least = sqrt_down(square_low)
+    largest = sqrt_up(square_high)
+    minus_low, minus_high = intersection(low, high, -largest, -least)
+    plus_low, plus_high = intersection(low, high, least, largest)
     return hull(minus_low, minus_high, plus_low, plus_high)

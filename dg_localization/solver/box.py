@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 @kernel(borrows=True)
 def copy_box(source: FloatArray, target: FloatArray) -> None:
-    """Write one box over another; numba copies a slice twice, in case the two overlap."""
+    """Copy a box; numba copies a slice twice, in case source and target overlap."""
     n_planes, n_points, _ = source.shape
     for plane in range(n_planes):
         for i in range(n_points):
@@ -44,7 +44,7 @@ def sub_box(box: FloatArray, points: IntArray) -> FloatArray:
 
 @kernel(borrows=True)
 def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
-    """Intersect pair (i, j) with [low, high], skip past its gap, and tell whether it is left."""
+    """Intersect pair (i, j) with [low, high], its gap left out; return whether it is not empty."""
     low = max(low, box[LOWER, i, j])
     high = min(high, box[UPPER, i, j])
     gap_low = box[GAP_LOWER, i, j]
@@ -65,10 +65,10 @@ def narrow(box: FloatArray, i: int, j: int, low: float, high: float) -> bool:
 @kernel(borrows=True)
 def exclude(box: FloatArray, i: int, j: int, gap_low: float, gap_high: float) -> bool:
     """
-    Remove the open interval (gap_low, gap_high) from pair (i, j); tell whether something is left.
+    Remove an open interval from pair (i, j); return whether anything is left.
 
-    An interval over an end of the range shortens the range. An inner one becomes the pair's gap:
-    joined with the known gap where the two overlap, else the wider of the two is remembered.
+    At an end of the bounds it moves that end. An inner one becomes the gap of the pair: joined
+    with the known gap where the two overlap, else the wider of the two is kept.
     """
     if gap_low >= gap_high:
         return True

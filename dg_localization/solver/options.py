@@ -1,4 +1,4 @@
-"""How far the solver goes, and who may stop it."""
+"""Options of the solver: its resolution and its limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class SolverOptions:
     Parameters
     ----------
     resolution : float
-        A box is finished when all its distances are known to this many metres.
+        A box is finished when all its distances are known to this many meters.
     max_boxes : int
         Most boxes to process.
     max_seconds : float
@@ -52,7 +52,7 @@ class SolverOptions:
 
 
 class Cancel(Protocol):
-    """Whatever says that nobody wants the answer any more, such as a `threading.Event`."""
+    """An object that can cancel a search, such as a `threading.Event`."""
 
     def is_set(self) -> bool:
         """Return whether to stop."""

@@ -1,4 +1,4 @@
-"""What is asked of the solver: interval distances, sides and chiralities (Section 3)."""
+"""The problem to solve: bounds of distances, known sides and chiralities (Section 3)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class InvalidProblemError(ValueError):
-    """A problem that is malformed, as opposed to one whose measurements contradict each other."""
+    """A malformed problem; contradictory measurements are a verdict, not an error."""
 
 
 class Side(IntEnum):
@@ -37,7 +37,7 @@ class SideConstraint:
     first, second : int
         The two points compared.
     side : Side
-        The sigma of Section 3; ``Side.FREE`` says nothing.
+        The sigma of Section 3; ``Side.FREE`` is no constraint.
 
     """
 
@@ -97,13 +97,13 @@ class Problem:
     ----------
     lower, upper : array_like, shape (n, n)
         Bounds of the squared distances in m^2, symmetric, with zero diagonal. ``upper = inf``
-        means that there is no upper bound; a pair nothing is known of is ``[0, inf]``.
+        means that there is no upper bound; an unknown pair is ``[0, inf]``.
     dimension : int, optional
         The dimension q of the space: 1, 2 or 3.
     sides : sequence of SideConstraint, optional
         Known sides.
     chiralities : sequence of Chirality, optional
-        Known handedness. Without any, a placement and its mirror image cannot be told apart.
+        Known chiralities. Without any, a placement and its mirror image are not distinguished.
 
     Raises
     ------

@@ -116,7 +116,7 @@ def load_kernels() -> float:
         return 0.0
     options = SolverOptions(max_boxes=8)
     for dimension in (2, 3):
-        # Two simplices that share a face, a bar, and a point that nobody knows.
+        # Two simplices that share a face, a bar, and a point without any measurement.
         n_points = dimension + 4
         upper = np.full((n_points, n_points), np.inf)
         upper[: dimension + 2, : dimension + 2] = 1.0

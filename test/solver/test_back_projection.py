@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.contract.back_projection import _far_side_range, back_project
+from dg_localization.solver.contract.back_projection import back_project, far_squared_distance
 from dg_localization.solver.contract.projection import project
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
@@ -19,30 +19,30 @@ def holds(bounds, exact):
     return bool(np.all((bounds[0] <= exact) & (exact <= bounds[1])))
 
 
-def projected(box):
-    """Return (shadow, coordinates, shadow points) of a box along `AXIS`."""
+def project_along_axis(box):
+    """Return (projected box, coordinates, projected points) of a box along `AXIS`."""
     n_points = box.shape[1]
-    shadow = np.zeros_like(box)
+    projected = np.zeros_like(box)
     coordinates = np.zeros((2, n_points))
-    shadow_points = np.zeros(n_points, dtype=np.int64)
+    projected_points = np.zeros(n_points, dtype=np.int64)
     points = np.arange(n_points, dtype=np.int64)
-    count = project(box, shadow, coordinates, points, n_points, shadow_points, *AXIS)
+    count = project(box, projected, coordinates, points, projected_points, *AXIS)
     assert count > 0
-    return shadow, coordinates, shadow_points, count
+    return projected, coordinates, projected_points[:count]
 
 
-def exact_shadow(squared):
+def exact_projection(squared):
     """Return the projected squared distances as rationals, for integer input."""
     a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[AXIS])
     numerators = [x - y + c for x, y in zip(a, b, strict=True)]
     n_points = len(a)
-    shadow = np.full((n_points, n_points), Fraction(0))
+    projected = np.full((n_points, n_points), Fraction(0))
     for i in range(2, n_points):
-        shadow[0, i] = shadow[i, 0] = a[i] - Fraction(numerators[i] ** 2, 4 * c)
+        projected[0, i] = projected[i, 0] = a[i] - Fraction(numerators[i] ** 2, 4 * c)
         for j in range(2, n_points):
             along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
-            shadow[i, j] = int(squared[i, j]) - along
-    return shadow
+            projected[i, j] = int(squared[i, j]) - along
+    return projected
 
 
 def outward(x, relative_width=0.0):
@@ -69,7 +69,7 @@ def test_the_far_side_is_bounded_by_its_exact_range(seed):
         for t in map(Fraction, t_ends)
         for d in map(Fraction, lengths)
     ]
-    low, high = _far_side_range(*a_ends, *t_ends, *d_ends)
+    low, high = far_squared_distance(*a_ends, *t_ends, *d_ends)
     slack = Fraction(1e-14 * 1000.0 * scale**2)
     assert low <= min(exact) <= low + slack
     assert high - slack <= max(exact) <= high
@@ -77,7 +77,7 @@ def test_the_far_side_is_bounded_by_its_exact_range(seed):
 
 @pytest.mark.parametrize('seed', range(200))
 def test_nothing_is_lost_on_the_way_back(seed):
-    """With a reduced shadow around the exact one, the exact distances stay in the box."""
+    """With a reduced projected box around the exact one, the exact distances stay in the box."""
     rng = np.random.default_rng(seed)
     dimension = int(rng.integers(2, 4))
     n_points = int(rng.integers(3, 7))
@@ -94,16 +94,16 @@ def test_nothing_is_lost_on_the_way_back(seed):
     if pair[0] != pair[1]:
         box[1][tuple(pair)] = box[1][tuple(pair[::-1])] = math.inf
     before = box.copy()
-    shadow, coordinates, shadow_points, count = projected(box)
-    shadow_width = float(rng.choice([0.0, 1e-6, 0.1]))
-    exact = exact_shadow(squared)
+    projected, coordinates, projected_points = project_along_axis(box)
+    width_of_projected = float(rng.choice([0.0, 1e-6, 0.1]))
+    exact = exact_projection(squared)
     for i in (0, *range(2, n_points)):
         for j in (0, *range(2, n_points)):
             if i != j:
-                low, high = outward(exact[i, j], shadow_width)
-                shadow[0, i, j] = max(shadow[0, i, j], low)
-                shadow[1, i, j] = min(shadow[1, i, j], high)
-    assert back_project(box, shadow, coordinates, shadow_points, count, *AXIS)
+                low, high = outward(exact[i, j], width_of_projected)
+                projected[0, i, j] = max(projected[0, i, j], low)
+                projected[1, i, j] = min(projected[1, i, j], high)
+    assert back_project(box, projected, coordinates, projected_points, *AXIS)
     assert holds(box, squared)
     assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all()
     root = math.sqrt(squared[AXIS])
@@ -112,18 +112,18 @@ def test_nothing_is_lost_on_the_way_back(seed):
     assert (coordinates[1, 2:] >= along[2:] - 1e-12).all()
 
 
-def test_an_unknown_pair_follows_from_its_shadow():
+def test_an_unknown_pair_follows_from_its_projection():
     """s_ij = (t_i - t_j)^2 + s'_ij, all else being exact (Eq. 21)."""
     positions = np.array([[0, 0], [5, 0], [2, 7], [-3, 4]])
     squared = squared_distances(positions)
     box = box_of(1.0 * squared, 1.0 * squared)
     box[1, 2, 3] = box[1, 3, 2] = math.inf
     box[0, 2, 3] = box[0, 3, 2] = 0.0
-    shadow, *rest = projected(box)
-    assert shadow[1, 2, 3] == math.inf
+    projected, *rest = project_along_axis(box)
+    assert projected[1, 2, 3] == math.inf
     for pair in ((2, 3), (3, 2)):
-        shadow[0][pair] = shadow[1][pair] = 9.0
-    assert back_project(box, shadow, *rest, *AXIS)
+        projected[0][pair] = projected[1][pair] = 9.0
+    assert back_project(box, projected, *rest, *AXIS)
     assert holds(box, squared)
     assert box[1, 2, 3] - box[0, 2, 3] < 1e-11
 
@@ -140,10 +140,10 @@ def test_a_wide_side_follows_from_the_height(wide):
     box = box_of(1.0 * squared, 1.0 * squared)
     box[0][wide] = box[0][wide[::-1]] = 0.8 * squared[wide]
     box[1][wide] = box[1][wide[::-1]] = 1.2 * squared[wide]
-    shadow, *rest = projected(box)
-    shadow[:2, 0, 2] = shadow[:2, 2, 0] = 9.0
+    projected, *rest = project_along_axis(box)
+    projected[:2, 0, 2] = projected[:2, 2, 0] = 9.0
     for _ in range(3):
-        assert back_project(box, shadow, *rest, *AXIS)
+        assert back_project(box, projected, *rest, *AXIS)
     assert holds(box, squared)
     assert box[1][wide] - box[0][wide] < 1e-10
 
@@ -154,10 +154,10 @@ def test_a_gap_of_the_height_becomes_a_gap_of_the_sides():
     box = box_of(1.0 * squared, 1.0 * squared)
     for end in AXIS:
         box[:2, end, 2] = box[:2, 2, end] = [25.0, 75.0]
-    shadow, coordinates, *rest = projected(box)
+    projected, coordinates, *rest = project_along_axis(box)
     coordinates[:, 2] = 5.0
-    shadow[:, 0, 2] = shadow[:, 2, 0] = [0.0, 50.0, 10.0, 40.0]
-    assert back_project(box, shadow, coordinates, *rest, *AXIS)
+    projected[:, 0, 2] = projected[:, 2, 0] = [0.0, 50.0, 10.0, 40.0]
+    assert back_project(box, projected, coordinates, *rest, *AXIS)
     for end in AXIS:
         gap_low, gap_high = box[2:, end, 2]
         assert 35.0 <= gap_low < 35.0 + 1e-9
@@ -168,6 +168,6 @@ def test_a_height_that_no_triangle_has_is_a_proof():
     positions = np.array([[0, 0], [10, 0], [5, 3]])
     squared = squared_distances(positions)
     box = box_of(1.0 * squared, 1.0 * squared)
-    shadow, *rest = projected(box)
-    shadow[:2, 0, 2] = shadow[:2, 2, 0] = 16.0
-    assert not back_project(box, shadow, *rest, *AXIS)
+    projected, *rest = project_along_axis(box)
+    projected[:2, 0, 2] = projected[:2, 2, 0] = 16.0
+    assert not back_project(box, projected, *rest, *AXIS)

@@ -30,7 +30,7 @@ def test_smoothing_turns_d1_into_d2(paper_fleet):
     problem = paper_fleet.problem()
     box = box_of(problem.lower, problem.upper)
     points = np.arange(paper_fleet.N_POINTS)
-    assert smooth_triangles(box, np.zeros_like(box), points, len(points))
+    assert smooth_triangles(box, np.zeros_like(box), points)
     for pair, ends in PAPER_D2.items():
         assert box[:2][:, *pair] == pytest.approx(ends, abs=0.02), pair
 

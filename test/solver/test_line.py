@@ -20,7 +20,7 @@ def reduce(box, merged=-1, sigma=None):
     if sigma is None:
         sigma = np.zeros((n_points, n_points), dtype=np.int8)
     points = np.arange(n_points, dtype=np.int64)
-    return reduce_line(box, np.zeros_like(box), points, n_points, n_points, merged, sigma)
+    return reduce_line(box, np.zeros_like(box), points, n_points, merged, sigma)
 
 
 def three_points(ranges_m):

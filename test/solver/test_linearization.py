@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 from solver_cases import box_of, squared_distances
 
 from dg_localization.solver.contract.linear import contract_linear
-from dg_localization.solver.contract.linearization import bound_linear_function
+from dg_localization.solver.contract.linearization import Linearization, bound_linear_function
 from dg_localization.solver.contract.status import Status
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
@@ -32,49 +32,49 @@ def test_any_multipliers_bound_a_linear_function(seed):
     n_points, dimension = int(rng.integers(2, 6)), int(rng.integers(1, 4))
     unit = 2.0 ** rng.choice([-400, -30, 0, 370])
     reference = rng.integers(-(2**24), 2**24 + 1, (n_points, dimension)) * unit
-    moves = rng.integers(-(2**20), 2**20 + 1, (n_points, dimension)) * unit / 2**30
+    displacements = rng.integers(-(2**20), 2**20 + 1, (n_points, dimension)) * unit / 2**30
     edges = np.array(list(combinations(range(n_points), 2)), dtype=np.int64)
-    exact_moves = [[Fraction(x) for x in row] for row in moves.tolist()]
-    surplus = []
+    exact = [[Fraction(x) for x in row] for row in displacements.tolist()]
+    residuals = []
     for i, j in edges.tolist():
         arms = (reference[i] - reference[j]).tolist()
         along = [2 * Fraction(arm) for arm in arms]
-        bends = [x - y for x, y in zip(exact_moves[i], exact_moves[j], strict=True)]
-        surplus.append(outward(sum(a * b for a, b in zip(along, bends, strict=True))))
-    weights = rng.normal(size=len(edges)) * rng.choice([0.0, 1e-300, 1.0, 1e300], len(edges))
+        relative = [x - y for x, y in zip(exact[i], exact[j], strict=True)]
+        residuals.append(outward(sum(a * b for a, b in zip(along, relative, strict=True))))
+    multipliers = rng.normal(size=len(edges)) * rng.choice([0.0, 1e-300, 1.0, 1e300], len(edges))
     if rng.random() < 0.3:
-        weights[rng.integers(len(edges))] = rng.choice([math.inf, -math.inf, math.nan])
+        multipliers[rng.integers(len(edges))] = rng.choice([math.inf, -math.inf, math.nan])
     target = rng.normal(size=(n_points, dimension))
-    slack = np.abs(moves) * rng.choice([0.0, 1.0]) + 0.0
-    low, high = bound_linear_function(
-        weights,
-        np.array(surplus),
-        target,
+    slack = np.abs(displacements) * rng.choice([0.0, 1.0]) + 0.0
+    linear = Linearization(
         reference,
-        np.stack([moves - slack, moves + slack], axis=1),
         edges,
+        np.arange(n_points * dimension).reshape(n_points, dimension),
+        np.stack([displacements - slack, displacements + slack], axis=1),
+        np.array(residuals),
         np.empty((2, n_points, dimension)),
     )
-    exact = sum(
+    low, high = bound_linear_function(linear, multipliers, target)
+    value = sum(
         Fraction(t) * e
-        for row, displacements in zip(target.tolist(), exact_moves, strict=True)
-        for t, e in zip(row, displacements, strict=True)
+        for row, of_point in zip(target.tolist(), exact, strict=True)
+        for t, e in zip(row, of_point, strict=True)
     )
-    assert low <= exact <= high
+    assert low <= value <= high
 
 
 @pytest.mark.parametrize('multiplier', [math.nan, math.inf, -math.inf])
 def test_multipliers_that_are_no_numbers_bound_nothing(multiplier):
     ones = np.ones((2, 1))
-    bounds = bound_linear_function(
-        np.array([multiplier]),
-        np.array([[1.0, 2.0]]),
-        ones,
-        np.array([[0.0], [1.0]]),
-        np.array([[[-1.0], [1.0]]] * 2),
-        np.array([[0, 1]]),
-        np.empty((2, 2, 1)),
+    linear = Linearization(
+        reference=np.array([[0.0], [1.0]]),
+        edges=np.array([[0, 1]]),
+        unknowns=np.array([[0], [1]]),
+        displacements=np.array([[[-1.0], [1.0]]] * 2),
+        residuals=np.array([[1.0, 2.0]]),
+        remainder=np.empty((2, 2, 1)),
     )
+    bounds = bound_linear_function(linear, np.array([multiplier]), ones)
     assert bounds == (-math.inf, math.inf)
 
 

@@ -10,7 +10,8 @@ from solver_cases import bounds, box_of, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint
 from dg_localization.solver.place.hypotheses import components, place_everywhere
-from dg_localization.solver.place.placements import agrees, orientations, place
+from dg_localization.solver.place.placements import place
+from dg_localization.solver.place.proofs import agrees, chirality_signs
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 
@@ -33,7 +34,7 @@ def test_signs_of_determinants_are_exact(seed):
         entry = tuple(rng.integers(0, points.shape))
         points[entry] = math.nextafter(points[entry], math.inf)
     exact = orientation([[Fraction(x) for x in point] for point in points.tolist()])
-    assert orientations(points, np.arange(dimension + 1)[None]).tolist() == [exact]
+    assert chirality_signs(points, np.arange(dimension + 1)[None]).tolist() == [exact]
 
 
 def test_a_product_that_underflows_is_not_taken_for_zero():
@@ -41,7 +42,7 @@ def test_a_product_that_underflows_is_not_taken_for_zero():
     tiny = 2.0**-538
     points = np.array([[0, 0, 0], [2.0**900, 1, 0], [2.0**300, tiny, 0], [0, 0, tiny]])
     assert orientation([[Fraction(x) for x in point] for point in points.tolist()]) == 1
-    assert orientations(points, np.arange(4)[None]).tolist() == [1]
+    assert chirality_signs(points, np.arange(4)[None]).tolist() == [1]
 
 
 @LAWS

@@ -153,6 +153,14 @@ def test_squared_height_tells_impossible_triangles():
     assert low > high
 
 
+def difference_of_coordinates(ends, d_low, d_high):
+    """Bound t_2 - t_3 along the axis from 0 to 1, with the ends of A_2, B_2, A_3 and B_3."""
+    box = np.zeros((4, 4, 4))
+    for pair, bounds in zip(((0, 2), (1, 2), (0, 3), (1, 3)), ends, strict=True):
+        box[:2, *pair] = box[:2, *pair[::-1]] = bounds
+    return coordinate_difference(box, 0, 1, 2, 3, d_low, d_high)
+
+
 @LAWS
 @given(st.integers(0, 2**32))
 def test_coordinate_difference_is_the_exact_range(seed):
@@ -160,7 +168,7 @@ def test_coordinate_difference_is_the_exact_range(seed):
     rng = np.random.default_rng(seed)
     ends = np.sort(rng.integers(0, 1000, size=(4, 2)) * rng.choice([1e-6, 1.0, 1e6]))
     d_low, d_high = np.sort(rng.integers(1, 100, size=2)) * float(rng.choice([1e-3, 1.0, 1e3]))
-    low, high = coordinate_difference(*ends.ravel().tolist(), d_low, d_high)
+    low, high = difference_of_coordinates(ends, d_low, d_high)
     corners = [
         (ai - bi - aj + bj) / (2 * d)
         for ai, bi, aj, bj in itertools.product(*(map(Fraction, pair) for pair in ends.tolist()))
@@ -173,21 +181,22 @@ def test_coordinate_difference_is_the_exact_range(seed):
 
 def test_coordinate_difference_on_an_axis_that_may_vanish():
     # The direction of an axis without length is anything.
-    assert coordinate_difference(*[1.0] * 8, 0.0, 1.0) == (-math.inf, math.inf)
-    apart = [1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    low, high = coordinate_difference(*apart, 0.0, 1.0)
+    alike = [(1.0, 1.0)] * 4
+    assert difference_of_coordinates(alike, 0.0, 1.0) == (-math.inf, math.inf)
+    apart = [(1.0, 2.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)]
+    low, high = difference_of_coordinates(apart, 0.0, 1.0)
     assert 0.0 <= low <= 0.5 and high == math.inf
 
 
 def project_box(box, a, b):
-    """Return (shadow, coordinates, shadow points) of a box; None when it is proved empty."""
+    """Return (projected box, coordinates, projected points); None where nothing is left."""
     n_points = box.shape[1]
-    shadow = np.zeros_like(box)
+    projected = np.zeros_like(box)
     coordinates = np.zeros((2, n_points))
-    shadow_points = np.zeros(n_points, dtype=np.int64)
+    projected_points = np.zeros(n_points, dtype=np.int64)
     points = np.arange(n_points, dtype=np.int64)
-    count = project(box, shadow, coordinates, points, n_points, shadow_points, a, b)
-    return None if count < 0 else (shadow, coordinates, shadow_points[:count].tolist())
+    count = project(box, projected, coordinates, points, projected_points, a, b)
+    return None if count < 0 else (projected, coordinates, projected_points[:count].tolist())
 
 
 @pytest.mark.parametrize('relative_width', [0.0, 1e-9, 0.05])
@@ -200,37 +209,37 @@ def test_project_holds_the_projected_fleet(dimension, relative_width):
         if squared[0, 1] == 0:
             continue
         box = box_of(squared * (1.0 - relative_width), squared * (1.0 + relative_width))
-        projected = project_box(box, 0, 1)
-        assert projected is not None
-        shadow, coordinates, points = projected
+        found = project_box(box, 0, 1)
+        assert found is not None
+        projected, coordinates, points = found
         assert points == [0, 2, 3, 4, 5]
         a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
         numerators = [x - y + c for x, y in zip(a, b, strict=True)]
         for i in points[1:]:
             assert is_in_range(numerators[i], c, *coordinates[:, i].tolist())
             height = a[i] - Fraction(numerators[i] ** 2, 4 * c)
-            assert shadow[0, 0, i] <= height <= shadow[1, 0, i]
+            assert projected[0, 0, i] <= height <= projected[1, 0, i]
             for j in points[1:]:
                 along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
                 across = int(squared[i, j]) - along
-                assert i == j or shadow[0, i, j] <= across <= shadow[1, i, j]
+                assert i == j or projected[0, i, j] <= across <= projected[1, i, j]
         if relative_width == 0.0:
-            assert np.max(shadow[1] - shadow[0]) <= 1e-11 * squared.max() ** 2 / c
+            assert np.max(projected[1] - projected[0]) <= 1e-11 * squared.max() ** 2 / c
 
 
 def test_project_carries_gaps_and_leaves_out_what_is_infinitely_far():
     squared = squared_distances(np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 1.0], [3.0, 9.0]]))
     box = box_of(squared, squared)
     box[:, 2, 3] = box[:, 3, 2] = [0.0, 100.0, 20.0, 60.0]
-    projected = project_box(box, 0, 1)
-    assert projected is not None
-    shadow = projected[0]
-    assert shadow[2, 2, 3] == pytest.approx(20.0) and shadow[2, 2, 3] >= 20.0
-    assert shadow[3, 2, 3] == pytest.approx(60.0) and shadow[3, 2, 3] <= 60.0
+    found = project_box(box, 0, 1)
+    assert found is not None
+    projected = found[0]
+    assert projected[2, 2, 3] == pytest.approx(20.0) and projected[2, 2, 3] >= 20.0
+    assert projected[3, 2, 3] == pytest.approx(60.0) and projected[3, 2, 3] <= 60.0
     box[1, 1, 3] = box[1, 3, 1] = math.inf
-    projected = project_box(box, 0, 1)
-    assert projected is not None
-    assert projected[2] == [0, 2]
+    found = project_box(box, 0, 1)
+    assert found is not None
+    assert found[2] == [0, 2]
 
 
 @LAWS
@@ -307,7 +316,8 @@ def test_a_quotient_that_overflows_is_a_bound():
     tiny_m = 1e-160
     low, high = axis_coordinate(0.0, 0.0, HUGE, HUGE, tiny_m, tiny_m)
     assert not math.isnan(low) and not math.isnan(high)
-    low, high = coordinate_difference(0.0, 0.0, HUGE, HUGE, 0.0, 0.0, 0.0, 0.0, tiny_m, tiny_m)
+    ends = [(0.0, 0.0), (HUGE, HUGE), (0.0, 0.0), (0.0, 0.0)]
+    low, high = difference_of_coordinates(ends, tiny_m, tiny_m)
     assert low == -math.inf and -math.inf < high < -1e308
 
 

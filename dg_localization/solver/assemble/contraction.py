@@ -86,7 +86,7 @@ def contracted(
     box = np.zeros((4, n_points, n_points))
     box[LOWER], box[UPPER] = problem.lower, problem.upper
     if n_points <= MOST_SMOOTHED:
-        if not smooth_triangles(box, np.empty_like(box), np.arange(n_points), n_points):
+        if not smooth_triangles(box, np.empty_like(box), np.arange(n_points)):
             return None
     if n_points <= MOST_CONTRACTED:
         contractor = Contractor(problem)

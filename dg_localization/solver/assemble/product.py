@@ -27,7 +27,8 @@ from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.hypotheses import place_problem
-from dg_localization.solver.place.placements import agrees, refine, with_handedness
+from dg_localization.solver.place.placements import refine
+from dg_localization.solver.place.proofs import agrees, with_known_chirality
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -216,11 +217,11 @@ class Product:
         first = None
         for seed in range(MOST_ATTEMPTS):
             placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
-            positions = with_handedness(self._problem, placer.place(least_m))
+            positions = with_known_chirality(self._problem, placer.place(least_m))
             if agrees(self._problem, positions):
                 return positions, True
             if problem.n_points <= MOST_REFINED:
-                positions = with_handedness(self._problem, refine(positions, known))
+                positions = with_known_chirality(self._problem, refine(positions, known))
                 if agrees(self._problem, positions):
                     return positions, True
             if first is None:

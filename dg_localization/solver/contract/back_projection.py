@@ -29,9 +29,9 @@ from dg_localization.solver.contract.projection import coordinate_difference
 
 
 @kernel
-def _far_side_range(
-    near_lower: float,
-    near_upper: float,
+def far_squared_distance(
+    a_lower: float,
+    a_upper: float,
     t_lower: float,
     t_upper: float,
     d_lower: float,
@@ -44,14 +44,14 @@ def _far_side_range(
     (Eqs. 23-26).
     """
     high = up(
-        near_upper
+        a_upper
         + max(
             up(d_lower * up(d_lower - 2.0 * t_lower)) if d_lower > 0.0 else 0.0,
             up(d_upper * up(d_upper - 2.0 * t_lower)),
         )
     )
     d = min(max(t_upper, d_lower), d_upper)
-    low = down(near_lower + down(d * down(d - 2.0 * t_upper)))
+    low = down(a_lower + down(d * down(d - 2.0 * t_upper)))
     return low, high
 
 
@@ -62,19 +62,18 @@ def _narrow_axis(
     b: int,
     t_lower: float,
     t_upper: float,
-    near: float,
-    far: float,
+    u_least: float,
+    u_most: float,
 ) -> bool:
-    """Narrow C by d = t + u, where u lies in [-far, -near] or [near, far]."""
-    minus_low = down(t_lower - far)
-    minus_high = up(t_upper - near)
-    plus_low = down(t_lower + near)
-    plus_high = up(t_upper + far)
+    """Narrow C by d = t + u, where u lies in [-u_most, -u_least] or [u_least, u_most]."""
+    minus_high = up(t_upper - u_least)
+    plus_low = down(t_lower + u_least)
+    plus_high = up(t_upper + u_most)
     if minus_high < 0.0:
         if plus_high < 0.0:
             return False
         return narrow(box, a, b, square_down(max(plus_low, 0.0)), square_up(plus_high))
-    low = square_down(max(minus_low, 0.0))
+    low = square_down(max(down(t_lower - u_most), 0.0))
     if not narrow(box, a, b, low, square_up(plus_high)):
         return False
     return exclude(box, a, b, square_up(minus_high), square_down(max(plus_low, 0.0)))
@@ -85,30 +84,29 @@ def _narrow_end(
     box: FloatArray,
     end: int,
     i: int,
-    low: float,
-    high: float,
-    height_gap_low: float,
-    height_gap_high: float,
-    square_low: float,
-    square_high: float,
+    bounds: tuple[float, float],
+    square: tuple[float, float],
+    height_gap: tuple[float, float],
 ) -> bool:
-    """Narrow the squared distance of `i` to an axis end, and carry a gap of p over."""
-    if not narrow(box, end, i, low, high):
+    """
+    Narrow the squared distance of `i` to an axis end, and carry a gap of p over.
+
+    The squared distance is p plus the square of the distance along the axis.
+    """
+    if not narrow(box, end, i, bounds[0], bounds[1]):
         return False
-    if height_gap_low < height_gap_high:
-        return exclude(
-            box, end, i, up(height_gap_low + square_high), down(height_gap_high + square_low)
-        )
+    if height_gap[0] < height_gap[1]:
+        return exclude(box, end, i, up(height_gap[0] + square[1]), down(height_gap[1] + square[0]))
     return True
 
 
 @kernel(inlined=True)
 def _narrow_point(
-    box: FloatArray, shadow: FloatArray, coordinates: FloatArray, a: int, b: int, i: int
+    box: FloatArray, projected: FloatArray, coordinates: FloatArray, a: int, b: int, i: int
 ) -> bool:
     """Narrow A, B, C and the coordinate of point `i` from its reduced height."""
-    p_lower = shadow[LOWER, a, i]
-    p_upper = shadow[UPPER, a, i]
+    p_lower = projected[LOWER, a, i]
+    p_upper = projected[UPPER, a, i]
     d_lower = sqrt_down(box[LOWER, a, b])
     d_upper = sqrt_up(box[UPPER, a, b])
 
@@ -139,29 +137,28 @@ def _narrow_point(
     ):
         return False
 
-    gap_low = shadow[GAP_LOWER, a, i]
-    gap_high = shadow[GAP_UPPER, a, i]
+    gap = projected[GAP_LOWER, a, i], projected[GAP_UPPER, a, i]
     t_square_low, t_square_high = square(t_lower, t_upper)
     u_square_low, u_square_high = square(u_lower, u_upper)
-    low, high = _far_side_range(
+    low, high = far_squared_distance(
         box[LOWER, b, i], box[UPPER, b, i], u_lower, u_upper, d_lower, d_upper
     )
     low = max(low, down(t_square_low + p_lower))
     high = min(high, up(t_square_high + p_upper))
-    if not _narrow_end(box, a, i, low, high, gap_low, gap_high, t_square_low, t_square_high):
+    if not _narrow_end(box, a, i, (low, high), (t_square_low, t_square_high), gap):
         return False
-    low, high = _far_side_range(
+    low, high = far_squared_distance(
         box[LOWER, a, i], box[UPPER, a, i], t_lower, t_upper, d_lower, d_upper
     )
     low = max(low, down(u_square_low + p_lower))
     high = min(high, up(u_square_high + p_upper))
-    return _narrow_end(box, b, i, low, high, gap_low, gap_high, u_square_low, u_square_high)
+    return _narrow_end(box, b, i, (low, high), (u_square_low, u_square_high), gap)
 
 
 @kernel(inlined=True)
 def _narrow_pair(
     box: FloatArray,
-    shadow: FloatArray,
+    projected: FloatArray,
     coordinates: FloatArray,
     a: int,
     b: int,
@@ -169,25 +166,15 @@ def _narrow_pair(
     j: int,
 ) -> bool:
     """Narrow s_ij and both coordinates from the reduced distance in the orthogonal space."""
-    low, high = coordinate_difference(
-        box[LOWER, a, i],
-        box[UPPER, a, i],
-        box[LOWER, b, i],
-        box[UPPER, b, i],
-        box[LOWER, a, j],
-        box[UPPER, a, j],
-        box[LOWER, b, j],
-        box[UPPER, b, j],
-        sqrt_down(box[LOWER, a, b]),
-        sqrt_up(box[UPPER, a, b]),
-    )
+    d_lower, d_upper = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
+    low, high = coordinate_difference(box, a, b, i, j, d_lower, d_upper)
     low = max(low, down(coordinates[LOWER, i] - coordinates[UPPER, j]))
     high = min(high, up(coordinates[UPPER, i] - coordinates[LOWER, j]))
     low, high = reverse_square(
         low,
         high,
-        down(box[LOWER, i, j] - shadow[UPPER, i, j]),
-        up(box[UPPER, i, j] - shadow[LOWER, i, j]),
+        down(box[LOWER, i, j] - projected[UPPER, i, j]),
+        up(box[UPPER, i, j] - projected[LOWER, i, j]),
     )
     if low > high:
         return False
@@ -201,13 +188,13 @@ def _narrow_pair(
         return False
 
     square_low, square_high = square(low, high)
-    low = down(square_low + shadow[LOWER, i, j])
-    high = up(square_high + shadow[UPPER, i, j])
+    low = down(square_low + projected[LOWER, i, j])
+    high = up(square_high + projected[UPPER, i, j])
     if not narrow(box, i, j, low, high):
         return False
-    if shadow[GAP_LOWER, i, j] < shadow[GAP_UPPER, i, j]:
-        gap_low = up(shadow[GAP_LOWER, i, j] + square_high)
-        gap_high = down(shadow[GAP_UPPER, i, j] + square_low)
+    if projected[GAP_LOWER, i, j] < projected[GAP_UPPER, i, j]:
+        gap_low = up(projected[GAP_LOWER, i, j] + square_high)
+        gap_high = down(projected[GAP_UPPER, i, j] + square_low)
         return exclude(box, i, j, gap_low, gap_high)
     return True
 
@@ -215,26 +202,23 @@ def _narrow_pair(
 @kernel(borrows=True)
 def back_project(
     box: FloatArray,
-    shadow: FloatArray,
+    projected: FloatArray,
     coordinates: FloatArray,
-    shadow_points: IntArray,
-    shadow_count: int,
+    projected_points: IntArray,
     a: int,
     b: int,
 ) -> bool:
     """
-    Narrow `box` in place by what was learnt in the space orthogonal to an axis (Section 4.3).
+    Narrow `box` in place by its projection, after that was reduced (Section 4.3).
 
     Parameters
     ----------
-    box, shadow : ndarray, shape (4, n, n)
+    box, projected : ndarray, shape (4, n, n)
         The box, and its projection after reduction, as written by `project`.
     coordinates : ndarray, shape (2, n)
         Bounds of the coordinates along the axis in m; narrowed as well.
-    shadow_points : ndarray of int
+    projected_points : ndarray of int
         `a` and the projected points.
-    shadow_count : int
-        Number of `shadow_points`.
     a, b : int
         The axis.
 
@@ -244,13 +228,14 @@ def back_project(
         False when no placement is left.
 
     """
-    for x in range(1, shadow_count):
-        for y in range(x + 1, shadow_count):
+    n_projected = len(projected_points)
+    for x in range(1, n_projected):
+        for y in range(x + 1, n_projected):
             if not _narrow_pair(
-                box, shadow, coordinates, a, b, shadow_points[x], shadow_points[y]
+                box, projected, coordinates, a, b, projected_points[x], projected_points[y]
             ):
                 return False
-    for x in range(1, shadow_count):
-        if not _narrow_point(box, shadow, coordinates, a, b, shadow_points[x]):
+    for x in range(1, n_projected):
+        if not _narrow_point(box, projected, coordinates, a, b, projected_points[x]):
             return False
     return True

@@ -1,8 +1,8 @@
 """
-What two chiralities say of a box.
+A test of boxes by chiralities.
 
-Two chiralities that share a face fix a side; two that share none still fix the sign of the product
-of two oriented volumes, which is a function of distances alone.
+Two chiralities that share a face fix a side. Two that share none still fix the sign of the product
+of two signed volumes, which is a function of distances alone.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def volume_product(box: FloatArray, p: IntArray, q: IntArray) -> tuple[float, fl
 @kernel
 def chiralities_are_possible(box: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
     """
-    Tell whether chiralities may hold together in a box; False is a proof that they do not.
+    Return whether chiralities may hold together in a box; False is a proof that they do not.
 
     Every simplex is compared with the first one.
 

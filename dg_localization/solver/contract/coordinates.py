@@ -80,7 +80,6 @@ def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
     origin = frame[0]
     enclosure[origin] = 0.0
     points = np.arange(n_points)
-    count = n_points
     coordinates = np.empty((2, n_points))
     for axis in range(dimension):
         end = frame[axis + 1]
@@ -91,25 +90,25 @@ def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
         enclosure[end, LOWER, axis] = sqrt_down(box[LOWER, origin, end])
         enclosure[end, UPPER, axis] = sqrt_up(box[UPPER, origin, end])
         on_line = axis == dimension - 1
-        for x in range(count):
+        for x in range(len(points)):
             point = points[x]
             if point != origin and point != end:
                 low, high = _coordinate(box, origin, end, point, on_line)
                 enclosure[point, LOWER, axis] = low
                 enclosure[point, UPPER, axis] = high
         if not on_line:
-            shadow = np.zeros_like(box)
+            projected = np.zeros_like(box)
             # Nothing is known of the points that the projection leaves out.
-            shadow[UPPER] = np.inf
+            projected[UPPER] = np.inf
             for i in range(n_points):
-                shadow[UPPER, i, i] = 0.0
-            shadow_points = np.zeros_like(points)
-            count = project(box, shadow, coordinates, points, count, shadow_points, origin, end)
+                projected[UPPER, i, i] = 0.0
+            found = np.zeros_like(points)
+            count = project(box, projected, coordinates, points, found, origin, end)
             if count < 0:
                 enclosure[:, LOWER] = np.inf
                 enclosure[:, UPPER] = -np.inf
                 break
-            box, points = shadow, shadow_points
+            box, points = projected, found[:count]
     return enclosure
 
 
@@ -118,18 +117,18 @@ def _coordinate(
     box: FloatArray, origin: int, end: int, point: int, on_line: bool
 ) -> tuple[float, float]:
     """Bound the coordinate of a point along one axis of the frame."""
-    near_lower, near_upper = box[LOWER, origin, point], box[UPPER, origin, point]
-    far_lower, far_upper = box[LOWER, end, point], box[UPPER, end, point]
-    if np.isinf(near_upper) or np.isinf(far_upper):
+    a_lower, a_upper = box[LOWER, origin, point], box[UPPER, origin, point]
+    b_lower, b_upper = box[LOWER, end, point], box[UPPER, end, point]
+    if np.isinf(a_upper) or np.isinf(b_upper):
         return -np.inf, np.inf
     low, high = axis_coordinate(
-        near_lower,
-        near_upper,
-        far_lower,
-        far_upper,
+        a_lower,
+        a_upper,
+        b_lower,
+        b_upper,
         sqrt_down(box[LOWER, origin, end]),
         sqrt_up(box[UPPER, origin, end]),
     )
     if on_line:
-        low, high = reverse_square(low, high, near_lower, near_upper)
+        low, high = reverse_square(low, high, a_lower, a_upper)
     return low, high

@@ -8,12 +8,12 @@ known first. Linear combinations of all measured pairs follow as soon as no gap 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK, until
+from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.contract.axes import axes_of, rank_axes
 from dg_localization.solver.contract.chiralities import chiralities_are_possible
@@ -44,7 +44,11 @@ LEAST_GAIN = 0.05
 """A sweep that shortens no range by more than this fraction is the last."""
 
 LEAST_GAP = 0.1
-"""A gap narrower than this fraction of the resolution is not worth a split."""
+"""A gap narrower than this fraction of the resolution does not split a box."""
+
+
+leave_early = nullcontext if COMPILED else until
+"""Compiled kernels return soon; one in Python has to be left when the time is up."""
 
 
 class Pruned(NamedTuple):
@@ -57,15 +61,14 @@ class Pruned(NamedTuple):
     """Shape (n, n): the widths that measurement errors explain to first order, in m^2."""
 
 
-@dataclass(frozen=True)
-class Goal:
+class Goal(NamedTuple):
     """
     When a contraction ends.
 
     Parameters
     ----------
     resolution_m : float
-        It ends when every distance is known to this many metres,
+        It ends when every distance is known to this many meters,
     explained_factor : float
         or no range is more than so many times wider than the measurement errors explain,
     max_sweeps : int
@@ -135,33 +138,30 @@ class Contractor:
 
         """
         self._work.boxes[0] = box
-        # The points are ranked anew for each axis, where not all of them are compared.
-        self._work.points[0] = self._in_order
+        if self._n_points > MOST_THROUGH:
+            # They are still in the order of the last axis of another box.
+            self._work.points[0] = self._in_order
         explained = np.zeros((self._n_points, self._n_points))
         status, left = Status.UNFINISHED, box
-        with until(stopped):
+        with leave_early(stopped):
             status = self._sweep_to_fixed_point(groups, goal, explained, stopped)
             left = self._work.boxes[0].copy()
             if status is Status.CONTRACTED and not self._chiralities_are_possible(left):
                 status = Status.EMPTY
         return Pruned(status, left, explained)
 
-    def smooth(self) -> bool:
-        """Apply the triangle inequalities (Section 5.1); False when they leave nothing."""
-        work = self._work
-        return smooth_triangles(work.boxes[0], work.distance, work.points[0], self._n_points)
-
     def _sweep_to_fixed_point(
         self, groups: Groups, goal: Goal, explained: FloatArray, stopped: Callable[[], bool]
     ) -> Status:
         """Sweep over all axes until the goal is reached or a sweep gains little."""
-        box = self._work.boxes[0]
+        work, n_points = self._work, self._n_points
+        box, points = work.boxes[0], work.points[0]
         n_local = LOCAL_POINTS[self._dimension - 1]
         for sweep in range(goal.max_sweeps):
-            if sweep < SMOOTHED_SWEEPS and not self.smooth():
+            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, work.distance, points):
                 return Status.EMPTY
             axes = rank_axes(box, self.axes)
-            if sweep == 0 and self._n_points > n_local:
+            if sweep == 0 and n_points > n_local:
                 # The best axes are the measured pairs and what they soon reveal.
                 best = axes[: len(groups.edges)]
                 status = self._project(best, n_local, stopped)
@@ -191,7 +191,7 @@ class Contractor:
             if status is not None:
                 return status
             if widest_gap_m(box) > LEAST_GAP * goal.resolution_m:
-                # The two parts will be looked at one by one; until then they blur each other.
+                # Each part alone contracts better than both together: leave them to the split.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED
             elif not combine(*groups, box, self._dimension, explained):

@@ -28,7 +28,7 @@ from dg_localization.solver.box import (
 )
 
 BOTH = 2
-"""The side of two points that are known to lie on the same side and on opposite ones."""
+"""The side of two points with constraints for the same side and for opposite ones."""
 
 
 @kernel(inlined=True)
@@ -44,7 +44,7 @@ def _restrict(
     """
     Intersect the two parts of pair (i, k) with a near and a far branch; False when empty.
 
-    The branches do not overlap: who calls has joined them if they do.
+    The branches do not overlap: the caller joins them where they do.
     """
     low = distance[LOWER, i, k]
     high = distance[UPPER, i, k]
@@ -85,8 +85,9 @@ def _restrict(
 
 
 @kernel(inlined=True)
-def _roots(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> None:
+def _set_roots(box: FloatArray, distance: FloatArray, points: IntArray) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
+    count = len(points)
     for x in range(count):
         i = points[x]
         for y in range(x + 1, count):
@@ -131,7 +132,6 @@ def reduce_line(
     box: FloatArray,
     distance: FloatArray,
     points: IntArray,
-    count: int,
     n_through: int,
     merged: int,
     sigma: NDArray[np.int8],
@@ -146,9 +146,7 @@ def reduce_line(
     distance : ndarray, shape (4, n, n)
         Scratch space for the distances in m.
     points : ndarray of int
-        The points on the line; the first `count` entries count.
-    count : int
-        Number of points.
+        The points on the line.
     n_through : int
         Number of points, the first ones, that the others are compared through.
     merged : int
@@ -163,7 +161,8 @@ def reduce_line(
         False when no arrangement on a line is left.
 
     """
-    _roots(box, distance, points, count)
+    count = len(points)
+    _set_roots(box, distance, points)
     for z in range(min(count, n_through)):
         j = points[z]
         for x in range(count):

@@ -109,16 +109,7 @@ def axis_coordinate(
 
 @kernel
 def coordinate_difference(
-    ai_lower: float,
-    ai_upper: float,
-    bi_lower: float,
-    bi_upper: float,
-    aj_lower: float,
-    aj_upper: float,
-    bj_lower: float,
-    bj_upper: float,
-    d_lower: float,
-    d_upper: float,
+    box: FloatArray, a: int, b: int, i: int, j: int, d_lower: float, d_upper: float
 ) -> tuple[float, float]:
     """
     Bound t_i - t_j = (A_i - B_i - A_j + B_j) / (2 d), in which d / 2 cancels.
@@ -126,14 +117,27 @@ def coordinate_difference(
     Every squared distance occurs once and the quotient is monotone in d on either side of zero,
     so the corner named by the sign of the numerator gives the exact range.
 
+    Parameters
+    ----------
+    box : ndarray, shape (4, n, n)
+        The box in m^2; the distances of both points to both ends of the axis are finite.
+    a, b : int
+        The axis.
+    i, j : int
+        The points.
+    d_lower, d_upper : float
+        Length of the axis in m, finite.
+
     Returns
     -------
     tuple of float
         Lower and upper bound in m; infinite where `d_lower` is zero and the sign is open.
 
     """
-    high = up(up(ai_upper - bi_lower) + up(bj_upper - aj_lower))
-    low = down(down(ai_lower - bi_upper) + down(bj_lower - aj_upper))
+    high = up(up(box[UPPER, a, i] - box[LOWER, b, i]) + up(box[UPPER, b, j] - box[LOWER, a, j]))
+    low = down(
+        down(box[LOWER, a, i] - box[UPPER, b, i]) + down(box[LOWER, b, j] - box[UPPER, a, j])
+    )
     if d_lower == 0.0:
         high = math.inf if high > 0.0 else 0.0
         low = -math.inf if low < 0.0 else 0.0
@@ -212,18 +216,18 @@ def squared_height(
 
 
 @kernel(borrows=True)
-def _store(shadow: FloatArray, i: int, j: int, low: float, high: float) -> None:
+def _store(projected: FloatArray, i: int, j: int, low: float, high: float) -> None:
     """Set pair (i, j) of a projected box to [low, high] without a gap."""
-    shadow[LOWER, i, j] = shadow[LOWER, j, i] = low
-    shadow[UPPER, i, j] = shadow[UPPER, j, i] = high
-    shadow[GAP_LOWER, i, j] = shadow[GAP_LOWER, j, i] = 0.0
-    shadow[GAP_UPPER, i, j] = shadow[GAP_UPPER, j, i] = 0.0
+    projected[LOWER, i, j] = projected[LOWER, j, i] = low
+    projected[UPPER, i, j] = projected[UPPER, j, i] = high
+    projected[GAP_LOWER, i, j] = projected[GAP_LOWER, j, i] = 0.0
+    projected[GAP_UPPER, i, j] = projected[GAP_UPPER, j, i] = 0.0
 
 
 @kernel(borrows=True)
 def is_axis(box: FloatArray, a: int, b: int) -> bool:
     """
-    Tell whether a pair is known well enough to be projected along.
+    Return whether a pair is known well enough to project along it.
 
     The ranges above widen quickly as the relative error of the axis grows; docs/projections.md
     has the measurements behind the limit.
@@ -235,11 +239,10 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
 @kernel(borrows=True)
 def project(
     box: FloatArray,
-    shadow: FloatArray,
+    projected: FloatArray,
     coordinates: FloatArray,
     points: IntArray,
-    count: int,
-    shadow_points: IntArray,
+    projected_points: IntArray,
     a: int,
     b: int,
 ) -> int:
@@ -248,91 +251,96 @@ def project(
 
     Parameters
     ----------
-    box, shadow : ndarray, shape (4, n, n)
+    box, projected : ndarray, shape (4, n, n)
         The box to project and where the projected one is written. There, `a` stands for the
         common image of both ends of the axis. The distance of the two ends must be finite.
     coordinates : ndarray, shape (2, n)
-        Receives the bounds of each point's coordinate along the axis, in m.
+        Where the bounds of each point's coordinate along the axis are written, in m.
     points : ndarray of int
-        The points of `box`; the first `count` entries count.
-    count : int
-        Number of points in `box`.
-    shadow_points : ndarray of int
-        Receives `a` and the projected points. A point infinitely far from an end is left out.
+        The points of `box` to project.
+    projected_points : ndarray of int
+        Where `a` and the projected points are written. A point infinitely far from an end is left
+        out.
     a, b : int
         The axis.
 
     Returns
     -------
     int
-        The number of `shadow_points`; -1 when no placement is left.
+        The number of `projected_points`; -1 when no placement is left.
 
     """
-    c_lower = box[LOWER, a, b]
-    c_upper = box[UPPER, a, b]
-    d_lower = sqrt_down(c_lower)
-    d_upper = sqrt_up(c_upper)
-    shadow_points[0] = a
-    shadow_count = 1
-    for x in range(count):
+    d_lower = sqrt_down(box[LOWER, a, b])
+    d_upper = sqrt_up(box[UPPER, a, b])
+    projected_points[0] = a
+    n_projected = 1
+    for x in range(len(points)):
         i = points[x]
         if i == a or i == b or math.isinf(box[UPPER, a, i]) or math.isinf(box[UPPER, b, i]):
             continue
-        low, high = axis_coordinate(
-            box[LOWER, a, i],
-            box[UPPER, a, i],
-            box[LOWER, b, i],
-            box[UPPER, b, i],
-            d_lower,
-            d_upper,
-        )
-        if low > high:
+        if not _project_point(box, projected, coordinates, (a, b, i), (d_lower, d_upper)):
             return -1
-        coordinates[LOWER, i] = low
-        coordinates[UPPER, i] = high
-        low, high = squared_height(
-            box[LOWER, a, i],
-            box[UPPER, a, i],
-            box[LOWER, b, i],
-            box[UPPER, b, i],
-            c_lower,
-            c_upper,
-        )
-        if low > high:
-            return -1
-        _store(shadow, a, i, low, high)
-        shadow_points[shadow_count] = i
-        shadow_count += 1
-
-    for x in range(1, shadow_count):
-        i = shadow_points[x]
-        for y in range(x + 1, shadow_count):
-            j = shadow_points[y]
-            low, high = coordinate_difference(
-                box[LOWER, a, i],
-                box[UPPER, a, i],
-                box[LOWER, b, i],
-                box[UPPER, b, i],
-                box[LOWER, a, j],
-                box[UPPER, a, j],
-                box[LOWER, b, j],
-                box[UPPER, b, j],
-                d_lower,
-                d_upper,
-            )
+        projected_points[n_projected] = i
+        n_projected += 1
+    for x in range(1, n_projected):
+        i = projected_points[x]
+        for y in range(x + 1, n_projected):
+            j = projected_points[y]
+            low, high = coordinate_difference(box, a, b, i, j, d_lower, d_upper)
             low = max(low, down(coordinates[LOWER, i] - coordinates[UPPER, j]))
             high = min(high, up(coordinates[UPPER, i] - coordinates[LOWER, j]))
-            if low > high:
+            if low > high or not _project_pair(box, projected, i, j, low, high):
                 return -1
-            square_low, square_high = square(low, high)
-            low = max(0.0, down(box[LOWER, i, j] - square_high))
-            high = up(box[UPPER, i, j] - square_low)
-            if low > high:
-                return -1
-            _store(shadow, i, j, low, high)
-            if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
-                gap_low = up(box[GAP_LOWER, i, j] - square_low)
-                gap_high = down(box[GAP_UPPER, i, j] - square_high)
-                if not exclude(shadow, i, j, gap_low, gap_high):
-                    return -1
-    return shadow_count
+    return n_projected
+
+
+@kernel(inlined=True)
+def _project_point(
+    box: FloatArray,
+    projected: FloatArray,
+    coordinates: FloatArray,
+    triangle: tuple[int, int, int],
+    d_bounds: tuple[float, float],
+) -> bool:
+    """Write the coordinate and the squared height of a point over an axis; False: none is left."""
+    a, b, i = triangle
+    low, high = axis_coordinate(
+        box[LOWER, a, i],
+        box[UPPER, a, i],
+        box[LOWER, b, i],
+        box[UPPER, b, i],
+        d_bounds[0],
+        d_bounds[1],
+    )
+    if low > high:
+        return False
+    coordinates[LOWER, i] = low
+    coordinates[UPPER, i] = high
+    low, high = squared_height(
+        box[LOWER, a, i],
+        box[UPPER, a, i],
+        box[LOWER, b, i],
+        box[UPPER, b, i],
+        box[LOWER, a, b],
+        box[UPPER, a, b],
+    )
+    _store(projected, a, i, low, high)
+    return low <= high
+
+
+@kernel(inlined=True)
+def _project_pair(
+    box: FloatArray, projected: FloatArray, i: int, j: int, low: float, high: float
+) -> bool:
+    """Write the projected squared distance of two points that are [low, high] apart along it."""
+    square_low, square_high = square(low, high)
+    low = max(0.0, down(box[LOWER, i, j] - square_high))
+    high = up(box[UPPER, i, j] - square_low)
+    if low > high:
+        return False
+    _store(projected, i, j, low, high)
+    if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
+        gap_low = up(box[GAP_LOWER, i, j] - square_low)
+        gap_high = down(box[GAP_UPPER, i, j] - square_high)
+        return exclude(projected, i, j, gap_low, gap_high)
+    return True

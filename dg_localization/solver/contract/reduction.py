@@ -27,6 +27,11 @@ SMALL_FLEET = 7
 MOST_THROUGH = 16
 """On the line, points are compared through this many of the best known others."""
 
+Face = tuple[int, int, int]
+"""The points of a face; -1 for those that it has less than three."""
+
+NO_FACE = (-1, -1, -1)
+
 
 class Workspace(NamedTuple):
     """Scratch arrays of one contraction, a slice per level of projection."""
@@ -52,26 +57,30 @@ def make_workspace(n_points: int, dimension: int) -> Workspace:
 
 
 @kernel(inlined=True)
-def reduce_to_line(
-    work: Workspace, sides: Sides, level: int, count: int, merged: int, f0: int, f1: int, f2: int
-) -> bool:
-    """Reduce the line at `level` under the sides of the face {f0, f1, f2} that `merged` shows."""
+def _in_order(face: Face) -> Face:
+    """Return a face with its points in ascending order; a third one of -1 stays last."""
+    f0, f1, f2 = face
+    if f0 > f1:
+        f0, f1 = f1, f0
     if f2 >= 0:
-        # Sort the three points of the face.
-        if f0 > f1:
-            f0, f1 = f1, f0
         if f1 > f2:
             f1, f2 = f2, f1
         if f0 > f1:
             f0, f1 = f1, f0
-    elif f0 > f1:
-        f0, f1 = f1, f0
+    return f0, f1, f2
+
+
+@kernel(inlined=True)
+def reduce_to_line(
+    work: Workspace, sides: Sides, level: int, count: int, merged: int, face: Face
+) -> bool:
+    """Reduce the line at `level`, where `merged` is the image of a face with known sides."""
+    f0, f1, f2 = _in_order(face)
     known = f0 >= 0 and set_sigma(work.sigma, sides, f0, f1, f2, True)
     left = reduce_line(
         work.boxes[level],
         work.distance,
-        work.points[level],
-        count,
+        work.points[level, :count],
         MOST_THROUGH,
         merged if known else -1,
         work.sigma,
@@ -83,80 +92,43 @@ def reduce_to_line(
 
 @kernel(inlined=True)
 def reduce_plane(
-    work: Workspace,
-    sides: Sides,
-    level: int,
-    count: int,
-    a: int,
-    b: int,
-    f0: int,
-    f1: int,
-    f2: int,
+    work: Workspace, sides: Sides, level: int, count: int, a: int, b: int, face: Face
 ) -> bool:
     """Project the plane at `level` along (a, b) to a line, reduce that, and return."""
-    shadow_count = project(
-        work.boxes[level],
-        work.boxes[level + 1],
-        work.coordinates[level],
-        work.points[level],
-        count,
-        work.points[level + 1],
-        a,
-        b,
-    )
-    if shadow_count < 0:
+    box, projected = work.boxes[level], work.boxes[level + 1]
+    coordinates = work.coordinates[level]
+    points, projected_points = work.points[level, :count], work.points[level + 1]
+    n_projected = project(box, projected, coordinates, points, projected_points, a, b)
+    if n_projected < 0:
         return False
-    if not reduce_to_line(work, sides, level + 1, shadow_count, a, f0, f1, f2):
+    if not reduce_to_line(work, sides, level + 1, n_projected, a, face):
         return False
-    return back_project(
-        work.boxes[level],
-        work.boxes[level + 1],
-        work.coordinates[level],
-        work.points[level + 1],
-        shadow_count,
-        a,
-        b,
-    )
+    return back_project(box, projected, coordinates, projected_points[:n_projected], a, b)
 
 
 @kernel(inlined=True)
 def reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
     """Project space along (a, b) to a plane, reduce that along the axes of faces, and return."""
-    shadow_count = project(
-        work.boxes[0],
-        work.boxes[1],
-        work.coordinates[0],
-        work.points[0],
-        count,
-        work.points[1],
-        a,
-        b,
-    )
-    if shadow_count < 0:
+    box, projected, coordinates = work.boxes[0], work.boxes[1], work.coordinates[0]
+    points, projected_points = work.points[0, :count], work.points[1]
+    n_projected = project(box, projected, coordinates, points, projected_points, a, b)
+    if n_projected < 0:
         return False
-    for x in range(1, shadow_count):
-        e = work.points[1, x]
-        if is_axis(work.boxes[1], a, e):
-            if not reduce_plane(work, sides, 1, shadow_count, a, e, a, b, e):
+    for x in range(1, n_projected):
+        e = projected_points[x]
+        if is_axis(projected, a, e):
+            if not reduce_plane(work, sides, 1, n_projected, a, e, (a, b, e)):
                 return False
     # The others span no face {a, b, e}, cost n times as much, and save enough boxes only where
     # points are few (docs/projections.md).
-    if shadow_count < SMALL_FLEET:
-        for x in range(1, shadow_count):
-            for y in range(x + 1, shadow_count):
-                e, f = work.points[1, x], work.points[1, y]
-                if is_axis(work.boxes[1], e, f):
-                    if not reduce_plane(work, sides, 1, shadow_count, e, f, -1, -1, -1):
+    if n_projected < SMALL_FLEET:
+        for x in range(1, n_projected):
+            for y in range(x + 1, n_projected):
+                e, f = projected_points[x], projected_points[y]
+                if is_axis(projected, e, f):
+                    if not reduce_plane(work, sides, 1, n_projected, e, f, NO_FACE):
                         return False
-    return back_project(
-        work.boxes[0],
-        work.boxes[1],
-        work.coordinates[0],
-        work.points[1],
-        shadow_count,
-        a,
-        b,
-    )
+    return back_project(box, projected, coordinates, projected_points[:n_projected], a, b)
 
 
 @kernel(inlined=True)
@@ -165,13 +137,13 @@ def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bo
     dimension, _, n_points, _ = work.boxes.shape
     box = work.boxes[0]
     if dimension == 1:
-        return reduce_to_line(work, sides, 0, n_points, a, a, a, -1)
+        return reduce_to_line(work, sides, 0, n_points, a, (a, a, -1))
     if not is_axis(box, a, b):
         return True
     if n_points > MOST_THROUGH:
         rank_points(box, a, b, work.points[0])
     if dimension == 2:
-        return reduce_plane(work, sides, 0, count, a, b, a, b, -1)
+        return reduce_plane(work, sides, 0, count, a, b, (a, b, -1))
     return reduce_space(work, sides, count, a, b)
 
 

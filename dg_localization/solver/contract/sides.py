@@ -87,7 +87,7 @@ def set_sigma(
     sigma: NDArray[np.int8], sides: Sides, f0: int, f1: int, third: int, known_sides: bool
 ) -> bool:
     """
-    Write the side of all pairs of apexes of a face, or clear it; tell if any is known.
+    Write the side of all pairs of apexes of a face, or clear it; return whether any is known.
 
     Two constraints that contradict each other leave both: such points lie on the face.
     """

@@ -5,8 +5,8 @@ A linear function of the displacements is to be bounded where every measured pai
 gradient. All functions are rows of one table, which writes them in terms of as many *active* pairs
 as there are unknowns; a row then holds multipliers. Active pairs are bounded on both sides, so any
 choice of them is dual feasible: there is no first phase, each exchange improves the bound, and the
-method may stop after any of them. Nothing here is rigorous, and nothing has to be: any multipliers
-give a bound (`linearization`).
+method may stop after any of them. Nothing here is rounded outward, because any
+multipliers give a bound (`linearization`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.linearization import SMALLEST_WIDTH
+from dg_localization.solver.contract.linearization import Linearization
+from dg_localization.solver.contract.reference import SMALLEST_WIDTH
 
 MOST_EXCHANGES = 60
 
@@ -53,48 +54,37 @@ def _exchange(table: FloatArray, active: IntArray, row: int, column: int) -> Non
 
 
 @kernel
-def set_table(
-    reference: FloatArray,
-    edges: IntArray,
-    index: IntArray,
-    residuals: FloatArray,
-    table: FloatArray,
-    active: IntArray,
-) -> bool:
+def set_table(linear: Linearization, table: FloatArray, active: IntArray) -> bool:
     """
     Write the table of the measured pairs, with well-known pairs active.
 
     Parameters
     ----------
-    reference : ndarray, shape (n, q)
-        The reference placement in m.
-    edges : ndarray of int, shape (m, 2)
+    linear : Linearization
         The measured pairs.
-    index : ndarray of int, shape (n, q)
-        The numbers of the free coordinates, -1 for those that the frame holds.
-    residuals : ndarray, shape (m, 2)
-        Bounds of the gradients in m^2.
     table : ndarray, shape (m + f + 2, f)
-        The table: rows of the pairs, of the free coordinates, and two to work in.
+        The table: rows of the pairs, of the unknown displacements, and two to work in.
     active : ndarray of int, shape (f,)
         The active pairs.
 
     Returns
     -------
     bool
-        False when the pairs do not determine the coordinates.
+        False when the pairs do not determine the displacements.
 
     """
+    reference, edges, unknowns = linear.reference, linear.edges, linear.unknowns
+    residuals = linear.residuals
     n_edges, n_free = len(edges), len(active)
     table[:] = 0.0
     for m in range(n_edges):
         i, j = edges[m, 0], edges[m, 1]
         for axis in range(reference.shape[1]):
             slope = 2.0 * (reference[i, axis] - reference[j, axis])
-            if index[i, axis] >= 0:
-                table[m, index[i, axis]] += slope
-            if index[j, axis] >= 0:
-                table[m, index[j, axis]] -= slope
+            if unknowns[i, axis] >= 0:
+                table[m, unknowns[i, axis]] += slope
+            if unknowns[j, axis] >= 0:
+                table[m, unknowns[j, axis]] -= slope
     for c in range(n_free):
         table[n_edges + c, c] = 1.0
     largest = np.abs(table[:n_edges]).max()
@@ -121,7 +111,7 @@ def _entering_column(
     Return which column to exchange for a violated row: where the bound is lowest along its line.
 
     The bound is convex and piecewise linear along the line; `slope` is its first slope, and each
-    entry of the last row that changes its sign bends it up.
+    entry of the last row that changes its sign makes it steeper.
     """
     n_rows, n_columns = table.shape
     largest = np.abs(table[row]).max()

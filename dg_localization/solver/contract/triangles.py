@@ -10,7 +10,7 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narro
 
 
 @kernel(borrows=True)
-def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray, count: int) -> bool:
+def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray) -> bool:
     """
     Enforce d_ij - d_jk <= d_ik <= d_ij + d_jk over all triangles, in place.
 
@@ -24,9 +24,7 @@ def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray, co
     distance : ndarray, shape (4, n, n)
         Scratch space.
     points : ndarray of int
-        The points of the box; the first `count` entries count.
-    count : int
-        Number of points.
+        The points of the box that are smoothed, in the order in which they are taken.
 
     Returns
     -------
@@ -34,6 +32,7 @@ def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray, co
         False when the triangle inequalities contradict each other.
 
     """
+    count = len(points)
     for x in range(count):
         i = points[x]
         for y in range(count):

@@ -1,4 +1,4 @@
-"""How wide the ranges of a box are, and how wide they have to be."""
+"""The widths of the pairs of a box, and what they are compared with."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, Float
 
 @kernel(borrows=True)
 def remember_widths(box: FloatArray, widths: FloatArray) -> None:
-    """Note the width of every range in m^2."""
+    """Write the width of every pair in m^2."""
     n_points = box.shape[1]
     for i in range(n_points):
         for j in range(i + 1, n_points):
@@ -21,7 +21,7 @@ def remember_widths(box: FloatArray, widths: FloatArray) -> None:
 
 @kernel(borrows=True)
 def largest_gain(box: FloatArray, widths: FloatArray) -> float:
-    """Return the largest relative reduction of a range since its width was noted."""
+    """Return the largest relative reduction of a width since `remember_widths`."""
     n_points = box.shape[1]
     gain = 0.0
     for i in range(n_points):
@@ -45,7 +45,7 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
 
 @kernel(borrows=True)
 def is_narrow(box: FloatArray, resolution_m: float) -> bool:
-    """Tell whether every bounded distance is known to the resolution."""
+    """Return whether every bounded distance is known to the resolution."""
     n_points = box.shape[1]
     for i in range(n_points):
         for j in range(i + 1, n_points):
@@ -59,7 +59,7 @@ def is_narrow(box: FloatArray, resolution_m: float) -> bool:
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float, i: int, j: int
 ) -> float:
-    """Return how many times wider a range is than it has to be; nothing is asked of no bound."""
+    """Return the width of a pair as a multiple of what is allowed; 0 where it is unbounded."""
     low, high = box[LOWER, i, j], box[UPPER, i, j]
     if np.isinf(high):
         return 0.0
@@ -73,7 +73,7 @@ def excess(
 def is_explained(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> bool:
-    """Tell whether no range is wider than it has to be."""
+    """Return whether no pair is wider than allowed."""
     n_points = box.shape[1]
     for i in range(n_points):
         for j in range(i + 1, n_points):
@@ -99,5 +99,5 @@ def widest_gap_m(box: FloatArray) -> float:
 def is_finished(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> bool:
-    """Tell whether a box is narrower than the resolution, or no wider than the errors explain."""
+    """Return whether a box is narrower than the resolution or no wider than the errors explain."""
     return is_narrow(box, resolution_m) or is_explained(box, explained, factor, resolution_m)

@@ -8,18 +8,19 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
-from dg_localization.solver.place.placements import agrees, place, with_handedness
+from dg_localization.solver.place.placements import place
+from dg_localization.solver.place.proofs import agrees, with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 MAX_ATTEMPTS = 16
-"""In how many boxes of a component a placement is looked for."""
+"""Most boxes of a component in which a placement is sought."""
 
 
 @kernel(borrows=True)
 def _touch(first: FloatArray, second: FloatArray) -> bool:
-    """Tell whether two boxes have a point in common."""
+    """Return whether two boxes have a point in common."""
     n_points = first.shape[1]
     for i in range(n_points):
         for j in range(i + 1, n_points):
@@ -108,8 +109,8 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
 
 
 def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
-    """Return a placement for a box of a problem, of the handedness that is known."""
-    return with_handedness(problem, place_everywhere(box, problem.dimension))
+    """Return a placement for a box of a problem, with the chirality that is known."""
+    return with_known_chirality(problem, place_everywhere(box, problem.dimension))
 
 
 @kernel

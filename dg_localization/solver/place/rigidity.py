@@ -52,7 +52,7 @@ def _rank(rows: FloatArray, most: int) -> int:
 @kernel
 def is_flexible(positions: FloatArray, measured: NDArray[np.bool_]) -> bool:
     """
-    Tell whether the measured distances leave a placement free to move.
+    Return whether the measured distances leave a placement free to move.
 
     Parameters
     ----------

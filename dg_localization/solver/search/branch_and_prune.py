@@ -1,7 +1,7 @@
 """
-Branch and prune: contract a box and split it where it is ambiguous, to the end (Section 4).
+Branch and prune: boxes are contracted and split until none is left to examine (Section 4).
 
-What prunes and what splits are arguments, so that every strategy shares one loop.
+The steps that prune and split a box are arguments, so that every strategy shares one loop.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dg_localization.solver.result import Statistics
 
 @dataclass
 class Cover:
-    """The boxes that a search kept and those it did not come to, with its effort."""
+    """The boxes that a search kept, those it did not examine, and its effort."""
 
     kept: list[FloatArray] = field(default_factory=list)
     pending: list[FloatArray] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Budget:
         return time.perf_counter() - self._start
 
     def stopped(self) -> bool:
-        """Return whether to come to an end."""
+        """Return whether the search has to end."""
         return bool(self._cancel and self._cancel.is_set()) or self.seconds() > self._max_seconds
 
     def statistics(self, cover: Cover, n_pending: int) -> Statistics:
@@ -72,7 +72,7 @@ class Budget:
 
 
 class Queue:
-    """Boxes to examine, the widest first: an early stop leaves an even cover."""
+    """Boxes to examine, the widest first, so that an early stop leaves an even cover."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[float, int, FloatArray]] = []

@@ -20,13 +20,13 @@ from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
 
 MAX_SWEEPS = 50
 SLICE_SWEEPS = 3
-"""Sweeps over all axes: of a box at most, and of a slice, which gains from the first ones most."""
+"""Most sweeps over all axes, for a box and for a slice, which gains most from the first ones."""
 
 Pair = tuple[int, int]
 
 
 def _never() -> bool:
-    """Return that there is no reason to stop."""
+    """Return False: nothing stops the contraction."""
     return False
 
 
@@ -59,7 +59,7 @@ class Pruner:
         box = np.zeros((4, n_points, n_points))
         box[LOWER] = self.problem.lower
         box[UPPER] = self.problem.upper
-        left = smooth_triangles(box, np.empty_like(box), np.arange(n_points), n_points)
+        left = smooth_triangles(box, np.empty_like(box), np.arange(n_points))
         return box if left else None
 
     def prune(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:

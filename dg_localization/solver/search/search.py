@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
-from functools import partial
 from itertools import repeat
 import os
 
@@ -62,11 +60,8 @@ def search(
     if whole is None:
         cover = Cover(empty=1)
     else:
-        with ExitStack() as stack:
-            prune = _prune_step(pruners, budget, stack)
-            split_here = partial(split, resolution_m=options.resolution)
-            starts = [whole] if within is None else _common_parts(whole, within)
-            cover = branch_and_prune(starts, prune, split_here, budget, len(pruners), progress)
+        starts = [whole] if within is None else _common_parts(whole, within)
+        cover = _cover(starts, pruners, options.resolution, budget, progress)
     if not cover.pending and options.tighten_slices:
         _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
     return cover, budget.statistics(cover, len(cover.pending))
@@ -87,24 +82,40 @@ def _common_parts(
 
 
 def _n_workers(problem: Problem) -> int:
-    """Return on how many processors to examine boxes: small ones are not worth the change."""
+    """Return how many boxes to examine at a time; threads do not pay for small ones."""
     if problem.n_points < POINTS_PER_WORKER:
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else 1
 
 
-def _prune_step(
-    pruners: list[Pruner], budget: Budget, stack: ExitStack
-) -> Callable[[list[FloatArray]], Iterable[Pruned]]:
-    """Return what prunes as many boxes as there are pruners, in a pool that the stack closes."""
+def _cover(
+    starts: list[FloatArray],
+    pruners: list[Pruner],
+    resolution_m: float,
+    budget: Budget,
+    progress: Callable[[Statistics], None] | None,
+) -> Cover:
+    """Cover the placements in some boxes, as many boxes at a time as there are pruners."""
+
+    def split_further(pruned: Pruned) -> list[FloatArray]:
+        return split(pruned, resolution_m)
+
+    def prune_here(boxes: list[FloatArray]) -> list[Pruned]:
+        return [pruners[0].prune(box, budget.stopped) for box in boxes]
+
     if len(pruners) == 1:
-        return lambda boxes: [pruners[0].prune(box, budget.stopped) for box in boxes]
-    pool = stack.enter_context(ThreadPoolExecutor(len(pruners)))
-    return lambda boxes: list(pool.map(Pruner.prune, pruners, boxes, repeat(budget.stopped)))
+        return branch_and_prune(starts, prune_here, split_further, budget, 1, progress)
+    with ThreadPoolExecutor(len(pruners)) as pool:
+
+        def prune_in_threads(boxes: list[FloatArray]) -> list[Pruned]:
+            return list(pool.map(Pruner.prune, pruners, boxes, repeat(budget.stopped)))
+
+        at_once = len(pruners)
+        return branch_and_prune(starts, prune_in_threads, split_further, budget, at_once, progress)
 
 
 def _tighten_kept(cover: Cover, pruner: Pruner, slices: int, budget: Budget) -> None:
-    """Tighten what was kept; a box may turn out to be empty after all."""
+    """Tighten the boxes that were kept; one that turns out to be empty is dropped."""
     tightened = [tighten(pruner, box, slices, budget.stopped) for box in cover.kept]
     left = [box for box in tightened if box is not None]
     cover.empty += len(cover.kept) - len(left)

@@ -1,14 +1,14 @@
 """
 Tightening of a finished box towards the exact hull.
 
-First every range is bounded by linear programs, in a frame of its own. That comes close to the
-linearized hull, and what it leaves are effects of higher order: the business of slices. A slice
-off one end of a range is a smaller problem: what contraction proves to be empty of it is cut off.
-A slice knows the distance it was cut from, which makes it a measurement like the others, and near
-an extreme all measurements are at their own extremes: slices contract far better than the box they
-were cut from. Every end is shaved in slices as thick as they come off; what then is left of the
-effort goes to thin ones, which are halved across the other ranges where they resist. The effort
-ends early when slices no longer come off.
+First every unknown pair is bounded by linear programs, each in a frame of its own. That comes
+close to the linearized hull; effects of higher order remain, and for these there are slices. A
+slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to be empty of
+it. Within a slice that one distance is nearly known, like a measured one, and near an extreme of a
+distance all measured distances are at extremes of their own: a slice contracts far better than the
+box it was cut from. Both ends of every interval are trimmed by slices of decreasing thickness. The
+remaining slices are thin ones, which are halved across the other pairs until they are proved empty
+or hold a placement. Tightening ends early when slices cut nothing off.
 """
 
 from __future__ import annotations
@@ -25,39 +25,39 @@ from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.hypotheses import place_problem
-from dg_localization.solver.place.placements import agrees
+from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.search.pruning import Pair, Pruner
 
 THICKEST_SLICE = 0.5
 THINNEST_SLICE = 1.0 / 32.0
-"""Fractions of the width of a range."""
+"""Fractions of the width of an interval."""
 
 PASSES = 2
-"""How often each range is shaved: a second time profits from all the others."""
+"""How often each interval is trimmed; the second time benefits from the other intervals."""
 
-LEAST_SHAVE = 0.3
-"""A slice of which less than this fraction is cut off is followed by one half as thick."""
+LEAST_CUT = 0.3
+"""After a slice of which less than this fraction is cut off, the next is half as thick."""
 
 LEAST_SLICES = 4
-"""An end for which fewer slices than this are left is not peeled."""
+"""An end for which fewer slices than this are left is not bisected."""
 
-MOST_FRUITLESS = 100
-"""So many slices in a row that cut nothing off are the last ones."""
+MOST_IDLE_SLICES = 100
+"""Tightening ends after so many slices in a row that cut nothing off."""
 
-FRUIT = 0.01
-"""A cut counts when it takes more than this fraction of a range."""
+LEAST_CUT_OF_INTERVAL = 0.01
+"""A smaller cut, as a fraction of the interval, counts as none."""
 
 LOCAL_ROUNDS = 3
 LEAST_LOCAL_GAIN = 0.02
-"""Linear programs for all ranges are repeated while they shorten some range by this fraction."""
+"""Linear programs are repeated while they shorten some interval by this fraction."""
 
 WELL_EXPLAINED = 0.01
-"""A range this close to the first-order effect of the errors, relatively, is not tightened."""
+"""An interval this close to the first-order effect of the errors, relatively, is left alone."""
 
 
-class _Knife:
-    """Cuts slices off one box as long as there are slices to spend."""
+class _Slicer:
+    """Cuts slices off one box, until the number of slices is used up."""
 
     def __init__(
         self, pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
@@ -66,33 +66,33 @@ class _Knife:
         self._stopped = stopped
         self.box = box
         self.slices = slices
-        self._fruitless = 0
+        self._idle_slices = 0
 
-    def shave(self, pair: Pair, end: int) -> bool:
-        """Cut thinner and thinner slices off one end of a range; False when nothing is left."""
+    def trim(self, pair: Pair, end: int) -> bool:
+        """Cut slices of decreasing thickness off one end; return whether anything is left."""
         thickness = THICKEST_SLICE
         while thickness >= THINNEST_SLICE and self._may_go_on():
             thick = thickness * self._width(pair)
             part, cut = self._slice(pair, end, thick)
             left = self._contracted(part, pair)
             new = cut if left is None else float(left[end, *pair])
-            shaved = abs(self.box[end, *pair] - new)
+            cut_off = abs(self.box[end, *pair] - new)
             if not self._set_end(pair, end, new):
                 return False
-            if shaved < LEAST_SHAVE * thick:
+            if cut_off < LEAST_CUT * thick:
                 thickness *= 0.5
         return True
 
-    def peel(self, pair: Pair, end: int, slices: int) -> bool:
-        """Cut thin slices off one end as long as they come off; False when nothing is left."""
+    def bisect(self, pair: Pair, end: int, slices: int) -> bool:
+        """Cut thin slices off one end, each bisected; return whether anything is left."""
         reserve = self.slices - slices
         scale = self.box[UPPER] - self.box[LOWER]
         thick = THINNEST_SLICE * self._width(pair)
-        came_off = True
-        while came_off and self._may_go_on(reserve):
+        is_empty = True
+        while is_empty and self._may_go_on(reserve):
             part, cut = self._slice(pair, end, thick)
             left = self._outermost(part, pair, end, scale, reserve)
-            came_off = left is None
+            is_empty = left is None
             if not self._set_end(pair, end, cut if left is None else float(left[end, *pair])):
                 return False
         return True
@@ -101,10 +101,10 @@ class _Knife:
         self, part: FloatArray, pair: Pair, end: int, scale: FloatArray, reserve: int
     ) -> FloatArray | None:
         """
-        Halve a slice across its other ranges; return its outermost part, None when it is empty.
+        Halve a slice across its other pairs; return its outermost part, None when it is empty.
 
-        The outermost part is halved first, until the slices run out or a part turns out to hold
-        a placement, so that the slice cannot come off.
+        The outermost part is halved first, until the slices are used up or a part is found to hold
+        a placement, so that the slice cannot be empty.
         """
         outward = 1.0 if end == UPPER else -1.0
         order = count()
@@ -129,37 +129,37 @@ class _Knife:
         return parts[0][2]
 
     def _may_go_on(self, reserve: int = 0) -> bool:
-        """Return whether slices are left beyond the reserve, time too, and they still cut."""
-        tired = self._fruitless >= MOST_FRUITLESS
-        return self.slices > reserve and not tired and not self._stopped()
+        """Return whether slices and time are left, and slices still cut something off."""
+        idle = self._idle_slices >= MOST_IDLE_SLICES
+        return self.slices > reserve and not idle and not self._stopped()
 
     def _width(self, pair: Pair) -> float:
         return float(self.box[UPPER, *pair] - self.box[LOWER, *pair])
 
     def _slice(self, pair: Pair, end: int, thick: float) -> tuple[FloatArray, float]:
-        """Return the outermost part of a range, and where it was cut off."""
+        """Return the outermost part of an interval, and where it was cut off."""
         cut = float(self.box[end, *pair]) + (thick if end == LOWER else -thick)
         below, above = cut_at(self.box, pair, cut, cut)
         return (below if end == LOWER else above), cut
 
     def _contracted(self, part: FloatArray, pair: Pair) -> FloatArray | None:
-        """Return what contraction leaves of a slice, None when it is nothing."""
+        """Return a slice after contraction, None when it is empty."""
         self.slices -= 1
-        self._fruitless += 1
+        self._idle_slices += 1
         pruned = self._pruner.prune_slice(part, pair, self._stopped)
         return None if pruned.status is Status.EMPTY else pruned.box
 
     def _set_end(self, pair: Pair, end: int, value: float) -> bool:
-        """Move one end of a range; False when nothing is left."""
+        """Move one end of an interval; return whether anything is left."""
         i, j = pair
-        if abs(value - self.box[end, i, j]) > FRUIT * self._width(pair):
-            self._fruitless = 0
+        if abs(value - self.box[end, i, j]) > LEAST_CUT_OF_INTERVAL * self._width(pair):
+            self._idle_slices = 0
         self.box[end, [i, j], [j, i]] = value
         return bool(self.box[LOWER, i, j] <= self.box[UPPER, i, j])
 
 
 def halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
-    """Return the halves of a slice across the range widest in terms of the box, if one is wide."""
+    """Return the halves of a slice across its relatively widest pair, none where all are exact."""
     width = np.triu(part[UPPER] - part[LOWER], 1)
     relative = np.divide(
         width, scale, out=np.zeros_like(width), where=np.isfinite(width) & (scale > 0.0)
@@ -173,7 +173,7 @@ def halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
 
 
 def finds_placement(problem: Problem, box: FloatArray, pair: Pair) -> bool:
-    """Return whether a placement that agrees is found, with a distance of the pair as here."""
+    """Return whether a placement is found that agrees, with a pair as long as in the box."""
     positions = place_problem(problem, box)
     squared_m2 = float(((positions[pair[0]] - positions[pair[1]]) ** 2).sum())
     low, high = box[: UPPER + 1, *pair]
@@ -184,8 +184,8 @@ def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
     """
     Return the unknown pairs whose width the errors do not explain, the widest first.
 
-    To first order the explained width is that of the exact hull; a range that is narrower shows
-    as well as a wider one that the first order is not all.
+    To first order the explained width is that of the exact hull. An interval that is narrower, as
+    well as a wider one, shows that effects of higher order matter.
     """
     width, explained = pruned.box[UPPER] - pruned.box[LOWER], pruned.explained
     open_pairs = np.isinf(problem.upper) & (explained > 0.0)
@@ -196,7 +196,7 @@ def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
 
 def narrow_in_local_frames(pruner: Pruner, pruned: Pruned, stopped: Callable[[], bool]) -> bool:
     """
-    Narrow the unexplained pairs of a box in place by linear programs; False: nothing is left.
+    Narrow the unexplained pairs of a box by linear programs, in place.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def tighten(
     pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
 ) -> FloatArray | None:
     """
-    Narrow the ranges of a finished box.
+    Narrow the intervals of a finished box.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def tighten(
         The narrower box; None when it is proved to hold no placement.
 
     """
-    # Contracted again, the box shows which ranges the errors do not explain.
+    # Contraction also returns which widths the errors explain.
     pruned = pruner.prune(box, stopped)
     if pruned.status is Status.EMPTY:
         return None
@@ -262,11 +262,11 @@ def tighten(
     if not narrow_in_local_frames(pruner, pruned, stopped):
         return None
     ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
-    knife = _Knife(pruner, pruned.box, slices, stopped)
-    if not all(knife.shave(pair, end) for pair, end in ends * PASSES):
+    slicer = _Slicer(pruner, pruned.box, slices, stopped)
+    if not all(slicer.trim(pair, end) for pair, end in ends * PASSES):
         return None
     for done, (pair, end) in enumerate(ends):
-        share = knife.slices // (len(ends) - done)
-        if share >= LEAST_SLICES and not knife.peel(pair, end, share):
+        share = slicer.slices // (len(ends) - done)
+        if share >= LEAST_SLICES and not slicer.bisect(pair, end, share):
             return None
-    return knife.box
+    return slicer.box

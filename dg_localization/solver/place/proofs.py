@@ -1,0 +1,210 @@
+"""
+The proof that a placement agrees with a problem.
+
+Coordinates are taken as exact. What outward rounding cannot decide is decided in rationals.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import down, rounding_error, square_down, square_up, up
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.problem import Problem
+
+UNSURE = 2
+"""The sign of a determinant that rounding errors may have turned."""
+
+DETERMINANT_OPERATIONS = 64.0
+"""More than a determinant of order 3 takes, from coordinates on."""
+
+
+@kernel(borrows=True)
+def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
+    """
+    Compare every squared distance, with all rounding, with its interval.
+
+    Returns 1 when all lie inside, -1 when one lies outside or a coordinate is not finite, 0
+    when it is too close to call.
+    """
+    n_points, dimension = positions.shape
+    answer = 1
+    for i in range(n_points):
+        for axis in range(dimension):
+            if not math.isfinite(positions[i, axis]):
+                return -1
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            low = 0.0
+            high = 0.0
+            for axis in range(dimension):
+                difference = abs(positions[i, axis] - positions[j, axis])
+                low = down(low + square_down(max(0.0, down(difference))))
+                high = up(high + square_up(up(difference)))
+            if high < lower[i, j] or low > upper[i, j]:
+                return -1
+            if low < lower[i, j] or high > upper[i, j]:
+                answer = 0
+    return answer
+
+
+def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
+    """Return whether every squared distance of a placement lies in its interval, exactly."""
+    answer = _compare_distances(positions, problem.lower, problem.upper)
+    if answer != 0:
+        return bool(answer > 0)
+    exact = [[Fraction(x) for x in point] for point in positions.tolist()]
+    # A fraction compares exactly with a float of Python, infinity included.
+    lower, upper = problem.lower.tolist(), problem.upper.tolist()
+    for i, j in combinations(range(problem.n_points), 2):
+        squared = sum((x - y) ** 2 for x, y in zip(exact[i], exact[j], strict=True))
+        if not lower[i][j] <= squared <= upper[i][j]:
+            return False
+    return True
+
+
+@kernel
+def _determinant_and_error(
+    positions: FloatArray, simplices: IntArray, x: int
+) -> tuple[float, float]:
+    """
+    Return the determinant of a simplex's edges and a bound of its forward error.
+
+    The error grows with the permanent of the absolute values. What products that underflow lose
+    is multiplied by an edge afterwards.
+    """
+    dimension = positions.shape[1]
+    edges = np.empty((dimension, dimension))
+    for row in range(dimension):
+        for axis in range(dimension):
+            edges[row, axis] = (
+                positions[simplices[x, row + 1], axis] - positions[simplices[x, 0], axis]
+            )
+    if dimension == 1:
+        return edges[0, 0], rounding_error(abs(edges[0, 0]), DETERMINANT_OPERATIONS)
+    if dimension == 2:
+        first, second = edges[0, 0] * edges[1, 1], edges[0, 1] * edges[1, 0]
+        error = rounding_error(abs(first) + abs(second), DETERMINANT_OPERATIONS)
+        return first - second, error
+    determinant = 0.0
+    permanent = 0.0
+    longest = 1.0
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        first, second = edges[1, b] * edges[2, c], edges[1, c] * edges[2, b]
+        determinant += edges[0, a] * (first - second)
+        permanent += abs(edges[0, a]) * (abs(first) + abs(second))
+        longest = max(longest, abs(edges[0, a]))
+    error = rounding_error(permanent, DETERMINANT_OPERATIONS)
+    return determinant, error + longest * rounding_error(0.0, DETERMINANT_OPERATIONS)
+
+
+@kernel
+def _set_signs(positions: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
+    """Write the sign of every simplex, or UNSURE; return whether all are certain."""
+    sure = True
+    for x in range(len(simplices)):
+        determinant, error = _determinant_and_error(positions, simplices, x)
+        if abs(determinant) > error:
+            signs[x] = 1 if determinant > 0.0 else -1
+        else:
+            signs[x] = UNSURE
+            sure = False
+    return sure
+
+
+def chirality_signs(positions: FloatArray, simplices: IntArray) -> IntArray:
+    """
+    Return the exact signs of det[p2 - p1, ..., p(q+1) - p1] of simplices.
+
+    The floating-point determinant decides where it exceeds its forward error; exact rationals
+    decide otherwise.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n, q)
+        Coordinates in m, taken as exact.
+    simplices : ndarray of int, shape (k, q + 1)
+        The corners of each simplex.
+
+    Returns
+    -------
+    ndarray of int, shape (k,)
+        -1, 0 or +1 each; 0 when the points lie in one hyperplane.
+
+    """
+    signs = np.zeros(len(simplices), dtype=np.int64)
+    if _set_signs(positions, simplices, signs):
+        return signs
+    for x in np.flatnonzero(signs == UNSURE):
+        corners = positions[simplices[x]].tolist()
+        exact = [[Fraction(value) for value in corner] for corner in corners]
+        edges = [[a - b for a, b in zip(point, exact[0], strict=True)] for point in exact[1:]]
+        determinant = _exact_determinant(edges)
+        signs[x] = (determinant > 0) - (determinant < 0)
+    return signs
+
+
+def _exact_determinant(rows: list[list[Fraction]]) -> Fraction:
+    """Expand a determinant of size 1, 2 or 3."""
+    if len(rows) == 1:
+        return rows[0][0]
+    if len(rows) == 2:
+        return rows[0][0] * rows[1][1] - rows[0][1] * rows[1][0]
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+def with_known_chirality(problem: Problem, positions: FloatArray) -> FloatArray:
+    """Return `positions` or their mirror image, whichever has the first known chirality."""
+    for chirality in problem.chiralities:
+        sign = chirality_signs(positions, np.array([chirality.points], dtype=np.int64))[0]
+        if sign:
+            if sign != chirality.sign:
+                positions = positions.copy()
+                positions[:, -1] = -positions[:, -1]
+            break
+    return positions
+
+
+def agrees(problem: Problem, positions: FloatArray) -> bool:
+    """
+    Prove that a placement meets every constraint of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    positions : ndarray, shape (n, q)
+        Coordinates in m, taken as exact.
+
+    Returns
+    -------
+    bool
+        True is a proof: distances are compared after outward rounding and chiralities by the signs
+        of determinants, or both in exact rationals where rounding leaves it open.
+
+    """
+    if not _distances_agree(problem, positions):
+        return False
+    simplices = [
+        (*side.face, apex) for side in problem.sides for apex in (side.first, side.second)
+    ]
+    simplices.extend(chirality.points for chirality in problem.chiralities)
+    if not simplices:
+        return True
+    signs = chirality_signs(positions, np.array(simplices, dtype=np.int64)).tolist()
+    for x, side in enumerate(problem.sides):
+        # Opposite chiralities of the two simplices mean opposite sides.
+        if signs[2 * x] * signs[2 * x + 1] * side.side > 0:
+            return False
+    of_chiralities = signs[2 * len(problem.sides) :]
+    return all(
+        sign != -chirality.sign
+        for sign, chirality in zip(of_chiralities, problem.chiralities, strict=True)
+    )
