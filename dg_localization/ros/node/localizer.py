@@ -114,6 +114,7 @@ class LocalizerNode(LifecycleNode):
         self._made_to_activate = ExitStack()
         self._estimate: Estimate | None = None
         self._failure = ''
+        self._has_namesake = False
         self._inputs: Inputs | None = None
         self._rate = RateMeter(self.settings.rate_hz)
         self._time = NodeTime(self._clock_s)
@@ -281,7 +282,9 @@ class LocalizerNode(LifecycleNode):
         self._publish(self._no_estimate(reason))
 
     def _on_second(self) -> None:
-        """Look after the worker and the clock, and publish the diagnostics."""
+        """Look after the worker, the clock and the graph, and publish the diagnostics."""
+        own_name = (self.get_name(), self.get_namespace())
+        self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1
         if self._state == 'active':
             self._now_s()
             if self._worker.busy_s > self._patience_s:
@@ -335,8 +338,7 @@ class LocalizerNode(LifecycleNode):
         return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
 
     def _warnings(self) -> Iterator[str]:
-        own_name = (self.get_name(), self.get_namespace())
-        if self.get_node_names_and_namespaces().count(own_name) > 1:
+        if self._has_namesake:
             yield 'another node has the same name: their outputs cannot be told apart'
         still_s = self._time.stands_still_s()
         if self._state == 'active' and still_s > SILENT_CLOCK_S:
