@@ -21,8 +21,8 @@ from damaged_bags import CHUNK, CHUNK_INDEX, SCHEMA, damages, mcap_records, stor
 from dg_localization.ros.bags import localize_bag as module  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
-N_BITS = int(os.environ.get('DAMAGED_BAG_BITS', '40'))
-N_OTHERS = int(os.environ.get('DAMAGED_BAG_OTHERS', '70'))
+N_BITS = int(os.environ.get('DAMAGED_BAG_BITS', '25'))
+N_OTHERS = int(os.environ.get('DAMAGED_BAG_OTHERS', '45'))
 STORAGES = ('db3', 'mcap', 'mcap without checksums', 'mcap without chunks')
 
 
