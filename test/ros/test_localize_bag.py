@@ -305,8 +305,7 @@ def test_links_and_remappings_work_as_for_the_node(localize, recorder):
     assert code == 0 and report['accepted'] == 33
     _, values = read(localize.output, '/site/localizer/feasible_poses')
     # The reference robot is at the origin.
-    position = values[0].poses[1].position
-    assert (position.x, position.y) == (0.0, 0.0)
+    assert values[0].positions_m[1].tolist() == [0.0, 0.0, 0.0]
     _, (first, *_) = read(localize.output, '/diagnostics')
     assert first.statuses[0].name == 'site/localizer: fleet'
 
