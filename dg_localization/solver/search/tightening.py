@@ -48,7 +48,7 @@ MOST_FRUITLESS = 100
 FRUIT = 0.01
 """A cut counts when it takes more than this fraction of a range."""
 
-LOCAL_ROUNDS = 3
+LOCAL_ROUNDS = 2
 LEAST_LOCAL_GAIN = 0.02
 """Linear programs for all ranges are repeated while they shorten some range by this fraction."""
 
