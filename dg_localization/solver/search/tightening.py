@@ -48,7 +48,7 @@ MOST_IDLE_SLICES = 100
 LEAST_CUT_OF_INTERVAL = 0.01
 """A smaller cut, as a fraction of the interval, counts as none."""
 
-LOCAL_ROUNDS = 3
+LOCAL_ROUNDS = 2
 LEAST_LOCAL_GAIN = 0.02
 """Linear programs are repeated while they shorten some interval by this fraction."""
 

@@ -1,0 +1,104 @@
+"""
+How wide the answers are, over the linearized hull, and what each step of tightening costs.
+
+Random trilaterable fleets; the pairs that were not measured, in the hypothesis that holds the
+truth::
+
+    python -m benchmarks.widths [--seeds 4] [--slices 2000]
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.exact import linearized_hull, unknown_pairs
+from benchmarks.problems import random_fleet, squared_distances
+from dg_localization import Problem, Result, SolverOptions, solve
+
+FloatArray = NDArray[np.float64]
+
+FLEETS = ((10, 2, 0.01), (20, 2, 0.01), (10, 2, 0.03), (20, 2, 0.03), (10, 3, 0.01))
+"""Number of points, dimension and relative error of the ranges."""
+
+MAX_PAIRS = 40
+"""Widths are compared on so many pairs of a fleet, drawn at random."""
+
+RUNS = 3
+
+
+@dataclass
+class Effort:
+    """What one way of solving came to: ratios of widths, and seconds, of several fleets."""
+
+    ratios: list[float]
+    seconds: list[float]
+
+    def cells(self, base_seconds: float) -> str:
+        """Return the median and largest ratio and the time, for a table."""
+        if not self.ratios:
+            return 'truth in no hypothesis | '
+        times = np.median(self.seconds) / base_seconds
+        return (
+            f'{np.median(self.ratios):.2f} / {max(self.ratios):.2f} '
+            f'| {1e3 * np.median(self.seconds):.1f} ms ({times:.1f}x)'
+        )
+
+
+def ratios_of(result: Result, problem: Problem, positions: FloatArray) -> list[float]:
+    """Return the widths of unknown pairs over the linearized hull where the truth is."""
+    squared = squared_distances(positions)
+    slack = 1e-12 * squared.max()
+    pairs = unknown_pairs(problem)
+    chosen = np.random.default_rng(0).permutation(len(pairs))[:MAX_PAIRS]
+    pairs = [pairs[number] for number in chosen]
+    hull = linearized_hull(problem, positions, pairs)
+    rows, columns = np.array(pairs).T
+    for found in result.hypotheses:
+        if (found.lower <= squared + slack).all() and (found.upper >= squared - slack).all():
+            width = found.upper[rows, columns] - found.lower[rows, columns]
+            return list(width / (hull[:, 1] - hull[:, 0]))
+    return []
+
+
+def timed(problem: Problem, options: SolverOptions) -> tuple[float, Result]:
+    """Return the shortest time of a few solves in seconds, and the answer."""
+    taken_s = []
+    for _ in range(RUNS):
+        start = time.perf_counter()
+        result = solve(problem, options)
+        taken_s.append(time.perf_counter() - start)
+    return min(taken_s), result
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--seeds', type=int, default=4, help='fleets of each kind')
+    parser.add_argument('--slices', type=int, default=2000, help='most slices of a box')
+    arguments = parser.parse_args()
+    # One slice is as good as none, and the linear programs come before the first.
+    ways = (0, 1, arguments.slices)
+    print('Ratio: median / largest width over the linearized hull. Time: the median fleet.\n')
+    print('| fleet | one pass | time | linear programs | time | and slices | time |')
+    print('|---|---|---|---|---|---|---|')
+    solve(random_fleet(10, 2, 0.01, 0)[0], SolverOptions(tighten_slices=1))
+    for n_points, dimension, relative_error in FLEETS:
+        efforts = [Effort([], []) for _ in ways]
+        for seed in range(arguments.seeds):
+            problem, positions = random_fleet(n_points, dimension, relative_error, seed)
+            for effort, slices in zip(efforts, ways, strict=True):
+                seconds, result = timed(problem, SolverOptions(tighten_slices=slices))
+                effort.seconds.append(seconds)
+                effort.ratios.extend(ratios_of(result, problem, positions))
+        base_s = float(np.median(efforts[0].seconds))
+        cells = ' | '.join(effort.cells(base_s) for effort in efforts)
+        print(f'| n = {n_points}, {dimension}D, +-{relative_error:.0%} | {cells} |', flush=True)
+
+
+if __name__ == '__main__':
+    main()
