@@ -1,6 +1,7 @@
 """The rooms of the package: imports point one way, and the core runs without ROS."""
 
 import ast
+import graphlib
 from pathlib import Path
 import subprocess
 import sys
@@ -96,6 +97,7 @@ SOURCES = sorted(
     for folder in ('dg_localization', 'msg_adapters')
     for path in (REPOSITORY / folder).rglob('*.py')
 )
+MODULES = {module_name(path): path for path in SOURCES}
 CORE_SOURCES = [path for path in SOURCES if room_of(module_name(path)) in ROS_FREE]
 
 
@@ -104,6 +106,19 @@ def test_imports_point_one_way(path):
     room = room_of(module_name(path))
     rooms = {room_of(module) for module in imported_modules(path)} - {None, room}
     assert rooms <= ALLOWED[room]
+
+
+def test_no_circle_of_imports():
+    # The packages that a module lies in are imported before it, whatever it says.
+    graph = {
+        module: {
+            other
+            for other in imported_modules(path) & MODULES.keys()
+            if not f'{module}.'.startswith(f'{other}.')
+        }
+        for module, path in MODULES.items()
+    }
+    graphlib.TopologicalSorter(graph).prepare()
 
 
 @pytest.mark.parametrize('path', CORE_SOURCES, ids=module_name)

@@ -244,24 +244,3 @@ def _files_of(names: set[str]) -> set[Path]:
     return {place.with_name(f'{place.name}.py') for place in places} | {
         place / '__init__.py' for place in places
     }
-
-
-def make_keeper(folder: Path) -> Keeper:
-    """
-    Return what makes a dispatcher keep its machine code in a folder.
-
-    Raises
-    ------
-    AttributeError, ImportError
-        If this version of numba has not the private parts that are used, or this system no locks.
-
-    """
-    if fcntl is None:
-        raise ImportError('this system has no file locks')
-    # Numba is optional, and this module is imported without it.
-    from dg_localization.interval.numba_cache import KernelCache
-
-    def keep(dispatcher: Any, function: Callable[..., Any]) -> None:
-        dispatcher._cache = KernelCache(function, folder)
-
-    return keep

@@ -24,7 +24,6 @@ import warnings
 from dg_localization.interval.kernel_cache import (
     CacheRefusedError,
     Keeper,
-    make_keeper,
     open_folder,
 )
 from dg_localization.optional import install_hint
@@ -176,6 +175,9 @@ def _make_keeper() -> Keeper:
     if _folder is None:
         return _keep_nothing
     try:
+        # It uses private parts of numba, and cannot be imported where they are gone.
+        from dg_localization.interval.numba_cache import make_keeper
+
         return make_keeper(_folder)
     except (AttributeError, ImportError):
         return _keep_as_numba_does

@@ -3,7 +3,7 @@ Numba's cache of compiled functions, made to keep kernels in the folder of `kern
 
 The import fails where numba lacks one of the private parts used: ``_CacheLocator``,
 ``CompileResultCacheImpl`` and ``FunctionCache`` of `numba.core.caching`, with the members that are
-overridden here. `kernel_cache.make_keeper` sets one more, ``_cache`` of a dispatcher.
+overridden here. `make_keeper` sets one more, ``_cache`` of a dispatcher.
 """
 
 from __future__ import annotations
@@ -18,7 +18,14 @@ from typing import Any
 from numba.core import caching
 from numba.core.dispatcher import Dispatcher
 
-from dg_localization.interval.kernel_cache import PACKAGE, alone, make_private, read_code
+from dg_localization.interval.kernel_cache import (
+    PACKAGE,
+    Keeper,
+    alone,
+    fcntl,
+    make_private,
+    read_code,
+)
 
 for _owner, _names in (
     (
@@ -31,7 +38,7 @@ for _owner, _names in (
     (Dispatcher, ('enable_caching', 'stats')),
 ):
     for _name in _names:
-        # An AttributeError here is the answer to `make_keeper`.
+        # An AttributeError here leaves the kernels to the cache that numba has itself.
         getattr(_owner, _name)
 
 
@@ -114,3 +121,22 @@ class KernelCache(caching.FunctionCache):
             except Exception:  # the index is damaged
                 self.flush()
                 super().save_overload(*args)
+
+
+def make_keeper(folder: Path) -> Keeper:
+    """
+    Return what makes a dispatcher keep its machine code in a folder.
+
+    Raises
+    ------
+    ImportError
+        If this system has no file locks.
+
+    """
+    if fcntl is None:
+        raise ImportError('this system has no file locks')
+
+    def keep(dispatcher: Any, function: Callable[..., Any]) -> None:
+        dispatcher._cache = KernelCache(function, folder)
+
+    return keep

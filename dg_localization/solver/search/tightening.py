@@ -3,12 +3,13 @@ Tightening of a finished box towards the exact hull.
 
 First every unknown pair is bounded by linear programs, each in a frame of its own. That comes
 close to the linearized hull; effects of higher order remain, and for these there are slices. A
-slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to be empty of
-it. Within a slice that one distance is nearly known, like a measured one, and near an extreme of a
-distance all measured distances are at extremes of their own: a slice contracts far better than the
-box it was cut from. Both ends of every interval are trimmed by slices of decreasing thickness. The
-remaining slices are thin ones, which are halved across the other pairs until they are proved empty
-or hold a placement. Tightening ends early when slices cut nothing off.
+slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to be
+empty of it. Within a slice that one distance is nearly known, like a measured one, and near an
+extreme of a distance all measured distances are at extremes of their own: a slice contracts far
+better than the box it was cut from. Both ends of every interval are trimmed by slices of
+decreasing thickness. The remaining slices are thin ones, which are halved across the other pairs
+until they are proved empty or hold a placement. Tightening ends early when slices cut nothing off.
+
 """
 
 from __future__ import annotations

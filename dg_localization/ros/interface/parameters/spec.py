@@ -184,3 +184,12 @@ def declare(node: Node, specs: Iterable[Spec], values: Mapping[str, Any]) -> Non
         node.declare_parameter(spec.name, spec.type, ignore_override=True)
         node.set_parameters([Parameter(spec.name, spec.type, values[spec.name])])
         node.set_descriptor(spec.name, spec.descriptor())
+
+
+@dataclass(frozen=True)
+class Section:
+    """Parameters that belong together: a title, what they have in common, and their rows."""
+
+    title: str
+    text: str
+    specs: tuple[Spec, ...]

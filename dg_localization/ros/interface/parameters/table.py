@@ -1,7 +1,6 @@
 """The parameters of the node `localizer`, in the order of the commented file."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 import math
 
 from dg_localization.ros.interface.parameters.spec import (
@@ -11,18 +10,9 @@ from dg_localization.ros.interface.parameters.spec import (
     INTEGER,
     STRING,
     STRINGS,
+    Section,
     Spec,
 )
-
-
-@dataclass(frozen=True)
-class Section:
-    """Parameters that belong together: a title, what they have in common, and their rows."""
-
-    title: str
-    text: str
-    specs: tuple[Spec, ...]
-
 
 FLEET = Section(
     'Fleet',
