@@ -17,7 +17,7 @@ MOST_PASSES = 3
 
 
 @kernel(borrows=True)
-def _turn(source: np.ndarray, angle: float, half_angle: float, target: np.ndarray) -> None:
+def turn_box(source: np.ndarray, angle: float, half_angle: float, target: np.ndarray) -> None:
     """
     Write the box around a box (2, 3) turned by an angle, known to `half_angle`, to `target`.
 
@@ -122,7 +122,7 @@ def try_cells(
     cell = 2.0 * math.pi / count
     for a in range(first, last):
         heading = (a + 0.5) * cell
-        _turn(between, -heading, half_cell, pose)
+        turn_box(between, -heading, half_cell, pose)
         for b in range(count):
             if not allowed[a, b]:
                 continue
@@ -132,5 +132,5 @@ def try_cells(
             box[HIGH, YAW] = up(yaw + up(2.0 * half_cell))
             allowed[a, b] = _cut_pose(box, table, listed, undecided, max_outliers, work)
             if allowed[a, b]:
-                _turn(box[:, :YAW], heading, half_cell, back)
+                turn_box(box[:, :YAW], heading, half_cell, back)
                 allowed[a, b] = _widen(hull, back, between)

@@ -15,7 +15,7 @@ import pytest
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import PairOptions, PairReadings, PastPoses, cover_poses
 
-PAIRS = int(os.environ.get('DG_PROPERTY_PAIRS', '2000'))
+PAIRS = int(os.environ.get('DG_PROPERTY_PAIRS', '1000'))
 CHUNK = 200
 CHUNKS = [range(seed, min(seed + CHUNK, PAIRS)) for seed in range(0, PAIRS, CHUNK)]
 
