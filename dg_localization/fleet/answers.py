@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import Group, Placement
@@ -113,13 +114,15 @@ def _answer_group(
     cancel: Cancel | None,
 ) -> Answer:
     """Return every placement of connected points, in the frame of their plan."""
-    options = replace(options, max_hypotheses=snapshot.config.max_hypotheses)
+    placer = Placer(snapshot, constraints, plan, dropped)
+    most_placements = snapshot.config.max_hypotheses
+    # To build one takes the solver long.
+    options = replace(options, max_hypotheses=math.ceil(most_placements / placer.most_images))
     result = solve(constraints.of(plan.points).problem(), options, cancel)
-    placer = Placer(snapshot, constraints, plan, result, dropped)
     placements: list[Placement] = []
     n_seen = 0
     for hypothesis in result.hypotheses:
-        if len(placements) >= options.max_hypotheses:
+        if len(placements) >= most_placements:
             break
         placements += placer.placements(hypothesis)
         n_seen += 1
@@ -130,7 +133,7 @@ def _answer_group(
     # A hypothesis whose headings contradict the rays has no placement.
     verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE
     number = len(placements) + n_unseen * placer.most_images
-    listed = tuple(placements[: options.max_hypotheses])
+    listed = tuple(placements[:most_placements])
     names = [snapshot.config.points[point] for point in plan.points]
     rigidity = rigidity_of(names, result, snapshot.config.dimension)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

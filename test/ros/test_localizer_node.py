@@ -5,6 +5,7 @@ import signal
 from threading import Event
 
 from lifecycle_msgs.srv import ChangeState
+import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -318,3 +319,30 @@ def test_signal_while_compiling_ends_cleanly(
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
     assert 'the solver is ready' not in output
+
+
+def test_the_frame_says_what_it_is_tied_to_when_sensors_and_robots_fall_silent(bench, make_node):
+    make_node()
+
+    def with_cameras():
+        bench.send_triangle()
+        bench.send_bearing('robot_1', 'robot_2', np.array([1.0, 0.0, 0.0]))
+
+    def until_frame(name):
+        bench.until(
+            lambda: bench.heard.fleet and bench.heard.fleet[-1].header.frame_id == name,
+            f"poses in '{name}'",
+        )
+        assert bench.heard.fleet[-1].poses
+
+    bench.sending = [with_cameras]
+    until_frame('robot_1/base_link')
+    bench.play_triangle()
+    bench.until_status('fleet', Level.WARN, 'the frame has changed: body frame of robot_1 before')
+    until_frame('fleet')
+    bench.sending = [partial(bench.send_range, 'robot_2', 'robot_3', 5.0)]
+    text = 'reference robot robot_1 is not connected: the frame is that of robot_2'
+    bench.until_status('fleet', Level.WARN, text)
+    # The frame has the same name as before, and other robots define it.
+    assert bench.status('fleet').values['frame'] == 'origin at robot_2, x towards robot_3'
+    bench.until_status('robot robot_1', Level.WARN, 'stale')

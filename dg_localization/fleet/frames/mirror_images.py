@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.frames.local import best_apexes
+from dg_localization.solver.decompose.decomposition import decompose
 from dg_localization.solver.decompose.joints import JointKind
-from dg_localization.solver.result import Hypothesis, Result
+from dg_localization.solver.result import Hypothesis
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class ChiralityChoice:
     sign: int
 
 
-def rigid_with(core: tuple[int, ...], result: Result) -> frozenset[int]:
+def rigid_with(core: tuple[int, ...], solved: Constraints) -> frozenset[int]:
     """
     Return the points that have a chirality with a core: those that cannot turn against it.
 
@@ -38,8 +41,8 @@ def rigid_with(core: tuple[int, ...], result: Result) -> frozenset[int]:
     ----------
     core : tuple of int
         q points.
-    result : Result
-        The pieces that they belong to.
+    solved : Constraints
+        Of the points that the solver places.
 
     Returns
     -------
@@ -48,8 +51,10 @@ def rigid_with(core: tuple[int, ...], result: Result) -> frozenset[int]:
         none where the core is not in one piece.
 
     """
-    clusters = [set(piece.points) for piece in result.pieces]
-    for joint in result.joints:
+    measured = np.argwhere(np.triu(np.isfinite(solved.upper), 1))
+    parts = decompose(len(solved.points), measured, solved.dimension)
+    clusters = [set(piece.points) for piece in parts.pieces]
+    for joint in parts.joints:
         if joint.kind is JointKind.REFLECTION:
             joined = set.union(*(clusters[number] for number in joint.pieces))
             clusters = [joined if cluster & joined == cluster else cluster for cluster in clusters]

@@ -31,7 +31,7 @@ from dg_localization.fleet.frames.registration import Registration
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.interval.arrays import Interval
-from dg_localization.solver.result import Hypothesis, Result
+from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
 
@@ -47,8 +47,6 @@ class Placer:
         Of all points of the fleet.
     plan : FramePlan
         The frame; the points of the problem are ``plan.points``, in that order.
-    result : Result
-        What the solver answered.
     dropped : frozenset of LinkKey
         What `constraints` leave out.
 
@@ -59,7 +57,6 @@ class Placer:
         snapshot: Snapshot,
         constraints: Constraints,
         plan: FramePlan,
-        result: Result,
         dropped: frozenset[LinkKey],
     ) -> None:
         self._config = snapshot.config
@@ -77,7 +74,7 @@ class Placer:
                 if point in row_of
             },
         )
-        self._rigid = rigid_with(self._registration.cores[0], result)
+        self._rigid = rigid_with(self._registration.cores[0], self._solved)
         self._encloser = Encloser(self._solved, self._registration)
 
     def placements(self, hypothesis: Hypothesis) -> list[Placement]:
