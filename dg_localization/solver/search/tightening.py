@@ -1,14 +1,14 @@
 """
 Tightening of a finished box towards the exact hull.
 
-First every unknown pair is bounded by linear programs, each in a frame of its own. That comes close
-to the linearized hull; effects of higher order remain, and for these there are slices. A slice is
-the outermost part of the interval of one pair. Contraction cuts off what it proves to be empty of
-it. Within a slice that one distance is nearly known, like a measured one, and near an extreme of a
-distance all measured distances are at extremes of their own: a slice contracts far better than the
-box it was cut from. Both ends of every interval are trimmed by slices of decreasing thickness. The
-remaining slices are thin ones, which are halved across the other pairs until they are proved empty
-or hold a placement. Tightening ends early when slices cut nothing off.
+First every unknown pair is bounded by linear programs, each in a frame of its own. That comes
+close to the linearized hull; effects of higher order remain, and for these there are slices. A
+slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to be
+empty of it. Within a slice that one distance is nearly known, like a measured one, and near an
+extreme of a distance all measured distances are at extremes of their own: a slice contracts far
+better than the box it was cut from. Both ends of every interval are trimmed by slices of
+decreasing thickness. The remaining slices are thin ones, which are halved across the other pairs
+until they are proved empty or hold a placement. Tightening ends early when slices cut nothing off.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class _Slicer:
 
 
 def halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
-    """Return the halves of a slice across its relatively widest pair; none when all have no width."""
+    """Return the halves of a slice across its relatively widest pair, none where all are exact."""
     width = np.triu(part[UPPER] - part[LOWER], 1)
     relative = np.divide(
         width, scale, out=np.zeros_like(width), where=np.isfinite(width) & (scale > 0.0)
@@ -173,7 +173,7 @@ def halves(part: FloatArray, pair: Pair, scale: FloatArray) -> list[FloatArray]:
 
 
 def finds_placement(problem: Problem, box: FloatArray, pair: Pair) -> bool:
-    """Return whether a placement is found that agrees with the problem, and with the box in a pair."""
+    """Return whether a placement is found that agrees, with a pair as long as in the box."""
     positions = place_problem(problem, box)
     squared_m2 = float(((positions[pair[0]] - positions[pair[1]]) ** 2).sum())
     low, high = box[: UPPER + 1, *pair]
