@@ -110,23 +110,50 @@ def load_kernels() -> float:
     from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.assemble.answer import answer
     from dg_localization.solver.assemble.budget import Budget
+    from dg_localization.solver.place.placements import refine
 
     start = time.perf_counter()
     if not COMPILED:
         return 0.0
-    options = SolverOptions(max_boxes=8)
+    options = SolverOptions(max_boxes=8, tighten_slices=2)
     for dimension in (2, 3):
-        # Two simplices that share a face, a bar, and a point without any measurement.
-        n_points = dimension + 4
-        upper = np.full((n_points, n_points), np.inf)
-        upper[: dimension + 2, : dimension + 2] = 1.0
-        upper[dimension, dimension + 1] = upper[dimension + 1, dimension] = np.inf
-        upper[0, n_points - 2] = upper[n_points - 2, 0] = 1.0
-        np.fill_diagonal(upper, 0.0)
-        lower = np.where(np.isfinite(upper), 0.9 * upper, 0.0)
-        face = tuple(range(dimension))
-        chiralities = [Chirality((*face, dimension + x), 1) for x in range(2)]
-        problem = Problem(lower, upper, dimension, chiralities=chiralities)
-        result = answer(problem, Budget(options))
-        len(result.hypotheses)
+        for problem in (
+            _joined_simplices(dimension, closed=False),
+            _joined_simplices(dimension, closed=True),
+            _cross_polytope(dimension),
+        ):
+            len(answer(problem, Budget(options)).hypotheses)
+            # Needed only where the placement of several pieces is hard to prove.
+            refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
     return time.perf_counter() - start
+
+
+def _joined_simplices(dimension: int, closed: bool) -> Problem:
+    """
+    Return two simplices that share a face, and three points.
+
+    One is measured from a corner, one by nobody. The last is measured by nobody either or, where
+    the fleet is closed, from both apexes, which do not measure each other.
+    """
+    n_points = dimension + 5
+    apexes = (dimension, dimension + 1)
+    upper = np.full((n_points, n_points), np.inf)
+    upper[: dimension + 2, : dimension + 2] = 1.0
+    upper[apexes], upper[apexes[::-1]] = np.inf, np.inf
+    closing = [(corner, n_points - 1) for corner in (*apexes, 0)[:dimension]] if closed else []
+    for first, second in ((0, n_points - 3), *closing):
+        upper[first, second] = upper[second, first] = 1.0
+    np.fill_diagonal(upper, 0.0)
+    lower = np.where(np.isfinite(upper), 0.9 * upper, 0.0)
+    face = tuple(range(dimension))
+    chiralities = [Chirality((*face, apex), 1) for apex in apexes]
+    return Problem(lower, upper, dimension, chiralities=chiralities)
+
+
+def _cross_polytope(dimension: int) -> Problem:
+    """Return a rigid piece with pairs that are not measured: opposite corners about a center."""
+    corners = np.vstack([np.zeros(dimension), np.eye(dimension), -np.eye(dimension)])
+    upper = 1.1 * ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
+    lower = upper / 1.2
+    upper[upper > 4.0], lower[lower > 3.0] = np.inf, 0.0
+    return Problem(lower, upper, dimension)

@@ -78,6 +78,8 @@ def decompose(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
         Every point and every measured pair lies in some piece.
 
     """
+    # In one layout: a kernel is compiled for each.
+    pairs = np.ascontiguousarray(pairs)
     measured = {(i, j) for i, j in pairs.tolist()}
     components = rigid_components(n_points, pairs, dimension)
     shared = _shared_pairs(components, dimension)
