@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 from solver_cases import bounds, squared_distances
 
 from dg_localization import Problem, SolverOptions
+from dg_localization.solver.contract.linearization import Linearization
 from dg_localization.solver.contract.simplex import set_multipliers, set_table
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.search.pruning import Pruner
@@ -59,7 +60,11 @@ def test_the_multipliers_are_those_of_the_linear_program(seed):
     index[2:] = np.arange(1, n_free).reshape(-1, 2)
     residuals = np.stack([-rng.uniform(0.1, 1.0, 18), rng.uniform(0.1, 1.0, 18)], axis=1)
     table, active = np.empty((18 + n_free + 2, n_free)), np.full(n_free, -1)
-    assert set_table(reference, edges, index, residuals, table, active)
+    displacements = np.zeros((n_points, 2, 2))
+    linear = Linearization(
+        reference, edges, index, displacements, residuals, np.zeros((2, n_points, 2))
+    )
+    assert set_table(linear, table, active)
     function = rng.normal(size=n_free)
     table[-2] = function @ table[18 : 18 + n_free]
     multipliers = np.empty(18)
