@@ -10,11 +10,19 @@ import numpy as np
 from dg_localization.solver.assemble.budget import Budget
 from dg_localization.solver.assemble.combinations import Combinations
 from dg_localization.solver.assemble.links import Linker
-from dg_localization.solver.assemble.pieces import Bounds, PieceSolver, SolvedPieces
+from dg_localization.solver.assemble.pieces import (
+    Bounds,
+    PieceSolver,
+    SolvedPiece,
+    SolvedPieces,
+)
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.subproblem import Constraint, points_of
+from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import Decomposition, Part, decompose
+from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Piece, Result, Statistics, Verdict
 
@@ -48,7 +56,11 @@ def answer(
     if decomposition is None:
         measured = np.argwhere(np.triu(np.isfinite(problem.upper), 1))
         decomposition = decompose(problem.n_points, measured, problem.dimension)
-    solved = PieceSolver(problem, decomposition, budget, within).run()
+    solved = None
+    if within is None and _may_be_one_piece(problem, decomposition):
+        solved = _solved_in_one_box(problem, budget)
+    if solved is None:
+        solved = PieceSolver(problem, decomposition, budget, within).run()
     if solved.contradiction is not None:
         return _infeasible(solved.contradiction, problem, budget)
     links = Linker(problem, solved, budget, within).links(solved.joints)
@@ -67,6 +79,30 @@ def answer(
 def in_one_piece(n_points: int) -> Decomposition:
     """Return the decomposition that leaves a fleet as it is."""
     return Decomposition((Part(tuple(range(n_points)), ()),), ())
+
+
+def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
+    """Return whether known sides or chiralities may decide all joints of a small fleet."""
+    return (
+        len(decomposition.pieces) > 1
+        and problem.n_points <= SMALL_FLEET
+        and bool(problem.sides or problem.chiralities)
+        and all(joint.kind is JointKind.REFLECTION for joint in decomposition.joints)
+        and sum(len(joint.pieces) - 1 for joint in decomposition.joints)
+        == len(decomposition.pieces) - 1
+    )
+
+
+def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
+    """Return a fleet as the one piece that it is where a single box covers it, or None."""
+    cover = budget.search_in_one_box(problem)
+    if cover is None:
+        return None
+    points = tuple(range(problem.n_points))
+    hypotheses = hypotheses_of(problem, cover.kept)
+    if not hypotheses:
+        return SolvedPieces(contradiction=points)
+    return SolvedPieces([SolvedPiece(points, list(hypotheses), set())])
 
 
 def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:

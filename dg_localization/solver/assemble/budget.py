@@ -119,3 +119,28 @@ class Budget:
             statistics = replace(statistics, processed=0, empty=0)
         self.spent = add(self.spent, statistics)
         return cover
+
+    def search_in_one_box(self, problem: Problem) -> Cover | None:
+        """
+        Cover the placements of a problem by one box.
+
+        Parameters
+        ----------
+        problem : Problem
+            The problem.
+
+        Returns
+        -------
+        Cover or None
+            The cover, empty where there is no placement; None where one box is not enough or the
+            time is over, which counts as no effort.
+
+        """
+        seconds = max(SHORTEST_S, self.options.max_seconds - self.seconds())
+        options = replace(self.options, max_boxes=1, max_seconds=seconds)
+        cover, statistics = search(problem, options, self._cancel)
+        if cover.pending:
+            return None
+        self.spent = add(self.spent, statistics)
+        self._report(Statistics(0, 0, 0, 0, 0, 0.0))
+        return cover
