@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
+from numbers import Integral, Real
 from typing import Protocol
 
 
@@ -39,16 +41,27 @@ class SolverOptions:
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
-        if not 0.0 < self.resolution < float('inf'):
+        self._check_real('resolution', ' m')
+        self._check_real('max_seconds', ' s')
+        if not math.isfinite(self.resolution):
             raise ValueError(f'resolution is {self.resolution} m, it must be positive and finite')
-        if self.max_boxes < 1:
-            raise ValueError(f'max_boxes is {self.max_boxes}, it must be at least 1')
-        if not self.max_seconds > 0.0:
-            raise ValueError(f'max_seconds is {self.max_seconds} s, it must be positive')
-        if self.tighten_slices < 0:
-            raise ValueError(f'tighten_slices is {self.tighten_slices}, it must not be negative')
-        if self.max_hypotheses < 1:
-            raise ValueError(f'max_hypotheses is {self.max_hypotheses}, it must be at least 1')
+        for name, least in (('max_boxes', 1), ('tighten_slices', 0), ('max_hypotheses', 1)):
+            self._check_whole(name, least)
+
+    def _check_real(self, name: str, unit: str) -> None:
+        """Refuse what is no positive number, and keep the others as floats."""
+        value = getattr(self, name)
+        is_number = isinstance(value, Real) and not isinstance(value, bool)
+        if not is_number or not value > 0.0:
+            raise ValueError(f'{name} is {value}{unit}, it must be a positive number')
+        object.__setattr__(self, name, float(value))
+
+    def _check_whole(self, name: str, least: int) -> None:
+        """Refuse what is no integer or too small, and keep the others as integers of Python."""
+        value = getattr(self, name)
+        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+            raise ValueError(f'{name} is {value}, it must be an integer of at least {least}')
+        object.__setattr__(self, name, int(value))
 
 
 class Cancel(Protocol):

@@ -6,9 +6,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from dg_localization.interval.intake import lower_bounds, upper_bounds
+
+Matrix = NDArray[np.float64]
 
 
 class InvalidProblemError(ValueError):
@@ -73,20 +79,72 @@ class Chirality:
         return -self.sign if inversions % 2 else self.sign
 
 
-def _square_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    matrix = np.array(values, dtype=np.float64)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-        raise InvalidProblemError(f'{name} has shape {matrix.shape}, a square matrix is needed')
-    return matrix
+def check_bounds(
+    lower: ArrayLike, upper: ArrayLike, names: tuple[str, str] = ('lower', 'upper')
+) -> tuple[Matrix, Matrix]:
+    """
+    Return bounds of squared distances in double precision, rounded outward.
+
+    Parameters
+    ----------
+    lower, upper : array_like, shape (n, n)
+        Real numbers of any kind.
+    names : tuple of str, optional
+        What they are called in messages.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n, n)
+        New arrays.
+
+    Raises
+    ------
+    InvalidProblemError
+        If the bounds are not real numbers or not square.
+
+    """
+    matrices = []
+    for name, values, rounded in zip(
+        names, (lower, upper), (lower_bounds, upper_bounds), strict=True
+    ):
+        try:
+            matrix = rounded(values)
+        except ValueError as error:
+            raise InvalidProblemError(f'{name} {error}') from None
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+            raise InvalidProblemError(
+                f'{name} has shape {matrix.shape}, a square matrix is needed'
+            )
+        matrices.append(matrix)
+    return matrices[0], matrices[1]
 
 
-def _check_points(what: str, points: Iterable[int], n_points: int) -> None:
-    points = tuple(points)
+def _is_whole(value: object) -> bool:
+    """Return whether a value is an integer of Python or NumPy; truth values are none."""
+    return type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
+
+
+def _checked_points(what: object, points: object, count: int, n_points: int) -> tuple[int, ...]:
+    """Return the points of a constraint as integers of Python."""
+    if not isinstance(points, Iterable):
+        raise InvalidProblemError(f'{what}: {points!r} are no points')
+    listed = tuple(points)
+    if len(listed) != count:
+        raise InvalidProblemError(f'{what}: {count} points are needed in this dimension')
+    return _existing(what, listed, n_points)
+
+
+def _existing(what: object, points: tuple[Any, ...], n_points: int) -> tuple[int, ...]:
+    """Return points as integers of Python, different ones that the problem has."""
     for point in points:
-        if not 0 <= point < n_points:
+        if not _is_whole(point):
+            raise InvalidProblemError(f'{what}: point {point!r} is not an integer')
+        if not 0 <= int(point) < n_points:
             raise InvalidProblemError(f'{what}: point {point} is not in 0..{n_points - 1}')
-    if len(set(points)) < len(points):
-        raise InvalidProblemError(f'{what}: points {points} are not all different')
+    checked = tuple(int(point) for point in points)
+    if len(set(checked)) < len(checked):
+        raise InvalidProblemError(f'{what}: points {checked} are not all different')
+    return checked
 
 
 class Problem:
@@ -97,7 +155,8 @@ class Problem:
     ----------
     lower, upper : array_like, shape (n, n)
         Bounds of the squared distances in m^2, symmetric, with zero diagonal. ``upper = inf``
-        means that there is no upper bound; an unknown pair is ``[0, inf]``.
+        means that there is no upper bound; an unknown pair is ``[0, inf]``. Numbers that are no
+        doubles (large integers, long doubles, fractions, decimals) are rounded outward.
     dimension : int, optional
         The dimension q of the space: 1, 2 or 3.
     sides : sequence of SideConstraint, optional
@@ -108,9 +167,10 @@ class Problem:
     Raises
     ------
     InvalidProblemError
-        If a bound is NaN, negative, reversed or asymmetric, a lower bound is infinite, the
-        diagonal is not zero, the dimension is not 1, 2 or 3, or a constraint does not name
-        different existing points in the right number. Contradictory measurements are no error.
+        If a bound is no real number (masked, complex, a truth value, text), NaN, negative,
+        reversed or asymmetric, a lower bound is infinite, the diagonal is not zero, the dimension
+        is not 1, 2 or 3, or a constraint does not name different existing points in the right
+        number. Contradictory measurements are no error.
 
     """
 
@@ -122,15 +182,16 @@ class Problem:
         sides: Sequence[SideConstraint] = (),
         chiralities: Sequence[Chirality] = (),
     ) -> None:
-        if dimension not in (1, 2, 3):
+        if not _is_whole(dimension) or dimension not in (1, 2, 3):
             raise InvalidProblemError(f'dimension is {dimension!r}, it must be 1, 2 or 3')
-        self.lower = _square_matrix('lower', lower)
-        self.upper = _square_matrix('upper', upper)
-        self.dimension = dimension
-        self.sides = tuple(sides)
-        self.chiralities = tuple(chiralities)
+        for name, given in (('sides', sides), ('chiralities', chiralities)):
+            if not isinstance(given, Iterable):
+                raise InvalidProblemError(f'{name} is {given!r}, a sequence is needed')
+        self.lower, self.upper = check_bounds(lower, upper)
+        self.dimension = int(dimension)
         self._check_bounds()
-        self._check_constraints()
+        self.sides = tuple(self._checked_side(side) for side in sides)
+        self.chiralities = tuple(self._checked_chirality(known) for known in chiralities)
         self.lower.flags.writeable = False
         self.upper.flags.writeable = False
 
@@ -164,21 +225,22 @@ class Problem:
                 f'lower[{i},{j}] = {lower[i, j]} m^2 exceeds upper[{i},{j}] = {upper[i, j]} m^2'
             )
 
-    def _check_constraints(self) -> None:
-        for constraint in self.sides:
-            if len(constraint.face) != self.dimension:
-                raise InvalidProblemError(
-                    f'{constraint}: a face has {self.dimension} points in this dimension'
-                )
-            if constraint.side not in tuple(Side):
-                raise InvalidProblemError(f'{constraint}: the side must be -1, 0 or +1')
-            apexes = (constraint.first, constraint.second)
-            _check_points(str(constraint), (*constraint.face, *apexes), self.n_points)
-        for chirality in self.chiralities:
-            if len(chirality.points) != self.dimension + 1:
-                raise InvalidProblemError(
-                    f'{chirality}: {self.dimension + 1} points are needed in this dimension'
-                )
-            if chirality.sign not in (-1, 1):
-                raise InvalidProblemError(f'{chirality}: the sign must be -1 or +1')
-            _check_points(str(chirality), chirality.points, self.n_points)
+    def _checked_side(self, constraint: SideConstraint) -> SideConstraint:
+        """Return a side constraint with its points as integers of Python."""
+        if not isinstance(constraint, SideConstraint):
+            raise InvalidProblemError(f'{constraint!r} among the sides is no SideConstraint')
+        face = _checked_points(constraint, constraint.face, self.dimension, self.n_points)
+        if not _is_whole(constraint.side) or constraint.side not in (-1, 0, 1):
+            raise InvalidProblemError(f'{constraint}: the side must be -1, 0 or +1')
+        points = (*face, constraint.first, constraint.second)
+        *face_points, first, second = _existing(constraint, points, self.n_points)
+        return SideConstraint(tuple(face_points), first, second, Side(constraint.side))
+
+    def _checked_chirality(self, chirality: Chirality) -> Chirality:
+        """Return a chirality with its points as integers of Python."""
+        if not isinstance(chirality, Chirality):
+            raise InvalidProblemError(f'{chirality!r} among the chiralities is no Chirality')
+        points = _checked_points(chirality, chirality.points, self.dimension + 1, self.n_points)
+        if not _is_whole(chirality.sign) or chirality.sign not in (-1, 1):
+            raise InvalidProblemError(f'{chirality}: the sign must be -1 or +1')
+        return Chirality(points, int(chirality.sign))

@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel, SolverOptions
-from dg_localization.solver.problem import Chirality, InvalidProblemError, Problem
+from dg_localization.solver.problem import (
+    Chirality,
+    InvalidProblemError,
+    Problem,
+    check_bounds,
+)
 from dg_localization.solver.result import Result, Statistics
 
 FloatArray = NDArray[np.float64]
@@ -77,11 +82,17 @@ def _boxes(
     """Check the boxes that placements have to lie in, and return them as arrays."""
     boxes = []
     for x, box in enumerate(within):
-        lower, upper = (np.array(bound, dtype=np.float64) for bound in box)
-        for name, bound in (('lower', lower), ('upper', upper)):
+        try:
+            lower, upper = box
+        except (TypeError, ValueError):
+            text = f'within[{x}] is no pair of lower and upper bounds'
+            raise InvalidProblemError(text) from None
+        names = (f'within[{x}]: lower', f'within[{x}]: upper')
+        lower, upper = check_bounds(lower, upper, names)
+        for name, bound in zip(names, (lower, upper), strict=True):
             if bound.shape != problem.lower.shape or np.isnan(bound).any():
                 raise InvalidProblemError(
-                    f'within[{x}]: {name} has shape {bound.shape}, numbers of shape '
+                    f'{name} has shape {bound.shape}, numbers of shape '
                     f'{problem.lower.shape} are needed'
                 )
         boxes.append((np.maximum(lower, lower.T), np.minimum(upper, upper.T)))

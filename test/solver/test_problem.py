@@ -1,6 +1,10 @@
 """Malformed input is refused with the field, the index and the value in the message."""
 
+from decimal import Decimal
+from fractions import Fraction
 from itertools import permutations
+import math
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from dg_localization import (
     Side,
     SideConstraint,
     SolverOptions,
+    solve,
 )
 
 TRIANGLE = {(0, 1): (1.0, 2.0), (1, 2): (1.0, 2.0), (0, 2): (1.0, 2.0)}
@@ -57,10 +62,109 @@ def test_wrong_bounds(arguments, text):
         Problem(*arguments)
 
 
-@pytest.mark.parametrize('dimension', [0, 4, 2.5, None, '2'])
+@pytest.mark.parametrize('dimension', [0, 4, 2.5, 2.0, True, None, '2', [2]])
 def test_wrong_dimension(dimension):
-    with pytest.raises(InvalidProblemError, match=f'dimension is {dimension!r}'):
+    with pytest.raises(InvalidProblemError, match=re.escape(f'dimension is {dimension!r}')):
         Problem(*bounds(3, TRIANGLE), dimension=dimension)
+
+
+@pytest.mark.parametrize(
+    ('values', 'text'),
+    [
+        (np.ma.masked_array(np.ones((2, 2)), mask=np.eye(2)), 'lower is a masked array'),
+        ([np.ma.masked_array([0.0, 1.0], mask=[0, 1]), [1.0, 0.0]], 'lower is a masked array'),
+        (np.array([[0, 1j], [1j, 0]]), 'lower has entries of type complex128'),
+        ([[0, 1j], [1j, 0]], r'lower has the entry \[0,1\] = 1j'),
+        (np.ones((2, 2), dtype=bool), 'lower has entries of type bool'),
+        ([[0, True], [True, 0]], r'lower has the entry \[0,1\] = True'),
+        ([['0', '1'], ['1', '0']], r"lower has the entry \[0,0\] = '0'"),
+        (np.array([['0', '1'], ['1', '0']]), 'lower has entries of type <U1'),
+        ([[0, None], [None, 0]], r'lower has the entry \[0,1\] = None'),
+        ([[0, 1], [1]], r'lower has the entry \[0\] = \[0, 1\]'),
+        (np.zeros((2, 2), dtype='datetime64[s]'), 'lower has entries of type datetime64'),
+        (None, r'lower has the entry \[\] = None'),
+        (3.0, r'lower has shape \(\)'),
+    ],
+)
+def test_bounds_that_are_no_real_numbers(values, text):
+    with pytest.raises(InvalidProblemError, match=text):
+        Problem(values, [[0.0, 2.0], [2.0, 0.0]])
+
+
+BEYOND = 2**53 + 1
+"""No double: its neighbors are 2^53 and 2^53 + 2."""
+
+
+@pytest.mark.parametrize(
+    'number',
+    [
+        BEYOND,
+        np.int64(BEYOND),
+        np.uint64(2**63 + 1),
+        Fraction(1, 3),
+        Decimal('0.1'),
+        10**400,
+        Fraction(1, 10**400),
+        np.longdouble(1) + np.finfo(np.longdouble).eps,
+        np.longdouble(1) - np.finfo(np.longdouble).eps,
+    ],
+    ids=repr,
+)
+@pytest.mark.parametrize('as_array', [True, False])
+def test_a_bound_that_is_no_double_is_rounded_outward(number, as_array):
+    matrix = [[0, number], [number, 0]]
+    if as_array:
+        matrix = np.array(matrix, dtype=getattr(number, 'dtype', object))
+    problem = Problem(matrix, matrix)
+    lower, upper = problem.lower[0, 1], problem.upper[0, 1]
+    if isinstance(number, np.longdouble):
+        assert lower < number < upper
+    else:
+        exact = Fraction(int(number) if isinstance(number, np.integer) else number)
+        assert Fraction(lower) < exact
+        assert math.isinf(upper) or exact < Fraction(upper)
+    assert upper == math.nextafter(lower, math.inf)
+
+
+def test_whole_numbers_beside_doubles_keep_their_value():
+    problem = Problem([[0, BEYOND], [BEYOND, 0.0]], [[0, BEYOND], [BEYOND, 0.0]])
+    assert int(problem.lower[0, 1]) < BEYOND < int(problem.upper[0, 1])
+    assert problem.lower[1, 1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ('constraints', 'text'),
+    [
+        ({'sides': None}, 'sides is None'),
+        ({'sides': [(0, 1, 2, 3, -1)]}, 'is no SideConstraint'),
+        ({'sides': [SideConstraint(None, 2, 3, Side.SAME)]}, 'None are no points'),
+        ({'sides': [SideConstraint((0, 1.0), 2, 3, Side.SAME)]}, 'point 1.0 is not an integer'),
+        ({'sides': [SideConstraint((0, 1), 2, None, Side.SAME)]}, 'point None is not an integer'),
+        ({'sides': [SideConstraint((0, 1), 2, True, Side.SAME)]}, 'point True is not an integer'),
+        ({'sides': [SideConstraint((0, 1), 2, 3, 'same')]}, r'-1, 0 or \+1'),
+        ({'chiralities': 3}, 'chiralities is 3'),
+        ({'chiralities': [((0, 1, 2), 1)]}, 'is no Chirality'),
+        ({'chiralities': [Chirality(7, 1)]}, '7 are no points'),
+        ({'chiralities': [Chirality((0, 1, '2'), 1)]}, "point '2' is not an integer"),
+        ({'chiralities': [Chirality((0, 1, 2), 1.5)]}, r'-1 or \+1'),
+        ({'chiralities': [Chirality((0, 1, 2), True)]}, r'-1 or \+1'),
+    ],
+)
+def test_constraints_of_wrong_types(constraints, text):
+    with pytest.raises(InvalidProblemError, match=text):
+        Problem(*bounds(4, TRIANGLE), **constraints)
+
+
+def test_integers_of_numpy_and_lists_of_points_will_do():
+    problem = Problem(
+        *bounds(4, TRIANGLE),
+        dimension=np.int64(2),
+        sides=[SideConstraint([np.int32(0), 1], np.uint8(2), 3, -1)],
+        chiralities=[Chirality(np.array([0, 1, 2]), np.int64(-1))],
+    )
+    assert problem.sides == (SideConstraint((0, 1), 2, 3, Side.SAME),)
+    assert problem.chiralities == (Chirality((0, 1, 2), -1),)
+    assert type(problem.dimension) is int
 
 
 @pytest.mark.parametrize(
@@ -104,11 +208,44 @@ def test_wrong_chiralities(chirality, text):
         ('max_seconds', 0.0),
         ('max_seconds', -1.0),
         ('max_seconds', float('nan')),
+        ('resolution', '0.1'),
+        ('resolution', None),
+        ('resolution', True),
+        ('resolution', 1j),
+        ('max_seconds', None),
+        ('max_boxes', 2.5),
+        ('max_boxes', float('inf')),
+        ('max_boxes', True),
+        ('max_boxes', '10'),
+        ('tighten_slices', -1),
+        ('tighten_slices', 1.0),
+        ('max_hypotheses', 0),
+        ('max_hypotheses', None),
     ],
 )
 def test_wrong_options(field, value):
-    with pytest.raises(ValueError, match=f'{field} is {value}'):
+    with pytest.raises(ValueError, match=re.escape(f'{field} is {value}')):
         SolverOptions(**{field: value})
+
+
+def test_options_are_kept_as_numbers_of_python():
+    options = SolverOptions(resolution=1, max_boxes=np.int64(7), max_seconds=Fraction(1, 2))
+    assert (type(options.resolution), options.resolution) == (float, 1.0)
+    assert (type(options.max_boxes), options.max_boxes) == (int, 7)
+    assert options.max_seconds == 0.5
+
+
+@pytest.mark.parametrize(
+    ('within', 'text'),
+    [
+        ([3], r'within\[0\] is no pair'),
+        ([(np.zeros((3, 3)),)], r'within\[0\] is no pair'),
+        ([(np.zeros((3, 3)), [[1j] * 3] * 3)], r'within\[0\]: upper has the entry \[0,0\]'),
+    ],
+)
+def test_wrong_boxes_to_search_in(within, text):
+    with pytest.raises(InvalidProblemError, match=text):
+        solve(Problem(*bounds(3, TRIANGLE)), within=within)
 
 
 @pytest.mark.parametrize('order', list(permutations((3, 0, 2, 1))))

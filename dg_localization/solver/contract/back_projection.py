@@ -1,5 +1,5 @@
 """
-Back-projection of reduced ranges from the space orthogonal to an axis (Section 4.3).
+Back-projection: what is known in the space orthogonal to an axis narrows the box (Section 4.3).
 
 With the coordinate t along the axis, u = d - t, and the squared distance p from the axis,
 
@@ -38,7 +38,7 @@ def far_squared_distance(
     d_upper: float,
 ) -> tuple[float, float]:
     """
-    Bound B = A + d^2 - 2 d t (Eq. 22) for A, t and d in their ranges.
+    Bound B = A + d^2 - 2 d t (Eq. 22) from bounds of A, t and d.
 
     B increases with A and decreases with t; in d it is convex with its minimum at d = t
     (Eqs. 23-26).

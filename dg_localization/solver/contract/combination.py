@@ -14,7 +14,7 @@ from dg_localization.solver.place.placements import place
 
 MAX_COMBINATIONS = 4
 LEAST_COMBINATION_GAIN = 0.5
-"""Linear combinations are repeated, at most so often, while they halve some range."""
+"""Linear combinations are repeated, at most so often, while they halve some interval."""
 
 
 @kernel

@@ -2,7 +2,7 @@
 Cartesian enclosures of a box in distance space, by the Cholesky route of Section 3.
 
 The coordinates of a point in the frame of a few others are its coordinates along one projection
-axis after the other, so the exact ranges of the projection bound them.
+axis after the other, so the formulas of the projection bound them.
 """
 
 from __future__ import annotations

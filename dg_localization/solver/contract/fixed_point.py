@@ -41,7 +41,7 @@ AXES_BEFORE_SPLIT = 12
 """How many axes per point are tried before a box with a gap is split."""
 
 LEAST_GAIN = 0.05
-"""A sweep that shortens no range by more than this fraction is the last."""
+"""A sweep that shortens no interval by more than this fraction is the last."""
 
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
@@ -70,7 +70,7 @@ class Goal(NamedTuple):
     resolution_m : float
         It ends when every distance is known to this many meters,
     explained_factor : float
-        or no range is more than so many times wider than the measurement errors explain,
+        or no interval is more than so many times wider than the measurement errors explain,
     max_sweeps : int
         or after so many sweeps over all axes.
     axes_per_test : int

@@ -1,5 +1,5 @@
 """
-Range reduction on the line (Section 4.2, Algorithm 1).
+Reduction on the line (Section 4.2, Algorithm 1).
 
 Of three points on a line the distances obey d_ik = |d_ij - d_jk| or d_ik = d_ij + d_jk. When j is
 the image of a face with a known side, only one of the two is left. Where Algorithm 1 takes the
@@ -127,6 +127,56 @@ def _from_merged(
     return max(0.0, down(jk_low - j_high)), up(jk_high - j_low)
 
 
+@kernel(inlined=True)
+def _known_branches(
+    branches: tuple[float, float, float, float],
+    ij: tuple[float, float],
+    jk: tuple[float, float],
+    triple: tuple[int, int, int],
+    merged: int,
+    sigma: NDArray[np.int8],
+) -> tuple[float, float, float, float]:
+    """Return the branches of d_ik that are left where one of i, j, k is the merged point."""
+    near_low, near_high, far_low, far_high = branches
+    i, j, k = triple
+    if j == merged:
+        side = sigma[i, k]
+        if side == BOTH:
+            near_low, near_high = max(near_low, far_low), min(near_high, far_high)
+        elif side > 0:
+            near_low, near_high = math.inf, -math.inf
+        if side < 0 or side == BOTH:
+            far_low, far_high = math.inf, -math.inf
+    elif i == merged and sigma[j, k] != 0:
+        near_low, near_high = _from_merged(ij[0], ij[1], jk[0], jk[1], sigma[j, k])
+        if sigma[j, k] > 0:
+            far_low, far_high = math.inf, -math.inf
+    elif k == merged and sigma[i, j] != 0:
+        near_low, near_high = _from_merged(jk[0], jk[1], ij[0], ij[1], sigma[i, j])
+        if sigma[i, j] > 0:
+            far_low, far_high = math.inf, -math.inf
+    return near_low, near_high, far_low, far_high
+
+
+@kernel(inlined=True)
+def _narrow_to_distances(box: FloatArray, distance: FloatArray, points: IntArray) -> bool:
+    """Narrow the squared distances by the distances; return whether anything is left."""
+    for x in range(len(points)):
+        i = points[x]
+        for y in range(x + 1, len(points)):
+            j = points[y]
+            low = square_down(distance[LOWER, i, j])
+            high = square_up(distance[UPPER, i, j])
+            if not narrow(box, i, j, low, high):
+                return False
+            if distance[GAP_LOWER, i, j] < distance[GAP_UPPER, i, j]:
+                gap_low = square_up(distance[GAP_LOWER, i, j])
+                gap_high = square_down(distance[GAP_UPPER, i, j])
+                if not exclude(box, i, j, gap_low, gap_high):
+                    return False
+    return True
+
+
 @kernel(borrows=True)
 def reduce_line(
     box: FloatArray,
@@ -169,37 +219,16 @@ def reduce_line(
             i = points[x]
             if i == j:
                 continue
-            ij_low = distance[LOWER, i, j]
-            ij_high = distance[UPPER, i, j]
+            ij = distance[LOWER, i, j], distance[UPPER, i, j]
             for y in range(x + 1, count):
                 k = points[y]
                 if k == j:
                     continue
-                jk_low = distance[LOWER, j, k]
-                jk_high = distance[UPPER, j, k]
-                near_low, near_high, far_low, far_high = _branches(
-                    ij_low, ij_high, jk_low, jk_high
+                jk = distance[LOWER, j, k], distance[UPPER, j, k]
+                branches = _branches(ij[0], ij[1], jk[0], jk[1])
+                near_low, near_high, far_low, far_high = _known_branches(
+                    branches, ij, jk, (i, j, k), merged, sigma
                 )
-                if j == merged:
-                    side = sigma[i, k]
-                    if side == BOTH:
-                        near_low, near_high = max(near_low, far_low), min(near_high, far_high)
-                    elif side > 0:
-                        near_low, near_high = math.inf, -math.inf
-                    if side < 0 or side == BOTH:
-                        far_low, far_high = math.inf, -math.inf
-                elif i == merged and sigma[j, k] != 0:
-                    near_low, near_high = _from_merged(
-                        ij_low, ij_high, jk_low, jk_high, sigma[j, k]
-                    )
-                    if sigma[j, k] > 0:
-                        far_low, far_high = math.inf, -math.inf
-                elif k == merged and sigma[i, j] != 0:
-                    near_low, near_high = _from_merged(
-                        jk_low, jk_high, ij_low, ij_high, sigma[i, j]
-                    )
-                    if sigma[i, j] > 0:
-                        far_low, far_high = math.inf, -math.inf
                 if near_high >= far_low:
                     # The branches overlap: together they are one interval.
                     near_high = max(near_high, far_high)
@@ -210,22 +239,8 @@ def reduce_line(
                 if ((near_low <= low) & (high <= near_high)) | (
                     (far_low <= low) & (high <= far_high)
                 ):
-                    # Most often the whole range lies in one branch, and its gap stays too.
+                    # Most often the whole interval lies in one branch, and its gap stays too.
                     continue
                 if not _restrict(distance, i, k, near_low, near_high, far_low, far_high):
                     return False
-
-    for x in range(count):
-        i = points[x]
-        for y in range(x + 1, count):
-            j = points[y]
-            low = square_down(distance[LOWER, i, j])
-            high = square_up(distance[UPPER, i, j])
-            if not narrow(box, i, j, low, high):
-                return False
-            if distance[GAP_LOWER, i, j] < distance[GAP_UPPER, i, j]:
-                gap_low = square_up(distance[GAP_LOWER, i, j])
-                gap_high = square_down(distance[GAP_UPPER, i, j])
-                if not exclude(box, i, j, gap_low, gap_high):
-                    return False
-    return True
+    return _narrow_to_distances(box, distance, points)

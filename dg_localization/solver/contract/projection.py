@@ -10,9 +10,9 @@ its squared distance from the axis is p_i = A - t_i^2 (Eq. 8), and two points i,
 
     s'_ij = s_ij - (t_i - t_j)^2
 
-apart in the space orthogonal to the axis, where a and b are one point. Every range below is the
-exact range over the box of its arguments, found by the monotonicity of Eqs. (9)-(17) and rounded
-outward; plain interval evaluation would be wider because its terms share variables.
+apart in the space orthogonal to the axis, where a and b are one point. The bounds below are the
+tightest ones over the box of the arguments, found by the monotonicity of Eqs. (9)-(17), and
+rounded outward; plain interval evaluation would be wider because its terms share variables.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def axis_coordinate(
     minimum sqrt(A - B) at d = sqrt(A - B), and increasing otherwise. Hence the maximum lies at
     A+, B- and an end of d; the minimum at A-, B+ and an end of d, or at d = sqrt(A- - B+) when
     that is an admissible length. Both bounds are then cut by what any triangle obeys,
-    |t| <= sqrt(A) and |t - d| <= sqrt(B), which also bounds the range where d may vanish.
+    |t| <= sqrt(A) and |t - d| <= sqrt(B), which gives bounds even where d may vanish.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def coordinate_difference(
     Bound t_i - t_j = (A_i - B_i - A_j + B_j) / (2 d), in which d / 2 cancels.
 
     Every squared distance occurs once and the quotient is monotone in d on either side of zero,
-    so the corner named by the sign of the numerator gives the exact range.
+    so the corner named by the sign of the numerator gives the tightest bounds.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
     """
     Return whether a pair is known well enough to project along it.
 
-    The ranges above widen quickly as the relative error of the axis grows; docs/projections.md
+    The bounds above widen quickly as the relative error of the axis grows; docs/projections.md
     has the measurements behind the limit.
     """
     upper = box[UPPER, a, b]

@@ -22,9 +22,9 @@ def choose_split(
     """
     Choose where to split a contracted box: at a gap, else where it is too wide.
 
-    Of several gaps the one counts that leaves the least of its range: both parts are then known
-    well, and contraction decides about them. The widest gaps are those of far points, about which
-    little is known yet.
+    Of several gaps the one is taken that leaves the least of its interval: both parts are then
+    known well, and contraction decides about them. The widest gaps are those of far points, about
+    which little is known yet.
 
     Parameters
     ----------
