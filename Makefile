@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 # Everything runs in a virtual environment that the first target to need it makes.
 #   PYTHON  the interpreter to make it with    VENV  its folder    JOBS  test processes at a time
 PYTHON ?= python3

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Install dg_localization: with pip, or as an ament_python package with colcon."""
 
 from glob import glob

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command line: ``python -m benchmarks [--quick] [--only NAME ...]``."""
 
 from __future__ import annotations

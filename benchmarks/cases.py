@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The cases: a problem, what is known of it, who is asked, and what is aimed at."""
 
 from __future__ import annotations

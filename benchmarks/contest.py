@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Answers of different methods to one case, timed and scored alike."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 What the widths are measured against: the exact hull of a pair, or its linearization.
 

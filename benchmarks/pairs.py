@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Pair sets: how wide, how fast, and whether the truth is inside; the figures of docs/pairs.md.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The problems, each with the placements known to solve it."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a new process pays: import, compilation, loading from the cache, and no numba at all."""
 
 from __future__ import annotations

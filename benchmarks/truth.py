@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Whether the hulls computed here agree with those stored beside the project."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 How wide the answers are, over the linearized hull, and what each step of tightening costs.
 

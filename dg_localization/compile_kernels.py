@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The executable `compile_kernels`: compile the solver now, so that no first start waits for it.
 

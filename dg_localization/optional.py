@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What to say where an optional Python package is missing."""
 
 from importlib.metadata import version

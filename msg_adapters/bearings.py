@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """geometry_msgs/Vector3Stamped <-> `BearingReading`, a ray in the observer's body frame."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """diagnostic_msgs/DiagnosticArray <-> `Diagnostics`."""
 
 from collections.abc import Mapping

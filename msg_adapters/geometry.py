@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The geometry_msgs pieces that several message families are made of."""
 
 from typing import Any

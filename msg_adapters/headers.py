@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Header stamps and frames, shared by every message family."""
 
 from typing import Any

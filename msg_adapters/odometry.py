@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """nav_msgs/Odometry <-> `OdometryReading`, pose only: velocities and covariances are left out."""
 
 from dataclasses import dataclass

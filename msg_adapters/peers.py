@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 sensor_msgs/PointCloud2 <-> `PeersReading`: all that one robot measured of others, in one message.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """sensor_msgs/Range <-> `RangeReading`, with the sentinel values of REP-117."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which adapter belongs to which message type; own types are added with `register`."""
 
 from collections.abc import Callable

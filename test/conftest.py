@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What all tests share: recordings beside the repository, and a ROS 2 graph of their own."""
 
 import os

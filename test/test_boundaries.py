@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The rooms of the package: imports point one way, and the core runs without ROS."""
 
 import ast

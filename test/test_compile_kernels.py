@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The executable that compiles the kernels: what it prints, and when it fails."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The documentation: its links lead somewhere, and its examples print what it says."""
 
 from pathlib import Path

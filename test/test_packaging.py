@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What installs the package: its metadata agree with each other and with the sources."""
 
 import ast
@@ -295,3 +298,14 @@ def test_replay_explains_itself():
     ).stdout
     for option in ('--rate', '--loop', '--topics', '--start', '--duration', '--wait'):
         assert option in told
+
+
+def test_every_source_names_its_license():
+    sources = subprocess.run(
+        ['git', 'ls-files', '*.py'], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    ).stdout.split()
+    if not sources:
+        pytest.skip('not a clone')
+    for source in sources:
+        text = (REPOSITORY / source).read_text(encoding='utf-8')
+        assert not text or '# SPDX-License-Identifier: Apache-2.0' in text[:1000], source

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Small algebra on the expressions of any library; None stands for zero, to spare terms."""
 
 from __future__ import annotations

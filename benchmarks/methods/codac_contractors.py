@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Codac 2: interval contractors on the distance equations in Cartesian coordinates.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Least squares from random starts (scipy): fast, but nothing tells when all has been found.
 

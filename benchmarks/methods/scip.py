@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 SCIP: the exact hull of a single hypothesis by global optimisation, pair by pair.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The fleet room: from measurements to every placement that agrees with them, free of ROS.
 

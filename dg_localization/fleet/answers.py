@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """From the constraints of a snapshot to placements: solve, and place the hypotheses in a frame."""
 
 from __future__ import annotations

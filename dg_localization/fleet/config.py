@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 What a fleet is and how wrong its sensors may be: the validated settings of the fleet room.
 

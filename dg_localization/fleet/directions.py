@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Unit vectors and the angles between them, in plain floating point."""
 
 from __future__ import annotations

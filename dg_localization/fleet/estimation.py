@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """From a snapshot to an estimate: solve it, and explain it when it contradicts itself."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """How far a robot can have moved and turned between two times: speed limits and odometry."""
 
 from __future__ import annotations

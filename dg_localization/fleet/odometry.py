@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Odometry as bounded motion: where a robot was at past times, seen from where it is now.
 

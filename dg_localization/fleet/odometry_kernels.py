@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Kernels of `odometry`: the walk back along a track, and the samples around a time."""
 
 from __future__ import annotations

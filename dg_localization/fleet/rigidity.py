@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which points of a fleet are rigid together, and what measurement would join two pieces."""
 
 from __future__ import annotations

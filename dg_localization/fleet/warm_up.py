@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Loading of all compiled kernels, or compiling them the first time on a machine."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Angles and their sines and cosines, rounded outward, for numbers and numpy arrays.
 

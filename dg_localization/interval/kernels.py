@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The one decorator of the numerical kernels: compiled by numba when it is installed.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Numba's cache of compiled functions, made to keep kernels in the folder of `kernel_cache`.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The pairs room: relative poses of two bodies from everything they measured of each other.
 

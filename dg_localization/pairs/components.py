@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which boxes of a cover touch each other, and the ground they cover: kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Since when the readings of a pair agree: what is known when its set of poses runs empty."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Covers: boxes of relative poses that hold every pose which agrees with the readings."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The common parts of the boxes of a cover and the cells of a grid: kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Kernels of `headings`: which headings of two bodies their readings allow."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What two bodies measured of each other in a window, carried to now by their odometries."""
 
 from __future__ import annotations

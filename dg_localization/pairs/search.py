@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The search for all relative poses of two bodies: from readings to a cover."""
 
 from __future__ import annotations

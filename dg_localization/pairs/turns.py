@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Turns about the vertical axis, as intervals of angles."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A ROS 2 domain that no other process of this package on this machine uses."""
 
 from dataclasses import dataclass

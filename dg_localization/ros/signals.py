@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """SIGINT and SIGTERM, which are handled alike everywhere."""
 
 from collections.abc import Callable, Iterator

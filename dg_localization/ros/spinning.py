@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the executables share of rclpy: its arguments, its start and end, and spinning a node."""
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 What the executables share at the terminal: a progress bar, lines for a person, numbers.
 

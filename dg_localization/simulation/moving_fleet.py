@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The fleet of the paper as a simulation: six robots, nine ranges, cameras, slow motion.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 A box in distance space: one interval per pair of points, with at most one gap in it.
 

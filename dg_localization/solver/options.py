@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Options of the solver: its resolution and its limits."""
 
 from __future__ import annotations

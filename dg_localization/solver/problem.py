@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The problem to solve: bounds of distances, known sides and chiralities (Section 3)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the solver answers: a verdict, the hypotheses, and how hard it was."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Five real robots with cameras among fifteen landmarks: the surveyed truth is never lost."""
 
 import math

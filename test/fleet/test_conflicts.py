@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Minimal conflicts and corrections, on sets whose answer is known."""
 
 from itertools import combinations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What rays say about distances and chirality, and where pendant robots are."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Readings to bounds: the stated error is inside, to the last bit, and REP-117 is followed."""
 
 from fractions import Fraction

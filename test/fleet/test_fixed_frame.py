@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fixed frames, mirror images, headings, and what is not connected, where the answer is known."""
 
 import json

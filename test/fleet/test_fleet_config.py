@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings are checked when made, and a wrong one is named with its value and what is right."""
 
 import dataclasses

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What arrives is checked, counted by reason, aged, and forgotten when stale."""
 
 import math

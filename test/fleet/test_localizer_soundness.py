@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The true placement, in the fixed frame, lies in a published one: random fleets of all kinds."""
 
 from dataclasses import dataclass

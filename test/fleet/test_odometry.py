@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Odometry as bounded motion: no true pose is lost while every error obeys its bound."""
 
 import math

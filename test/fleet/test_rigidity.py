@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fleets that are not rigid as a whole: their pieces, and what would join them."""
 
 import math

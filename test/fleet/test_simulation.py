@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulated fleet is the paper's, moves within its bounds, and its sensors do too."""
 
 import itertools

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The warm-up: afterwards no estimate waits for a kernel."""
 
 import subprocess

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Ranges of sines, cosines and angles against evaluation in many digits."""
 
 import math

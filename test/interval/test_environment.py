@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bounds do not depend on what other libraries made of the floating-point unit."""
 
 import ctypes

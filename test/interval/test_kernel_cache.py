@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compiled kernels are kept, dated by their code, and only where nobody else can write."""
 
 import fcntl

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Interval operations against the vectors of IEEE 1788 and against exact rationals."""
 
 from fractions import Fraction

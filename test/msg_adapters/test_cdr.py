@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages serialized without being made: the bytes hold what `to_message` would."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The cloud of peers: layouts that are understood, and those that are refused by name."""
 
 from types import SimpleNamespace

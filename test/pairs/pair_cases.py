@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Random pairs of bodies with known truth, whose readings obey their bounds or lie."""
 
 from dataclasses import dataclass

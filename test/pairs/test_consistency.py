@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """When a set of poses runs empty, the readings say since when they agree."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a cover says of its poses: components, hulls, areas, and how sharp it is."""
 
 import math

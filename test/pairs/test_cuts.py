@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A cut keeps every pose of a box that agrees with the reading, however large the box is."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Headings of bodies at known places: no truth is lost, and mirror images are ruled out."""
 
 from itertools import combinations

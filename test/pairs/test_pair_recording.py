@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One robot and the landmarks as two bodies, on a recording with wrong readings and true poses."""
 
 import numpy as np

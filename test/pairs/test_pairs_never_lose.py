@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The promise of a pair set: no pose that agrees with the readings is ever lost.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A fleet on real topics for the tests of the node, and what the node says about it."""
 
 from dataclasses import dataclass, field

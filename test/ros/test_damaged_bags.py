@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 `localize_bag` on damaged bags: it never breaks, and nothing is lost silently.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demonstration: how it compares, what it prints and draws, and the whole of it once."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an estimate becomes before it is a message: poses, markers, diagnostics."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A node among faults and strangers: it stays up, and what it says stays true."""
 
 from functools import partial

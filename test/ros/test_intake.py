@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is given to a localizer of a message, and what is kept from it."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The executable `localizer` as a process, driven over DDS with the paper's fleet."""
 
 from functools import partial

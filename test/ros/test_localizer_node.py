@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node inside the test process: lifecycle, time, parameters from files, failures."""
 
 from functools import partial

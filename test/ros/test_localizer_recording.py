@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The real ultra-wideband recording replayed over DDS into the node: its config file, no code."""
 
 from itertools import pairwise

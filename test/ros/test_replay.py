@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The executable `replay`: small bags written here, and the real UWB recording."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The executable `simulate_fleet`, over real topics and as a process."""
 
 import os

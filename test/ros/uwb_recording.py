@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The recording of ultra-wideband ranges with motion capture: where the robots truly were."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Makes `solver_cases` importable: pytest's importlib mode leaves sys.path alone."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Problems that fall into pieces, whose truth is known exactly, and what answers must say."""
 
 import os

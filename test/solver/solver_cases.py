@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Problems whose truth is known exactly: random fleets on integers, and the paper's fleet."""
 
 from dataclasses import dataclass

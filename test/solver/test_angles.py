@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The law of cosines as a contractor: sampled triangles are never excluded, and it is sharp."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Back-projection (Section 4.3) against exact rationals and against brute force."""
 
 from fractions import Fraction

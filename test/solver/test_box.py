@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The ranges of a box with their gaps, as sets of numbers."""
 
 from hypothesis import given, settings, strategies as st

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where kernels run in Python, they look at the clock often enough to end in time."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The laws of contraction: inside the input, no placement lost, told the same twice."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Coordinate boxes contracted by distances keep every true point."""
 
 from hypothesis import given, settings, strategies as st

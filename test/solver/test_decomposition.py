@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Pieces and joints of known graphs, and of random ones against the rank of their matrices."""
 
 from itertools import combinations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fleets of any size a double can tell: no placement is lost, and no bound becomes NaN."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's fleet (Section 5.1) against the paper and against its exact hulls."""
 
 from joined_cases import solve_as_one

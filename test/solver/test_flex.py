@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A curve of placements next to isolated ones (the paper's Figure 7)."""
 
 from flex import (

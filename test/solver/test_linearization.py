@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Linear combinations against exact rationals, the truth, and the linear program they bound."""
 
 from fractions import Fraction

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Linear programs in a frame at each pair: they lose nothing and bound well."""
 
 from itertools import combinations

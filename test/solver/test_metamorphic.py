@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What must not change, or change in a known way, when a question is put differently."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The promise of the solver: no placement that agrees with the measurements is ever lost.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The octahedral manipulator (Section 5.2): six postures of a rigid fleet in space."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Answers in pieces: what is joined, how many fleets that makes, and what rules them out."""
 
 import threading

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The promise of answers in pieces: nothing is lost where fleets are hinged, folded or not joined.
 

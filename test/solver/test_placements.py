@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Proofs of placements: exact signs, and agreement that is never claimed wrongly."""
 
 from fractions import Fraction

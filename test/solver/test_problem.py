@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Malformed input is refused with the field, the index and the value in the message."""
 
 from decimal import Decimal

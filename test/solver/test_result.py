@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Verdicts, statistics, placements and flags: what an answer claims must be so."""
 
 from fractions import Fraction

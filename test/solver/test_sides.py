@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What two chiralities say of a box: bounds of the product of two oriented volumes."""
 
 from fractions import Fraction

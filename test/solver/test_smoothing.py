@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Triangle smoothing against shortest paths and against exact placements."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Real UWB ranges: 1,452 epochs of four robots against motion capture, the solver alone."""
 
 from collections import defaultdict

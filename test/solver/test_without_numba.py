@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compiled kernels and the same functions in Python give the same bounds to the last bit."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Angles under which observers see pairs of points, as the contractor of the solver reads them."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Chiralities that one observer sees: the sign of q + 1 points from q rays (Section 3).
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Distances that are given: measured, between anchors, and by the size of the robots."""
 
 from __future__ import annotations

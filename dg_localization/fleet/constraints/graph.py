@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The graph of the bounded distances: which points are connected."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Triangulation: distances to points that are seen but not ranged, by the law of sines."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Assembly: from the points of a plan to a placement with one row for each point of the fleet."""
 
 from __future__ import annotations

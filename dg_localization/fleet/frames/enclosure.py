@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Enclosures: the coordinates in the fixed frame that the boxes of a hypothesis allow.
 

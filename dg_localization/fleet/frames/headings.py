@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Headings: how a robot is turned, from its rays and the enclosures of their targets.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Coordinates in the frame of some points of the fleet itself: a core of q, and one more.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Mirror images: which of the two a hypothesis may be, and how one of them is chosen."""
 
 from __future__ import annotations

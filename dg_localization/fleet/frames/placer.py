@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 From the hypotheses of the solver to placements of the fleet in the fixed frame.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The fixed frame: what defines its axes, and which points have coordinates in it."""
 
 from __future__ import annotations

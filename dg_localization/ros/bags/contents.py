@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 What the files of a bag hold, read from end to end and apart from what its indexes say.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, and a report.
 

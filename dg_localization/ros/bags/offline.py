@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the node does, without the node: in the time of a bag, into another bag."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Recorded messages, by the package rosbags: rosbag2 in .db3 and .mcap.
 

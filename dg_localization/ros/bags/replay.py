@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The executable `replay`: the messages of a rosbag2 on their topics, with `/clock`.
 

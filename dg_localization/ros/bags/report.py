@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The report on a whole bag: its answers are counted tick by tick and summed up at the end."""
 
 from collections import Counter

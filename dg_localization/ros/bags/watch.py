@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A sign of life while one answer takes long, and which answer took the longest."""
 
 from collections.abc import Iterator

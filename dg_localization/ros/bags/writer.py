@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A new rosbag2, in .mcap or .db3, by the package rosbags: equal messages give equal bytes."""
 
 from collections.abc import Iterable, Iterator

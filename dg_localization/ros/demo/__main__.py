@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Run the demonstration: `python -m dg_localization.ros.demo`."""
 
 import sys

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Answers of the localizer compared with the truth: in numbers and in words."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The picture of the demonstration: every feasible placement next to the truth."""
 
 from collections.abc import Sequence

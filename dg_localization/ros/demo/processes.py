@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The executables of the demonstration, each in a process of its own."""
 
 from collections.abc import Iterator

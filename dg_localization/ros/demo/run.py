@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The demonstration: `simulate_fleet` and `localizer` as two processes, looked at as a user would.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A listener that joins the answers of the localizer with the truth of the simulation."""
 
 from collections import deque

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Diagnostics of an estimate and its inputs: the fleet, each robot, each input."""
 
 from collections import Counter

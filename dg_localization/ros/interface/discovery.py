@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which of the topics that exist are inputs of the fleet, by the templates of their names."""
 
 from collections.abc import Iterable, Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The names of the frames that estimates are published in (REP-105)."""
 
 from dg_localization.fleet import FixedFrame, FrameKind

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 From the bytes of messages to the ROS-free `Localizer`.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Links: which topic carries whose measurement of whom."""
 
 from collections.abc import Callable, Iterable, Mapping

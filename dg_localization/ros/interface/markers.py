@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """An estimate as markers for a viewer: one namespace for each thing to switch on and off."""
 
 from collections.abc import Iterator

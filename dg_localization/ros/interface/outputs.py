@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The outputs: an estimate as messages, and the publishers of the node."""
 
 from collections.abc import Iterable, Iterator

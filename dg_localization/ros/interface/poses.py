@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """An estimate as poses, in the values that the message adapters take."""
 
 import numpy as np

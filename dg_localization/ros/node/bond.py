@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The heartbeat that a lifecycle manager of Nav2 expects of the nodes it manages."""
 
 from collections.abc import Callable

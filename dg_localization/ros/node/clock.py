@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The time of a node, which may be simulated: it may jump back, and it may stand still."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The subscriptions of the node: the links named one by one, and topics that templates name."""
 
 from collections.abc import Callable

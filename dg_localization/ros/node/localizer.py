@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The executable `localizer`: a managed node that publishes every feasible placement of a fleet.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A thread that estimates, so that the executor goes on receiving."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The messages of a simulated fleet: what its sensors measure, and the truth."""
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The answer to a problem, in pieces: decompose, solve, link, combine."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The effort of one call, shared by the searches of its pieces."""
 
 from __future__ import annotations

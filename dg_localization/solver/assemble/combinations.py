@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 How the hypotheses of all pieces combine: counted and numbered, never enumerated.
 

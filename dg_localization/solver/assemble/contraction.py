@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One contraction, without a split, of several pieces together."""
 
 from __future__ import annotations

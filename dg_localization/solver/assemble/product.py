@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The whole fleet: bounds and placements of the combinations that the pieces make together.
 

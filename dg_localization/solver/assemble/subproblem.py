@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Parts of a problem: the same constraints among fewer points, within narrower bounds."""
 
 from __future__ import annotations

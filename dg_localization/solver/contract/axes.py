@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The axes of a problem, and their order: the best known come first."""
 
 from __future__ import annotations

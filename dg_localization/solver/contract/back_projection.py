@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Back-projection: what is known in the space orthogonal to an axis narrows the box (Section 4.3).
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Linear combinations of measured pairs, group by group, or for one pair of a group."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Contraction of coordinate boxes: the coordinates of points whose distances are bounded.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Cartesian enclosures of a box in distance space, by the Cholesky route of Section 3.
 

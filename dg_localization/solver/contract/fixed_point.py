@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Contraction of a box to a fixed point (Section 4): the stages, and the order they come in.
 

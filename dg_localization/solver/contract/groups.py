@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Groups of connected points with their measured pairs, for the kernels."""
 
 from __future__ import annotations

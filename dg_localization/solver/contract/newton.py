@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Bounds of the displacements, narrowed by interval Newton steps with more equations than unknowns.
 

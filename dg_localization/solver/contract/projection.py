@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Projection of a distance box along the axis of two of its points (Section 4.1).
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 One axis: project, reduce, back-project (Sections 4.1 to 4.3).
 

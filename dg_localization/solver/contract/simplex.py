@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Multipliers for bounds of linear functions: the linear program, by the dual simplex method.
 

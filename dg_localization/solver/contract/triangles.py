@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Triangle-inequality smoothing of a distance box, from D1 to D2 (Section 5.1)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The widths of the pairs of a box, and what they are compared with."""
 
 from __future__ import annotations

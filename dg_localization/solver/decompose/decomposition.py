@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Decomposition of a fleet: which points are rigid together, and how these pieces are joined.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Graphs of measured pairs: neighbors, connected parts, and points whose removal disconnects them.
 

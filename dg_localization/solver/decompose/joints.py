@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What rigid pieces share, and what that leaves open."""
 
 from __future__ import annotations

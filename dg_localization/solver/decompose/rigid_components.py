@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rigid components: the maximal sets of points that measured pairs hold rigid, generically."""
 
 from __future__ import annotations

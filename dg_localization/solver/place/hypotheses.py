@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Hypotheses: the connected components of a cover, each with a placement."""
 
 from __future__ import annotations

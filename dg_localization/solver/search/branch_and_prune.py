@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Branch and prune: boxes are contracted and split until none is left to examine (Section 4).
 

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The prune step of the search: the contraction of boxes and of slices of one problem."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """From a problem to a cover: branch and prune, then tightening of the boxes that are kept."""
 
 from __future__ import annotations

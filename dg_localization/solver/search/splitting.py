@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where to split a box: at the gap that leaves least to choose from, else where it is too wide."""
 
 from __future__ import annotations

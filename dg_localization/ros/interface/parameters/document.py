@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The commented file of parameters and their documentation, both written from the table."""
 
 from collections.abc import Iterable, Iterator

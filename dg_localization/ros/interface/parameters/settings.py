@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The settings that the parameters stand for: checked one by one, then together."""
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One parameter: its name, type, default, unit, limits and text, and how a node declares it."""
 
 from collections.abc import Iterable, Mapping

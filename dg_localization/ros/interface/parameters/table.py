@@ -1,3 +1,6 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The parameters of the node `localizer`, in the order of the commented file."""
 
 from collections.abc import Iterable, Iterator
