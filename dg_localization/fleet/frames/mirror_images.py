@@ -11,7 +11,7 @@ import numpy as np
 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.frames.local import best_apexes
-from dg_localization.solver.decompose.decomposition import decompose
+from dg_localization.solver.decompose.decomposition import pieces_of
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.result import Hypothesis
 
@@ -54,8 +54,7 @@ def rigid_with(core: tuple[int, ...], solved: Constraints) -> frozenset[int]:
         none where the core is not in one piece.
 
     """
-    measured = np.argwhere(np.triu(np.isfinite(solved.upper), 1))
-    parts = decompose(len(solved.points), measured, solved.dimension)
+    parts = pieces_of(np.isfinite(solved.upper), solved.dimension)
     clusters = [set(piece.points) for piece in parts.pieces]
     for joint in parts.joints:
         if joint.kind is JointKind.REFLECTION:

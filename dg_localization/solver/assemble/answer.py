@@ -22,7 +22,7 @@ from dg_localization.solver.assemble.pieces import (
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.subproblem import Constraint, points_of
 from dg_localization.solver.contract.reduction import SMALL_FLEET
-from dg_localization.solver.decompose.decomposition import Decomposition, Part, decompose
+from dg_localization.solver.decompose.decomposition import Decomposition, Part, pieces_of
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.place.hypotheses import hypotheses_of
@@ -57,8 +57,7 @@ def answer(
 
     """
     if decomposition is None:
-        measured = np.argwhere(np.triu(np.isfinite(problem.upper), 1))
-        decomposition = decompose(problem.n_points, measured, problem.dimension)
+        decomposition = pieces_of(np.isfinite(problem.upper), problem.dimension)
     solved = None
     if within is None and _may_be_one_piece(problem, decomposition):
         solved = _solved_in_one_box(problem, budget)

@@ -15,13 +15,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 import heapq
 from itertools import combinations
 
 import numpy as np
 
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.graph import Pair
+from dg_localization.solver.decompose.graph import BoolArray, Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import (
     Points,
@@ -29,6 +30,9 @@ from dg_localization.solver.decompose.rigid_components import (
     rigid_components,
 )
 from dg_localization.solver.decompose.separators import split_at_separators
+
+REMEMBERED = 32
+"""For how many sets of measured pairs the pieces are kept."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,36 @@ class Decomposition:
 def pairs_of(points: Iterable[int]) -> tuple[Pair, ...]:
     """Return all pairs of some points, the smaller point first."""
     return tuple(combinations(sorted(points), 2))
+
+
+def pieces_of(measured: BoolArray, dimension: int) -> Decomposition:
+    """
+    Decompose a fleet, or return what was found for the same pairs before.
+
+    A fleet is localized again and again while the same pairs are measured.
+
+    Parameters
+    ----------
+    measured : ndarray of bool, shape (n, n)
+        Which pairs are measured, symmetric; the diagonal does not count.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    Decomposition
+        As `decompose` returns it.
+
+    """
+    return _remembered(len(measured), np.packbits(measured).tobytes(), dimension)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _remembered(n_points: int, bits: bytes, dimension: int) -> Decomposition:
+    """Decompose a fleet, given the bits of its matrix of measured pairs."""
+    flat = np.unpackbits(np.frombuffer(bits, dtype=np.uint8), count=n_points**2)
+    pairs = np.argwhere(np.triu(flat.reshape(n_points, n_points), 1))
+    return decompose(n_points, pairs, dimension)
 
 
 def decompose(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
