@@ -106,8 +106,11 @@ class Contractor:
         self.axes = axes_of(problem)
         self._n_points = n_points
         self._dimension = dimension
-        self._sides = sides_of(problem)
-        self._work = make_workspace(n_points, dimension)
+        work = make_workspace(n_points, dimension)
+        self._scratch = (*work, *sides_of(problem))
+        # What a contraction starts from: the box itself is the first level of the workspace.
+        self._box, self._points, self._distance = work.boxes[0], work.points[0], work.distance
+        self._n_local = LOCAL_POINTS[dimension - 1]
         self._widths = np.zeros((n_points, n_points))
         self._in_order = np.arange(n_points)
         self._simplices = np.array(
@@ -140,15 +143,15 @@ class Contractor:
         Pruned
 
         """
-        self._work.boxes[0] = box
+        self._box[:] = box
         if self._n_points > MOST_THROUGH:
             # They are still in the order of the last axis of another box.
-            self._work.points[0] = self._in_order
+            self._points[:] = self._in_order
         explained = np.zeros((self._n_points, self._n_points))
         status, left = Status.UNFINISHED, box
         with leave_early(stopped):
             status = self._sweep_to_fixed_point(groups, goal, explained, stopped)
-            left = self._work.boxes[0].copy()
+            left = self._box.copy()
             if status is Status.CONTRACTED and not self._chiralities_are_possible(left):
                 status = Status.EMPTY
         return Pruned(status, left, explained)
@@ -157,14 +160,12 @@ class Contractor:
         self, groups: Groups, goal: Goal, explained: FloatArray, stopped: Callable[[], bool]
     ) -> Status:
         """Sweep over all axes until the goal is reached or a sweep gains little."""
-        work, n_points = self._work, self._n_points
-        box, points = work.boxes[0], work.points[0]
-        n_local = LOCAL_POINTS[self._dimension - 1]
+        box, n_local = self._box, self._n_local
         for sweep in range(goal.max_sweeps):
-            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, work.distance, points):
+            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, self._distance, self._points):
                 return Status.EMPTY
             axes = rank_axes(box, self.axes)
-            if sweep == 0 and n_points > n_local:
+            if sweep == 0 and self._n_points > n_local:
                 # The best axes are the measured pairs and what they soon reveal.
                 best = axes[: len(groups.edges)]
                 status = self._project(best, n_local, stopped)
@@ -186,7 +187,7 @@ class Contractor:
         stopped: Callable[[], bool],
     ) -> Status | None:
         """Apply all axes, and test the box after every few; None when there is more to gain."""
-        box = self._work.boxes[0]
+        box = self._box
         enough = min(len(axes), AXES_BEFORE_SPLIT * self._n_points)
         for first in range(0, max(1, len(axes)), goal.axes_per_test):
             some = axes[first : first + goal.axes_per_test]
@@ -211,7 +212,7 @@ class Contractor:
             if first > 0 and stopped():
                 return Status.UNFINISHED
             some = axes[first : first + self._axes_per_look]
-            if not apply_axes(*self._work, *self._sides, some, count):
+            if not apply_axes(*self._scratch, some, count):
                 return Status.EMPTY
         return None
 
