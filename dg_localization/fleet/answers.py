@@ -49,9 +49,8 @@ class Answer:
     rigidity: Rigidity = NOT_RIGID
 
 
-NO_WORK = Statistics(processed=0, empty=0, split=0, kept=0, pending=0, seconds=0.0)
-CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, NO_WORK)
-NO_PLACE = Answer(Verdict.COVERED, (), 0, NO_WORK)
+CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, Statistics())
+NO_PLACE = Answer(Verdict.COVERED, (), 0, Statistics())
 
 
 def answer(
@@ -85,12 +84,12 @@ def answer(
     if constraints.contradictory:
         return CONTRADICTION
     robots = snapshot.config.robots
-    statistics = NO_WORK
+    statistics = Statistics()
     groups = []
     rigidity = NOT_RIGID
     for plan in plans.others:
         found = _answer_group(snapshot, constraints, plan, options, dropped, cancel)
-        statistics = add_statistics(statistics, found.statistics)
+        statistics += found.statistics
         if found.verdict is Verdict.INFEASIBLE:
             return replace(CONTRADICTION, statistics=statistics)
         names = tuple(robots[point] for point in plan.points if point < len(robots))
@@ -99,7 +98,7 @@ def answer(
     found = NO_PLACE
     if plans.main is not None:
         found = _answer_group(snapshot, constraints, plans.main, options, dropped, cancel)
-    statistics = add_statistics(statistics, found.statistics)
+    statistics += found.statistics
     return replace(
         found,
         statistics=statistics,
@@ -140,15 +139,3 @@ def _answer_group(
     names = [snapshot.config.points[point] for point in plan.points]
     rigidity = rigidity_of(names, result, snapshot.config.dimension)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)
-
-
-def add_statistics(first: Statistics, second: Statistics) -> Statistics:
-    """Return the work of two searches together."""
-    return Statistics(
-        processed=first.processed + second.processed,
-        empty=first.empty + second.empty,
-        split=first.split + second.split,
-        kept=first.kept + second.kept,
-        pending=first.pending + second.pending,
-        seconds=first.seconds + second.seconds,
-    )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, add_statistics, answer
+from dg_localization.fleet.answers import Answer, answer
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.conflicts import Explanation, Links, explain
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
@@ -192,7 +192,7 @@ def _explained(
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:
     """Return all answers together, with their work added to `statistics`."""
     for found in answers:
-        statistics = add_statistics(statistics, found.statistics)
+        statistics += found.statistics
     verdicts = {found.verdict for found in answers}
     return Answer(
         verdict=next(verdict for verdict in _WORST_FIRST if verdict in verdicts),

@@ -34,15 +34,26 @@ class Statistics:
     The effort of a search; ``processed = empty + split + kept``.
 
     `empty` counts the boxes proved to hold nothing, the paper's figure of merit (Section 4);
-    `pending` boxes were waiting when a limit stopped the search.
+    `pending` boxes were waiting when a limit stopped the search. The sum of two is the effort of
+    both searches together.
     """
 
-    processed: int
-    empty: int
-    split: int
-    kept: int
-    pending: int
-    seconds: float
+    processed: int = 0
+    empty: int = 0
+    split: int = 0
+    kept: int = 0
+    pending: int = 0
+    seconds: float = 0.0
+
+    def __add__(self, other: Statistics) -> Statistics:
+        return Statistics(
+            processed=self.processed + other.processed,
+            empty=self.empty + other.empty,
+            split=self.split + other.split,
+            kept=self.kept + other.kept,
+            pending=self.pending + other.pending,
+            seconds=self.seconds + other.seconds,
+        )
 
 
 @dataclass(frozen=True)

@@ -71,11 +71,11 @@ def solve(
     """
     # The kernels import numba, which takes longer than the rest of the package together.
     from dg_localization.solver.assemble.answer import answer
-    from dg_localization.solver.assemble.budget import Budget
+    from dg_localization.solver.assemble.budget import CallBudget
 
     load_kernels()
     boxes = None if within is None else _boxes(problem, within)
-    budget = Budget(options or SolverOptions(), cancel, progress)
+    budget = CallBudget(options or SolverOptions(), cancel, progress)
     return answer(problem, budget, boxes)
 
 
@@ -123,7 +123,7 @@ def load_kernels() -> float:
     """
     from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.assemble.answer import answer
-    from dg_localization.solver.assemble.budget import Budget
+    from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.place.placements import refine
 
     start = time.perf_counter()
@@ -136,7 +136,7 @@ def load_kernels() -> float:
             _joined_simplices(dimension, closed=True),
             _cross_polytope(dimension),
         ):
-            len(answer(problem, Budget(options)).hypotheses)
+            len(answer(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
     return time.perf_counter() - start

@@ -10,7 +10,7 @@ from solver_cases import Case, covers, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions
 from dg_localization.solver.assemble.answer import answer, in_one_piece
-from dg_localization.solver.assemble.budget import Budget
+from dg_localization.solver.assemble.budget import CallBudget
 
 PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '10000'))
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
@@ -18,7 +18,7 @@ FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 
 def solve_as_one(problem, options=None, cancel=None, progress=None, within=None):
     """Solve a problem without taking it to pieces."""
-    budget = Budget(options or SolverOptions(), cancel, progress)
+    budget = CallBudget(options or SolverOptions(), cancel, progress)
     return answer(problem, budget, within, in_one_piece(problem.n_points))
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import Budget
+from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combinations
 from dg_localization.solver.assemble.links import Linker
 from dg_localization.solver.assemble.pieces import (
@@ -32,7 +32,7 @@ from dg_localization.solver.result import Piece, Result, Statistics, Verdict
 
 def answer(
     problem: Problem,
-    budget: Budget,
+    budget: CallBudget,
     within: Sequence[Bounds] | None = None,
     decomposition: Decomposition | None = None,
 ) -> Result:
@@ -43,7 +43,7 @@ def answer(
     ----------
     problem : Problem
         The problem.
-    budget : Budget
+    budget : CallBudget
         What the call may take.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
@@ -95,7 +95,7 @@ def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
     )
 
 
-def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
+def _solved_in_one_box(problem: Problem, budget: CallBudget) -> SolvedPieces | None:
     """Return a fleet as the one piece that it is where a single box covers it, or None."""
     cover = budget.search_in_one_box(problem)
     if cover is None:
@@ -107,7 +107,7 @@ def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
     return SolvedPieces([SolvedPiece(points, list(hypotheses), set())])
 
 
-def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
+def _infeasible(points: Points, problem: Problem, budget: CallBudget) -> Result:
     """Return the answer that there is no placement, with the piece that is left without any."""
     spent = budget.spent
     statistics = Statistics(
@@ -123,7 +123,7 @@ def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
 
 
 def _result(
-    solved: SolvedPieces, combinations: Combinations, product: Product, budget: Budget
+    solved: SolvedPieces, combinations: Combinations, product: Product, budget: CallBudget
 ) -> Result:
     """Return the answer that the pieces and their combinations are."""
     pieces = tuple(

@@ -27,19 +27,7 @@ class _Stopped:
         return True
 
 
-def add(first: Statistics, second: Statistics) -> Statistics:
-    """Return the effort of two searches together."""
-    return Statistics(
-        first.processed + second.processed,
-        first.empty + second.empty,
-        first.split + second.split,
-        first.kept + second.kept,
-        first.pending + second.pending,
-        first.seconds + second.seconds,
-    )
-
-
-class Budget:
+class CallBudget:
     """
     What is left of the boxes and of the time that a call may take.
 
@@ -61,7 +49,7 @@ class Budget:
         progress: Callable[[Statistics], None] | None = None,
     ) -> None:
         self.options = options
-        self.spent = Statistics(0, 0, 0, 0, 0, 0.0)
+        self.spent = Statistics()
         self._cancel = cancel
         self._progress = progress
         self._start = time.perf_counter()
@@ -78,7 +66,7 @@ class Budget:
 
     def _report(self, statistics: Statistics) -> None:
         if self._progress:
-            self._progress(add(self.spent, statistics))
+            self._progress(self.spent + statistics)
 
     def take_back(self, n_pending: int) -> None:
         """Note that boxes which a search left pending are examined after all."""
@@ -120,7 +108,7 @@ class Budget:
         if boxes <= 0:
             # What the triangle inequalities alone rule out takes no box.
             statistics = replace(statistics, processed=0, empty=0)
-        self.spent = add(self.spent, statistics)
+        self.spent += statistics
         return cover
 
     def search_in_one_box(self, problem: Problem) -> Cover | None:
@@ -144,6 +132,6 @@ class Budget:
         cover, statistics = search(problem, options, self._cancel)
         if cover.pending:
             return None
-        self.spent = add(self.spent, statistics)
-        self._report(Statistics(0, 0, 0, 0, 0, 0.0))
+        self.spent += statistics
+        self._report(Statistics())
         return cover

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import Budget
+from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
 from dg_localization.solver.assemble.faces import apex_of
 from dg_localization.solver.assemble.pieces import Bounds, SolvedPiece, SolvedPieces
@@ -79,7 +79,7 @@ class Linker:
         self,
         problem: Problem,
         solved: SolvedPieces,
-        budget: Budget,
+        budget: CallBudget,
         within: Sequence[Bounds] | None,
     ) -> None:
         self._problem = problem

@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import Budget
+from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
@@ -114,7 +114,7 @@ class PieceSolver:
         The problem of the whole fleet.
     decomposition : Decomposition
         Its pieces and joints.
-    budget : Budget
+    budget : CallBudget
         What the call may take.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
@@ -125,7 +125,7 @@ class PieceSolver:
         self,
         problem: Problem,
         decomposition: Decomposition,
-        budget: Budget,
+        budget: CallBudget,
         within: Sequence[Bounds] | None,
     ) -> None:
         self._problem = problem
