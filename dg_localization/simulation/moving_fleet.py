@@ -5,14 +5,20 @@
 The fleet of the paper as a simulation: six robots, nine ranges, cameras, slow motion.
 
 Section 5.1 of the paper gives nine squared distances of a fleet at rest. Here the fleet starts at
-that placement and moves: all robots follow a wide circle together, and each also circles about its
-place in the fleet. The shape of the fleet changes all the time and keeps its eight solutions.
+that placement and moves. In formation all robots follow a wide circle together, and each also
+circles about its place in the fleet: the shape changes all the time and keeps its eight solutions.
+In loops each drives a circle of its own, so that its odometry tells left from right.
+
+Every reading keeps the bounds that are stated for it, also after its message is rounded.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 ROBOTS = tuple(f'robot_{number}' for number in range(1, 7))
 
@@ -31,10 +37,28 @@ START_POSITIONS_M = np.array(
 # The measured pairs of the paper, by index into ROBOTS.
 EDGES = ((0, 1), (0, 2), (1, 2), (1, 3), (1, 4), (1, 5), (2, 3), (3, 5), (4, 5))
 
+# Beacons that stand still. A range of more than the reach is not measured.
+LANDMARKS_M = MappingProxyType(
+    {'beacon_1': (-12.0, -9.0), 'beacon_2': (10.0, -9.0), 'beacon_3': (-2.0, 11.0)}
+)
+REACH_M = 30.0
+
 # The common circle takes the larger share of the speed of a robot, so it never turns back.
 COMMON_SHARE = 0.8
 COMMON_RADIUS_M = 20.0
 SWING_RADIUS_M = 0.3
+LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M = 0.6, 1.2
+
+# This share of a bound is left to the rounding of messages: numbers in single precision, stamps
+# in whole nanoseconds.
+ROUNDING_SHARE = 1e-5
+
+
+class Path(StrEnum):
+    """How the robots drive."""
+
+    FORMATION = 'formation'
+    LOOPS = 'loops'
 
 
 @dataclass(frozen=True)
@@ -57,22 +81,25 @@ class FleetState:
     positions_m: np.ndarray
     yaws_rad: np.ndarray
 
-    def rays(self, observer: int) -> np.ndarray:
+    def ray_m(self, observer: int, position_m: ArrayLike) -> np.ndarray:
         """
-        Return the vectors from one robot to all, in its body frame.
+        Return the vector from one robot to a place, in its body frame.
 
         Parameters
         ----------
         observer : int
             Index of the robot that sees.
+        position_m : array_like, shape (2,)
+            The place, in the fixed frame.
 
         Returns
         -------
-        ndarray, shape (n, 2)
+        ndarray, shape (2,)
             In m; x forward, y left.
 
         """
-        return (self.positions_m - self.positions_m[observer]) @ rotation(self.yaws_rad[observer])
+        way_m = np.asarray(position_m) - self.positions_m[observer]
+        return way_m @ rotation(self.yaws_rad[observer])
 
 
 @dataclass(frozen=True)
@@ -91,15 +118,6 @@ class SimulatedBearing:
     observer: str
     target: str
     ray: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class SimulatedOdometry:
-    """The pose of a robot relative to its pose at the start."""
-
-    robot: str
-    position_m: tuple[float, float]
-    yaw_rad: float
 
 
 def rotation(yaw_rad: float) -> np.ndarray:
@@ -129,7 +147,9 @@ class FleetMotion:
     speed_m_s : float
         Bound of the speed of every robot; 0 is a fleet at rest.
     seed : int
-        Decides how each robot swings.
+        Decides where on its circle each robot begins, and which way it turns.
+    path : Path
+        In formation, or each in a loop of its own.
 
     Raises
     ------
@@ -138,13 +158,19 @@ class FleetMotion:
 
     """
 
-    def __init__(self, speed_m_s: float = 0.1, seed: int = 0) -> None:
+    def __init__(self, speed_m_s: float = 0.1, seed: int = 0, path: Path = Path.FORMATION) -> None:
         if not 0.0 <= speed_m_s < np.inf:
             raise ValueError(f'speed is {speed_m_s} m/s; it must be finite and not negative')
         self._speed_m_s = speed_m_s
         rng = np.random.default_rng(seed)
         self._phases_rad = rng.uniform(-np.pi, np.pi, len(ROBOTS))
         self._turns = rng.choice([-1.0, 1.0], len(ROBOTS))
+        if path is Path.FORMATION:
+            self._common_share = COMMON_SHARE
+            self._radii_m = np.full(len(ROBOTS), SWING_RADIUS_M)
+        else:
+            self._common_share = 0.0
+            self._radii_m = rng.uniform(LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M, len(ROBOTS))
 
     def state(self, time_s: float) -> FleetState:
         """
@@ -162,14 +188,15 @@ class FleetMotion:
 
         """
         path_m = self._speed_m_s * time_s
-        swing_rad = (1.0 - COMMON_SHARE) / SWING_RADIUS_M * path_m * self._turns + self._phases_rad
-        common_rad = COMMON_SHARE / COMMON_RADIUS_M * path_m
-        swing = SWING_RADIUS_M * (_on_circle(swing_rad) - _on_circle(self._phases_rad))
+        share, turns = self._common_share, self._turns
+        swing_rad = (1.0 - share) / self._radii_m * path_m * turns + self._phases_rad
+        common_rad = share / COMMON_RADIUS_M * path_m
+        swing = self._radii_m[:, None] * (_on_circle(swing_rad) - _on_circle(self._phases_rad))
         common = COMMON_RADIUS_M * (_on_circle(common_rad) - _on_circle(0.0))
         # The derivative with respect to the path: it gives a heading to a fleet at rest too.
-        velocity = (1.0 - COMMON_SHARE) * self._turns[:, None] * _on_circle(
+        velocity = (1.0 - share) * turns[:, None] * _on_circle(
             swing_rad + np.pi / 2
-        ) + COMMON_SHARE * _on_circle(common_rad + np.pi / 2)
+        ) + share * _on_circle(common_rad + np.pi / 2)
         return FleetState(
             time_s=time_s,
             positions_m=START_POSITIONS_M + swing + common,
@@ -186,7 +213,8 @@ class FleetSensors:
     """
     Sensors with bounded errors.
 
-    Of each pair of `EDGES` the first robot measures the range, and each sees the other.
+    Of each pair of `EDGES` the first robot measures the range, and each sees the other. Every
+    robot ranges and sees every landmark.
 
     Parameters
     ----------
@@ -196,6 +224,8 @@ class FleetSensors:
         Bound of the error of a bearing; in [0, pi).
     seed : int
         Seed of the errors, which are uniform within their bounds.
+    landmarks_m : mapping of str to tuple of float
+        By name, the places of the landmarks in the fixed frame.
 
     Raises
     ------
@@ -205,20 +235,25 @@ class FleetSensors:
     """
 
     def __init__(
-        self, range_error: float = 0.03, bearing_error_rad: float = 0.02, seed: int = 0
+        self,
+        range_error: float = 0.03,
+        bearing_error_rad: float = 0.02,
+        seed: int = 0,
+        landmarks_m: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
         if not 0.0 <= range_error < 1.0:
             raise ValueError(f'range error is {range_error}; it must be in [0, 1)')
         if not 0.0 <= bearing_error_rad < np.pi:
             raise ValueError(f'bearing error is {bearing_error_rad} rad; it must be in [0, pi)')
         # |r - d| <= e d and |r - d| <= e r both hold where |r - d| <= e d / (1 + e).
-        self._range_bound = range_error / (1.0 + range_error)
-        self._bearing_bound_rad = bearing_error_rad
+        self._range_bound = (1.0 - ROUNDING_SHARE) * range_error / (1.0 + range_error)
+        self._bearing_bound_rad = (1.0 - ROUNDING_SHARE) * bearing_error_rad
         self._rng = np.random.default_rng(seed)
+        self.landmarks_m = landmarks_m
 
     def ranges(self, state: FleetState) -> Iterator[SimulatedRange]:
         """
-        Measure every pair of `EDGES` once.
+        Measure every pair once.
 
         Parameters
         ----------
@@ -228,19 +263,19 @@ class FleetSensors:
         Yields
         ------
         SimulatedRange
-            One for each pair.
+            One for each pair within reach.
 
         """
-        for observer, target in EDGES:
-            distance_m = np.linalg.norm(state.positions_m[target] - state.positions_m[observer])
+        for observer, target, position_m in self._targets(state, EDGES):
+            distance_m = np.linalg.norm(position_m - state.positions_m[observer])
             error = self._rng.uniform(-self._range_bound, self._range_bound)
-            yield SimulatedRange(
-                ROBOTS[observer], ROBOTS[target], float(distance_m * (1.0 + error))
-            )
+            range_m = float(distance_m * (1.0 + error))
+            if range_m <= REACH_M:
+                yield SimulatedRange(ROBOTS[observer], target, range_m)
 
     def bearings(self, state: FleetState) -> Iterator[SimulatedBearing]:
         """
-        See every robot of `EDGES` from its partner.
+        See every robot of `EDGES` from its partner, and every landmark.
 
         Parameters
         ----------
@@ -250,35 +285,23 @@ class FleetSensors:
         Yields
         ------
         SimulatedBearing
-            Two for each pair.
+            Two for each pair of robots, one for each robot and landmark.
 
         """
-        for pair in EDGES:
-            for observer, target in (pair, pair[::-1]):
-                x, y = state.rays(observer)[target]
-                error_rad = self._rng.uniform(-self._bearing_bound_rad, self._bearing_bound_rad)
-                bearing_rad = np.arctan2(y, x) + error_rad
-                ray = (float(np.cos(bearing_rad)), float(np.sin(bearing_rad)), 0.0)
-                yield SimulatedBearing(ROBOTS[observer], ROBOTS[target], ray)
+        both_ways = [pair for edge in EDGES for pair in (edge, edge[::-1])]
+        for observer, target, position_m in self._targets(state, both_ways):
+            x, y = state.ray_m(observer, position_m)
+            error_rad = self._rng.uniform(-self._bearing_bound_rad, self._bearing_bound_rad)
+            bearing_rad = np.arctan2(y, x) + error_rad
+            ray = (float(np.cos(bearing_rad)), float(np.sin(bearing_rad)), 0.0)
+            yield SimulatedBearing(ROBOTS[observer], target, ray)
 
-
-def odometry(start: FleetState, state: FleetState) -> Iterator[SimulatedOdometry]:
-    """
-    Measure the pose of each robot relative to its pose in `start`, without error.
-
-    Parameters
-    ----------
-    start, state : FleetState
-        The states at the origin of the odometry frames and now.
-
-    Yields
-    ------
-    SimulatedOdometry
-        One for each robot, in its own body frame at the start.
-
-    """
-    for robot, name in enumerate(ROBOTS):
-        travelled = state.positions_m[robot] - start.positions_m[robot]
-        x, y = travelled @ rotation(start.yaws_rad[robot])
-        yaw_rad = state.yaws_rad[robot] - start.yaws_rad[robot]
-        yield SimulatedOdometry(name, (float(x), float(y)), float(yaw_rad))
+    def _targets(
+        self, state: FleetState, pairs: Iterable[tuple[int, int]]
+    ) -> Iterator[tuple[int, str, np.ndarray]]:
+        """Yield who measures, and name and place of whom."""
+        for observer, target in pairs:
+            yield observer, ROBOTS[target], state.positions_m[target]
+        for observer in range(len(ROBOTS)):
+            for name, position_m in self.landmarks_m.items():
+                yield observer, name, np.array(position_m)

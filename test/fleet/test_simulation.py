@@ -9,13 +9,14 @@ import json
 import numpy as np
 import pytest
 
-from dg_localization.fleet import FleetConfig, Localizer
+from dg_localization.fleet import Anchor, FleetConfig, Localizer
 from dg_localization.simulation.moving_fleet import (
     EDGES,
+    LANDMARKS_M,
     ROBOTS,
     FleetMotion,
     FleetSensors,
-    odometry,
+    Path,
     rotation,
 )
 
@@ -141,14 +142,64 @@ def test_the_same_seed_gives_the_same_readings():
     assert readings(7) != readings(8)
 
 
-def test_odometry_leads_from_the_start_to_the_state():
-    motion = FleetMotion(speed_m_s=0.3, seed=4)
-    start, state = motion.state(2.0), motion.state(40.0)
-    for robot, reading in enumerate(odometry(start, state)):
-        assert reading.robot == ROBOTS[robot]
-        moved = rotation(start.yaws_rad[robot]) @ np.array(reading.position_m)
-        np.testing.assert_allclose(start.positions_m[robot] + moved, state.positions_m[robot])
-        assert start.yaws_rad[robot] + reading.yaw_rad == pytest.approx(state.yaws_rad[robot])
+def test_loops_turn_every_robot_around_within_the_speed():
+    speed = 0.2
+    motion = FleetMotion(speed_m_s=speed, seed=5, path=Path.LOOPS)
+    step_s = 1e-3
+    for time_s in TIMES_S[::10]:
+        now, later = motion.state(time_s), motion.state(time_s + step_s)
+        velocity = (later.positions_m - now.positions_m) / step_s
+        np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), speed, rtol=1e-4)
+        for robot in range(len(ROBOTS)):
+            forward = rotation(now.yaws_rad[robot])[:, 0]
+            assert velocity[robot] @ forward == pytest.approx(speed, rel=1e-3)
+    yaws = np.unwrap([motion.state(time_s).yaws_rad for time_s in np.arange(0.0, 60.0)], axis=0)
+    assert np.abs(yaws[-1] - yaws[0]).min() > 2.0 * np.pi
+
+
+def test_every_robot_measures_every_landmark_within_the_bounds():
+    error, bound = 0.03, 0.02
+    sensors = FleetSensors(error, bound, seed=3, landmarks_m=LANDMARKS_M)
+    motion = FleetMotion(seed=3, path=Path.LOOPS)
+    pairs = {(robot, name) for robot in ROBOTS for name in LANDMARKS_M}
+    for time_s in TIMES_S[::10]:
+        state = motion.state(time_s)
+        ranges = [r for r in sensors.ranges(state) if r.target in LANDMARKS_M]
+        assert {(r.observer, r.target) for r in ranges} == pairs
+        for reading in ranges:
+            observer = state.positions_m[ROBOTS.index(reading.observer)]
+            truth = np.linalg.norm(np.array(LANDMARKS_M[reading.target]) - observer)
+            # As a message has it, in single precision.
+            gap = abs(float(np.float32(reading.range_m)) - truth)
+            assert gap <= error * min(truth, reading.range_m)
+        bearings = [b for b in sensors.bearings(state) if b.target in LANDMARKS_M]
+        assert {(b.observer, b.target) for b in bearings} == pairs
+        for seen in bearings:
+            observer = ROBOTS.index(seen.observer)
+            x, y = state.ray_m(observer, LANDMARKS_M[seen.target])
+            turn = np.arctan2(seen.ray[1], seen.ray[0]) - np.arctan2(y, x)
+            assert abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) <= bound
+
+
+def test_a_landmark_out_of_reach_is_seen_and_not_ranged():
+    sensors = FleetSensors(landmarks_m={'far': (0.0, 100.0)})
+    state = FleetMotion().state(0.0)
+    assert all(reading.target != 'far' for reading in sensors.ranges(state))
+    assert sum(reading.target == 'far' for reading in sensors.bearings(state)) == len(ROBOTS)
+
+
+def test_landmarks_place_the_fleet_and_rule_out_its_mirror_image():
+    motion = FleetMotion(seed=1, path=Path.LOOPS)
+    sensors = FleetSensors(seed=1, landmarks_m=LANDMARKS_M)
+    anchors = {name: Anchor(position) for name, position in LANDMARKS_M.items()}
+    for time_s in (0.0, 20.0, 40.0):
+        state = motion.state(time_s)
+        localizer = Localizer(FleetConfig(robots=ROBOTS, anchors=anchors))
+        for reading in sensors.ranges(state):
+            localizer.add_range(reading.observer, reading.target, reading.range_m, 1.0, 1.0)
+        (placement,) = localizer.step(1.0).placements
+        low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+        assert np.all((low <= state.positions_m) & (state.positions_m <= high))
 
 
 @pytest.mark.parametrize(

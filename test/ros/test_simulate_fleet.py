@@ -26,7 +26,11 @@ from sensor_msgs.msg import Range  # noqa: E402
 
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.simulation.messages import SimulatedFleet, quaternions  # noqa: E402
-from dg_localization.ros.simulation.simulate_fleet import FleetSimulator  # noqa: E402
+from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
+    PARAMETERS,
+    FleetSimulator,
+    simulated_fleet,
+)
 from dg_localization.simulation import moving_fleet as simulation  # noqa: E402
 from msg_adapters.peers import peers_from_message  # noqa: E402
 
@@ -168,6 +172,58 @@ def test_without_cameras_there_is_no_bearing_topic(context):
 def test_a_wrong_parameter_is_refused_with_the_allowed_values(context, name, value, allowed):
     with pytest.raises(WrongParameterError, match=f'{name}.*{allowed}'):
         FleetSimulator(context=context, parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_ranges_and_cameras_cannot_both_be_switched_off(context):
+    off = [Parameter('ranges', value=False), Parameter('cameras', value=False)]
+    with pytest.raises(WrongParameterError, match='one of them must be true'):
+        FleetSimulator(context=context, parameter_overrides=off)
+
+
+def simulated(**values):
+    """Return the topics of one round, by what they end in before the target."""
+    fleet = simulated_fleet({**{spec.name: spec.default for spec in PARAMETERS}, **values})
+    return {*dict(fleet.measurements(1.0, 2.0)), *dict(fleet.odometry_messages(1.0, 2.0))}
+
+
+def test_parameters_choose_what_is_measured():
+    both_ways = {f'{a}/bearing/{b}' for edge in EDGES for a, b in (edge, edge[::-1])}
+    ranges = {f'{a}/range/{b}' for a, b in EDGES}
+    odometry = {f'{robot}/odom' for robot in simulation.ROBOTS}
+    assert simulated() == ranges | both_ways
+    assert simulated(cameras=False, odometry=True) == ranges | odometry
+    assert simulated(ranges=False) == both_ways
+    beacons = {
+        f'{robot}/{kind}/{beacon}'
+        for robot in simulation.ROBOTS
+        for kind in ('range', 'bearing')
+        for beacon in simulation.LANDMARKS_M
+    }
+    assert simulated(landmarks=True) == ranges | both_ways | beacons
+
+
+def test_peers_name_landmarks_after_the_robots():
+    values = {spec.name: spec.default for spec in PARAMETERS}
+    fleet = simulated_fleet({**values, 'landmarks': True, 'peers': True})
+    points = [*simulation.ROBOTS, *simulation.LANDMARKS_M]
+    reading = peers_from_message(dict(fleet.measurements(0.0, 1.0))['robot_6/peers'])
+    state = fleet.motion.state(0.0)
+    # Of the robots the last one sees two, and ranges nobody.
+    assert {'beacon_1', 'beacon_2', 'beacon_3'} <= {points[peer] for peer in reading.peers}
+    for peer, range_m in zip(reading.peers, reading.ranges_m, strict=True):
+        if points[peer] in simulation.LANDMARKS_M:
+            place = np.array(simulation.LANDMARKS_M[points[peer]])
+            assert range_m == pytest.approx(np.linalg.norm(place - state.positions_m[5]), rel=0.03)
+
+
+def test_the_file_of_beacons_is_that_of_the_simulation():
+    yaml = pytest.importorskip('yaml')
+    text = (REPOSITORY / 'config/paper_fleet_beacons.yaml').read_text()
+    anchors = yaml.safe_load(text)['/**']['ros__parameters']['anchors']
+    assert anchors.pop('names') == list(simulation.LANDMARKS_M)
+    assert anchors == {
+        name: {'position': list(place)} for name, place in simulation.LANDMARKS_M.items()
+    }
 
 
 def test_quaternions_turn_about_z():

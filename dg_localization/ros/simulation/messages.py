@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.simulation import moving_fleet as simulation
+from dg_localization.simulation.odometry import FleetOdometry
 from msg_adapters.bearings import BearingReading, bearing_to_message
 from msg_adapters.odometry import OdometryReading, odometry_to_message
 from msg_adapters.peers import PeersReading, peers_to_message
@@ -21,7 +22,6 @@ from msg_adapters.ranges import RangeReading, range_to_message
 # Not that of the localizer, whose frame moves with a robot where there are no anchors.
 TRUTH_FRAME = 'world'
 MIN_RANGE_M = 0.1
-MAX_RANGE_M = 30.0
 NO_RAY = (np.nan, np.nan, np.nan)
 
 
@@ -36,22 +36,25 @@ class SimulatedFleet:
         Where the robots are at a time.
     sensors : FleetSensors
         What they measure there.
-    cameras, odometry : bool
-        Whether they see each other and count their wheels.
+    cameras, ranges : bool
+        Whether they see and range each other.
     peers : bool
         Whether each robot sends all its ranges and bearings in one message.
+    odometry : FleetOdometry or None
+        Of the same motion; None when the robots have none.
 
     """
 
     motion: simulation.FleetMotion
     sensors: simulation.FleetSensors
     cameras: bool = True
-    odometry: bool = False
+    ranges: bool = True
     peers: bool = False
+    odometry: FleetOdometry | None = None
 
     def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
         """
-        Measure everything once.
+        Range and see once.
 
         Parameters
         ----------
@@ -67,23 +70,39 @@ class SimulatedFleet:
 
         """
         state = self.motion.state(time_s)
-        ranges = list(self.sensors.ranges(state))
+        ranges = list(self.sensors.ranges(state)) if self.ranges else []
         bearings = list(self.sensors.bearings(state)) if self.cameras else []
         if self.peers:
-            yield from _peers_messages(ranges, bearings, stamp_s)
+            points = (*simulation.ROBOTS, *self.sensors.landmarks_m)
+            yield from _peers_messages(points, ranges, bearings, stamp_s)
         else:
             yield from _pair_messages(ranges, bearings, stamp_s)
-        start = self.motion.state(0.0)
-        for travelled in simulation.odometry(start, state) if self.odometry else ():
+
+    def odometry_messages(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
+        """
+        Sample the odometry of every robot.
+
+        Parameters
+        ----------
+        time_s, stamp_s : float
+            As for `measurements`.
+
+        Yields
+        ------
+        tuple of str and message
+            Topic, and what to publish on it.
+
+        """
+        for sample in self.odometry.samples(time_s) if self.odometry else ():
             yield (
-                f'{travelled.robot}/odom',
+                f'{sample.robot}/odom',
                 odometry_to_message(
                     OdometryReading(
                         stamp_s,
-                        np.array([*travelled.position_m, 0.0]),
-                        quaternions([travelled.yaw_rad])[0],
-                        frame_id=f'{travelled.robot}/odom',
-                        child_frame_id=travelled.robot,
+                        np.array([*sample.position_m, 0.0]),
+                        quaternions([sample.yaw_rad])[0],
+                        frame_id=f'{sample.robot}/odom',
+                        child_frame_id=sample.robot,
                     )
                 ),
             )
@@ -120,7 +139,7 @@ def _pair_messages(
                     stamp_s,
                     distance.range_m,
                     min_range_m=MIN_RANGE_M,
-                    max_range_m=MAX_RANGE_M,
+                    max_range_m=simulation.REACH_M,
                     frame_id=distance.observer,
                 )
             ),
@@ -133,6 +152,7 @@ def _pair_messages(
 
 
 def _peers_messages(
+    points: Sequence[str],
     ranges: Iterable[simulation.SimulatedRange],
     bearings: Iterable[simulation.SimulatedBearing],
     stamp_s: float,
@@ -141,11 +161,11 @@ def _peers_messages(
     ranges_m = {(r.observer, r.target): r.range_m for r in ranges}
     rays = {(b.observer, b.target): b.ray for b in bearings}
     for observer in simulation.ROBOTS:
-        pairs = [(observer, target) for target in simulation.ROBOTS]
+        pairs = [(observer, target) for target in points]
         measured = [pair for pair in pairs if pair in ranges_m or pair in rays]
         reading = PeersReading(
             stamp_s,
-            peers=np.array([simulation.ROBOTS.index(target) for _, target in measured]),
+            peers=np.array([points.index(target) for _, target in measured], dtype=int),
             ranges_m=np.array([ranges_m.get(pair, np.nan) for pair in measured]),
             rays_xyz=np.array([rays.get(pair, NO_RAY) for pair in measured]).reshape(-1, 3),
             frame_id=observer,

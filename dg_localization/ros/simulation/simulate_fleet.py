@@ -6,14 +6,17 @@ The executable `simulate_fleet`: the fleet of the paper on real topics, with the
 
 It publishes, at `rate` and in its namespace:
 
-- `{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs;
+- `{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs, and with `landmarks`
+  three beacons from every robot, when `ranges` is true;
 - `{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
 - when `peers` is true, in the place of all these `{observer}/peers` (sensor_msgs/PointCloud2);
-- `{robot}/odom` (nav_msgs/Odometry), when `odometry` is true;
-- `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6.
+- `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6;
+
+and, at `odometry_rate` and when `odometry` is true, `{robot}/odom` (nav_msgs/Odometry), which
+drifts within the bounds given.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
@@ -25,24 +28,86 @@ from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
     INTEGER,
+    STRING,
     Spec,
+    WrongParameterError,
     declare,
     given_values,
 )
 from dg_localization.ros.simulation.messages import SimulatedFleet
 from dg_localization.ros.spinning import spin
 from dg_localization.simulation import moving_fleet as simulation
+from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 
 PARAMETERS = (
+    Spec('ranges', BOOL, True, 'whether the robots measure ranges'),
     Spec('cameras', BOOL, True, 'whether the robots see each other'),
-    Spec('odometry', BOOL, False, 'whether the robots publish odometry'),
+    Spec('landmarks', BOOL, False, 'whether there are three beacons, ranged and seen by all'),
     Spec('peers', BOOL, False, 'whether each robot sends all ranges and bearings in one message'),
-    Spec('rate', DOUBLE, 10.0, 'how often every sensor measures', 'Hz', 0.1, 1000.0),
+    Spec(
+        'path',
+        STRING,
+        'formation',
+        'whether the robots drive in formation or each in a loop of its own',
+        choices=tuple(simulation.Path),
+    ),
     Spec('speed', DOUBLE, 0.1, 'no robot is faster', 'm/s', 0.0, 10.0),
+    Spec('rate', DOUBLE, 10.0, 'how often every sensor measures', 'Hz', 0.1, 1000.0),
     Spec('error', DOUBLE, 0.03, 'bound of the relative error of a range', '', 0.0, 0.5),
     Spec('bearing_error', DOUBLE, 0.02, 'bound of the error of a bearing', 'rad', 0.0, 1.5),
+    Spec('odometry', BOOL, False, 'whether the robots publish odometry'),
+    Spec('odometry_rate', DOUBLE, 20.0, 'how often they do', 'Hz', 0.1, 1000.0),
+    Spec('odometry_latency', DOUBLE, 0.0, 'how late its stamps may be', 's', 0.0, 10.0),
+    Spec('translation_per_m', DOUBLE, 0.05, 'error of odometry per m travelled', 'm', 0.0, 1.0),
+    Spec('translation_per_rad', DOUBLE, 0.0, 'error of odometry per rad turned', 'm', 0.0, 1.0),
+    Spec('rotation_per_m', DOUBLE, 0.0, 'error of a turn per m travelled', 'rad', 0.0, 1.0),
+    Spec('rotation_per_rad', DOUBLE, 0.05, 'error of a turn per rad turned', 'rad', 0.0, 1.0),
     Spec('seed', INTEGER, 0, 'seed of the motion and of the errors', '', 0, 2**31 - 1),
 )
+
+
+def simulated_fleet(values: Mapping[str, Any]) -> SimulatedFleet:
+    """
+    Return the fleet that parameters stand for.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        A checked value for each of `PARAMETERS`.
+
+    Raises
+    ------
+    WrongParameterError
+        If nothing would be measured.
+
+    """
+    if not (values['ranges'] or values['cameras']):
+        raise WrongParameterError(
+            "parameters 'ranges' and 'cameras' are both false; one of them must be true"
+        )
+    path, seed = simulation.Path(values['path']), values['seed']
+    motion = simulation.FleetMotion(values['speed'], seed, path)
+    errors = OdometryErrors(
+        translation_per_m=values['translation_per_m'],
+        translation_per_rad=values['translation_per_rad'],
+        rotation_per_m=values['rotation_per_m'],
+        rotation_per_rad=values['rotation_per_rad'],
+        latency_s=values['odometry_latency'],
+    )
+    sensors = simulation.FleetSensors(
+        values['error'],
+        values['bearing_error'],
+        seed,
+        simulation.LANDMARKS_M if values['landmarks'] else {},
+    )
+    return SimulatedFleet(
+        motion,
+        sensors,
+        cameras=values['cameras'],
+        ranges=values['ranges'],
+        peers=values['peers'],
+        odometry=FleetOdometry(motion, errors, seed) if values['odometry'] else None,
+    )
 
 
 class FleetSimulator(Node):
@@ -66,20 +131,20 @@ class FleetSimulator(Node):
         given = given_values(self)
         values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in PARAMETERS}
         declare(self, PARAMETERS, values)
-        self._fleet = SimulatedFleet(
-            simulation.FleetMotion(values['speed'], values['seed']),
-            simulation.FleetSensors(values['error'], values['bearing_error'], values['seed']),
-            cameras=values['cameras'],
-            odometry=values['odometry'],
-            peers=values['peers'],
-        )
+        self._fleet = simulated_fleet(values)
         self._start_s = self._now_s()
+        first = [
+            *self._fleet.measurements(0.0, self._start_s),
+            *self._fleet.odometry_messages(0.0, self._start_s),
+        ]
         self._measurement_publishers = {
             topic: self.create_publisher(type(message), topic, qos_profile_sensor_data)
-            for topic, message in self._fleet.measurements(0.0, self._start_s)
+            for topic, message in first
         }
         self._truth_publisher = self.create_publisher(PoseArray, '~/ground_truth', LATCHED)
-        self.create_timer(1.0 / values['rate'], self.publish_all)
+        self.create_timer(1.0 / values['rate'], self.publish_measurements)
+        if values['odometry']:
+            self.create_timer(1.0 / values['odometry_rate'], self.publish_odometry)
         self.get_logger().info(
             f'{len(simulation.ROBOTS)} robots, {len(self._measurement_publishers)} measurement '
             f'topics at {values["rate"]:g} Hz'
@@ -88,13 +153,21 @@ class FleetSimulator(Node):
     def _now_s(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
 
-    def publish_all(self) -> None:
+    def publish_measurements(self) -> None:
         """Publish one reading of every sensor, and the truth, at the present time."""
         stamp_s = self._now_s()
         time_s = stamp_s - self._start_s
-        for topic, message in self._fleet.measurements(time_s, stamp_s):
-            self._measurement_publishers[topic].publish(message)
+        self._publish(self._fleet.measurements(time_s, stamp_s))
         self._truth_publisher.publish(self._fleet.ground_truth(time_s, stamp_s))
+
+    def publish_odometry(self) -> None:
+        """Publish one sample of the odometry of every robot, at the present time."""
+        stamp_s = self._now_s()
+        self._publish(self._fleet.odometry_messages(stamp_s - self._start_s, stamp_s))
+
+    def _publish(self, messages: Iterable[tuple[str, Any]]) -> None:
+        for topic, message in messages:
+            self._measurement_publishers[topic].publish(message)
 
 
 def main(args: Sequence[str]) -> int:

@@ -1,0 +1,142 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Simulated odometry drifts, and keeps the bounds that are stated for it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet.odometry import MotionLimits, OdometryErrorModel, OdometryPath
+from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion, Path, rotation
+from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
+
+PERIOD_S = 0.05
+ERRORS = [
+    OdometryErrors(),
+    OdometryErrors(0.1, 0.02, 0.05, 0.2),
+    OdometryErrors(0.0, 0.0, 0.0, 0.3),
+    OdometryErrors(1.0, 0.5, 0.5, 1.0),
+    OdometryErrors(0.0, 0.0, 0.1, 0.0),
+]
+
+BOUNDS = {
+    'translation_per_m': 0.1,
+    'translation_per_rad': 0.02,
+    'rotation_per_m': 0.05,
+    'rotation_per_rad': 0.1,
+}
+LIMITS = MotionLimits(speed_m_s=0.2, turn_rate_rad_s=0.4)
+
+
+def record(errors, seed, seconds=20.0, path=Path.LOOPS, speed=0.2):
+    """Return stamps, measured positions and yaws, by robot, and the motion."""
+    motion = FleetMotion(speed, seed, path)
+    odometry = FleetOdometry(motion, errors, seed)
+    stamps = np.arange(0.0, seconds, PERIOD_S)
+    samples = [list(odometry.samples(stamp)) for stamp in stamps]
+    assert [sample.robot for sample in samples[0]] == list(ROBOTS)
+    positions = np.array([[sample.position_m for sample in row] for row in samples])
+    yaws = np.array([[sample.yaw_rad for sample in row] for row in samples])
+    return stamps, positions.swapaxes(0, 1), yaws.T, motion
+
+
+def steps(positions, yaws):
+    """Return the steps of a path in the body frames at their beginnings, and the turns."""
+    turned = [
+        (after - before) @ rotation(yaw)
+        for before, after, yaw in zip(positions[:-1], positions[1:], yaws[:-1], strict=True)
+    ]
+    return np.array(turned), np.remainder(np.diff(yaws) + np.pi, 2.0 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize('errors', ERRORS)
+@pytest.mark.parametrize('path', Path)
+def test_every_step_keeps_its_bounds_of_truth_and_of_reading(errors, path):
+    stamps, positions, yaws, motion = record(errors, seed=2, path=path)
+    truth = [motion.state(stamp) for stamp in stamps]
+    used_m, used_rad = [], []
+    for robot in range(len(ROBOTS)):
+        measured_m, measured_rad = steps(positions[robot], yaws[robot])
+        true_m, true_rad = steps(
+            np.array([state.positions_m[robot] for state in truth]),
+            np.array([state.yaws_rad[robot] for state in truth]),
+        )
+        error_m = np.linalg.norm(measured_m - true_m, axis=1)
+        error_rad = np.abs(measured_rad - true_rad)
+        for way_m, turn_rad in ((measured_m, measured_rad), (true_m, true_rad)):
+            length_m, angle_rad = np.linalg.norm(way_m, axis=1), np.abs(turn_rad)
+            bound_m = errors.translation_per_m * length_m + errors.translation_per_rad * angle_rad
+            bound_rad = errors.rotation_per_m * length_m + errors.rotation_per_rad * angle_rad
+            assert np.all(error_m <= bound_m + 1e-12)
+            assert np.all(error_rad <= bound_rad + 1e-12)
+        used_m.append(error_m.max() / max(bound_m.max(), 1e-300))
+        used_rad.append(error_rad.max() / max(bound_rad.max(), 1e-300))
+    if errors == OdometryErrors():  # the bounds are used
+        assert max(used_m) > 0.6 and max(used_rad) > 0.6
+
+
+@pytest.mark.parametrize('latency_s', [0.0, 0.3])
+@pytest.mark.parametrize('seed', range(3))
+def test_the_bounded_path_of_the_localizer_holds_the_true_one(seed, latency_s):
+    terms = {**BOUNDS, 'latency_s': latency_s}
+    stamps, positions, yaws, motion = record(OdometryErrors(**terms), seed)
+    now_s = stamps[-1] - latency_s
+    times = np.linspace(1.0, now_s, 40)
+    end = motion.state(now_s)
+    for robot in range(len(ROBOTS)):
+        flat = np.column_stack([positions[robot], np.zeros(len(stamps))])
+        turns = np.zeros((len(stamps), 3, 3))
+        turns[:, :2, :2] = [rotation(yaw) for yaw in yaws[robot]]
+        turns[:, 2, 2] = 1.0
+        track = OdometryPath(stamps, flat, turns, OdometryErrorModel(**terms), LIMITS)
+        past = track.past_poses(times, now_s)
+        for row, time_s in enumerate(times):
+            then = motion.state(time_s)
+            gap = then.positions_m[robot] - end.positions_m[robot]
+            place = gap @ rotation(end.yaws_rad[robot])
+            assert np.all(past.position_m.lower[row, :2] <= place)
+            assert np.all(place <= past.position_m.upper[row, :2])
+            turn = then.yaws_rad[robot] - end.yaws_rad[robot]
+            middle = (past.yaw_rad.lower[row] + past.yaw_rad.upper[row]) / 2.0
+            half = (past.yaw_rad.upper[row] - past.yaw_rad.lower[row]) / 2.0
+            assert abs(math.remainder(turn - middle, 2.0 * math.pi)) <= half + 1e-12
+
+
+def test_without_errors_it_leads_from_the_start_to_the_state():
+    _, positions, yaws, motion = record(OdometryErrors(0.0, 0.0, 0.0, 0.0), seed=4)
+    start, state = motion.state(0.0), motion.state(20.0 - PERIOD_S)
+    for robot in range(len(ROBOTS)):
+        moved = rotation(start.yaws_rad[robot]) @ positions[robot, -1]
+        np.testing.assert_allclose(start.positions_m[robot] + moved, state.positions_m[robot])
+        turned = start.yaws_rad[robot] + yaws[robot, -1] - state.yaws_rad[robot]
+        assert math.remainder(turned, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_it_drifts_away_from_the_truth():
+    _, positions, _, motion = record(OdometryErrors(), seed=0, seconds=60.0)
+    start, state = motion.state(0.0), motion.state(60.0 - PERIOD_S)
+    gaps = [
+        start.positions_m[robot]
+        + rotation(start.yaws_rad[robot]) @ positions[robot, -1]
+        - state.positions_m[robot]
+        for robot in range(len(ROBOTS))
+    ]
+    assert np.linalg.norm(gaps, axis=1).max() > 0.1
+
+
+def test_a_clock_that_goes_back_takes_the_robots_back():
+    motion = FleetMotion(0.2, path=Path.LOOPS)
+    odometry = FleetOdometry(motion, OdometryErrors(0.0, 0.0, 0.0, 0.0, latency_s=0.0))
+    first = list(odometry.samples(1.0))
+    list(odometry.samples(10.0))
+    again = list(odometry.samples(1.0))
+    for before, after in zip(first, again, strict=True):
+        np.testing.assert_allclose(before.position_m, after.position_m, atol=1e-9)
+
+
+@pytest.mark.parametrize('value', [-0.1, math.inf, math.nan])
+def test_values_out_of_range_are_refused(value):
+    with pytest.raises(ValueError, match=f'rotation_per_rad is {value}; it must be'):
+        OdometryErrors(rotation_per_rad=value)
