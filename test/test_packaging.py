@@ -114,9 +114,12 @@ def test_share_holds_the_marker_the_manifest_and_every_configuration(setup_argum
     data = {folder: set(files) for folder, files in setup_arguments.data_files}
     assert data['share/ament_index/resource_index/packages'] == {'resource/dg_localization'}
     assert data['share/dg_localization'] == {'package.xml'}
-    configurations = {f'config/{path.name}' for path in (REPOSITORY / 'config').glob('*.yaml')}
-    assert 'config/paper_fleet.yaml' in configurations
-    assert data['share/dg_localization/config'] == configurations
+    for folder in ('config', 'launch'):
+        files = {f'{folder}/{path.name}' for path in (REPOSITORY / folder).iterdir()}
+        assert data[f'share/dg_localization/{folder}'] == {
+            file for file in files if not file.endswith('__pycache__')
+        }
+    assert 'config/paper_fleet.yaml' in data['share/dg_localization/config']
 
 
 def test_ros2_run_finds_the_executables(setup_arguments):

@@ -24,8 +24,11 @@ STALE_RGBA = np.array([0.6, 0.6, 0.6, 0.4])
 CONTRADICTING_RGBA = np.array([0.9, 0.1, 0.1, 1.0])
 LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
 
-# Neighboring numbers differ by the golden angle, so that few hypotheses are told apart well.
+# Neighboring numbers differ by the golden angle, so that few hypotheses are told apart well. The
+# first is blue: a link is green or red by its state.
+FIRST_HUE = 0.58
 HUE_STEP = 0.381966
+NAME_RGBA = np.array([1.0, 1.0, 1.0, 1.0])
 # More placements on top of each other show nothing, and cost every viewer time.
 MOST_DRAWN = 32
 
@@ -69,7 +72,7 @@ def _drawn(estimate: Estimate) -> tuple[Placement, ...]:
 
 
 def _color(hypothesis: int) -> NDArray[np.float64]:
-    return np.array([*hsv_to_rgb(hypothesis * HUE_STEP % 1.0, 0.8, 0.95), 0.9])
+    return np.array([*hsv_to_rgb((FIRST_HUE + hypothesis * HUE_STEP) % 1.0, 0.8, 0.95), 0.9])
 
 
 def _points(placement: Placement) -> NDArray[np.float64]:
@@ -166,17 +169,23 @@ def _link_color(link: LinkState) -> NDArray[np.float64]:
 
 
 def _names(estimate: Estimate) -> Iterator[Marker]:
+    """Yield the name of each point, once where placements have it at about the same place."""
     names = (*estimate.robots, *estimate.landmarks)
-    above = np.array([0.0, 0.0, ROBOT_DIAMETER_M])
+    # Beside the point for those who look from above, and above it for the others.
+    offset = np.array([0.0, ROBOT_DIAMETER_M, ROBOT_DIAMETER_M])
+    named: list[list[NDArray[np.float64]]] = [[] for _ in names]
     for number, placement in enumerate(_drawn(estimate)):
         for row, (name, point) in enumerate(zip(names, _points(placement), strict=True)):
-            if np.isfinite(point).all():
-                yield Marker(
-                    namespace='names',
-                    identifier=number * len(names) + row,
-                    shape=Shape.TEXT,
-                    points_m=(point + above)[None, :],
-                    colors_rgba=_color(number)[None, :],
-                    size_m=NAME_HEIGHT_M,
-                    text=name,
-                )
+            nearby = any(np.linalg.norm(point - other) < NAME_HEIGHT_M for other in named[row])
+            if nearby or not np.isfinite(point).all():
+                continue
+            named[row].append(point)
+            yield Marker(
+                namespace='names',
+                identifier=number * len(names) + row,
+                shape=Shape.TEXT,
+                points_m=(point + offset)[None, :],
+                colors_rgba=NAME_RGBA[None, :],
+                size_m=NAME_HEIGHT_M,
+                text=name,
+            )

@@ -1,0 +1,199 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Stand-ins for `launch` and `launch_ros`, which are no wheels, as far as our launch files use them.
+
+Their order and scopes are those of the originals: arguments and configurations are set one after
+the other and are seen by what comes later, also in files that are included.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+import runpy
+import sys
+from types import ModuleType
+
+
+class MissingArgumentError(Exception):
+    """An argument without a default was not given."""
+
+
+@dataclass
+class Context:
+    """The configurations so far, what was declared, and the processes to start."""
+
+    configurations: dict
+    declared: dict = field(default_factory=dict)
+    processes: list = field(default_factory=list)
+
+    def text(self, value):
+        """Return a substitution, or a list of them, as text."""
+        if isinstance(value, (list, tuple)):
+            return ''.join(self.text(part) for part in value)
+        return self.configurations[value.name] if isinstance(value, LaunchConfiguration) else value
+
+
+@dataclass
+class LaunchConfiguration:
+    name: str
+
+
+@dataclass
+class ParameterValue:
+    value: object
+    value_type: type
+
+
+@dataclass
+class IfCondition:
+    predicate: object
+
+
+@dataclass
+class DeclareLaunchArgument:
+    name: str
+    default_value: str | None = None
+    description: str = ''
+    choices: list | None = None
+
+    def visit(self, context):
+        context.declared.setdefault(self.name, self)
+        if self.name not in context.configurations:
+            if self.default_value is None:
+                raise MissingArgumentError(self.name)
+            context.configurations[self.name] = self.default_value
+        assert self.choices is None or context.configurations[self.name] in self.choices
+
+
+@dataclass
+class SetLaunchConfiguration:
+    name: str
+    value: str
+
+    def visit(self, context):
+        context.configurations[self.name] = self.value
+
+
+@dataclass
+class Shutdown:
+    reason: str
+
+
+@dataclass
+class PythonLaunchDescriptionSource:
+    path: str
+
+
+@dataclass
+class IncludeLaunchDescription:
+    source: PythonLaunchDescriptionSource
+
+    def visit(self, context):
+        for entity in described(self.source.path).entities:
+            entity.visit(context)
+
+
+@dataclass
+class LaunchDescription:
+    entities: list
+
+
+@dataclass
+class Process:
+    """What a node would be started with."""
+
+    package: str
+    executable: str
+    namespace: str
+    arguments: list
+    parameters: dict
+    files: list
+    remappings: list
+    ends_all: bool
+
+    @property
+    def ros_arguments(self):
+        """The command line after the name of the executable, as launch_ros makes it."""
+        line = [*self.arguments, '--ros-args']
+        if self.namespace:
+            line += ['-r', f'__ns:=/{self.namespace}']
+        for path in self.files:
+            line += ['--params-file', path]
+        for name, value in self.parameters.items():
+            line += ['-p', f'{name}:={str(value).lower()}']
+        for source, target in self.remappings:
+            line += ['-r', f'{source}:={target}']
+        return line
+
+
+@dataclass
+class Node:
+    package: str
+    executable: str
+    namespace: object = ''
+    arguments: list = field(default_factory=list)
+    parameters: list = field(default_factory=list)
+    remappings: list = field(default_factory=list)
+    output: str = 'log'
+    condition: IfCondition | None = None
+    on_exit: object = None
+
+    def visit(self, context):
+        if self.condition and context.text(self.condition.predicate) != 'true':
+            return
+        values = [entry for entry in self.parameters if isinstance(entry, dict)]
+        context.processes.append(
+            Process(
+                self.package,
+                self.executable,
+                context.text(self.namespace),
+                [context.text(part) for part in self.arguments],
+                {
+                    name: {'true': True, 'false': False}[context.text(value.value)]
+                    for entry in values
+                    for name, value in entry.items()
+                },
+                [context.text(entry) for entry in self.parameters if not isinstance(entry, dict)],
+                [(context.text(a), context.text(b)) for a, b in self.remappings],
+                isinstance(self.on_exit, Shutdown),
+            )
+        )
+
+
+MODULES = {
+    'launch': (LaunchDescription,),
+    'launch.actions': (
+        DeclareLaunchArgument,
+        IncludeLaunchDescription,
+        SetLaunchConfiguration,
+        Shutdown,
+    ),
+    'launch.conditions': (IfCondition,),
+    'launch.launch_description_sources': (PythonLaunchDescriptionSource,),
+    'launch.substitutions': (LaunchConfiguration,),
+    'launch_ros': (),
+    'launch_ros.actions': (Node,),
+    'launch_ros.parameter_descriptions': (ParameterValue,),
+}
+
+
+def install(monkeypatch):
+    """Put the stand-ins in the place of the originals until the test ends."""
+    for name, members in MODULES.items():
+        module = ModuleType(name)
+        vars(module).update({member.__name__: member for member in members})
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def described(path):
+    """Return the description that a launch file generates."""
+    return runpy.run_path(str(Path(path)))['generate_launch_description']()
+
+
+def launched(path, **arguments):
+    """Return the context after a launch file was carried out with these arguments."""
+    context = Context(dict(arguments))
+    for entity in described(path).entities:
+        entity.visit(context)
+    return context

@@ -1,0 +1,60 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The example for robot_localization, against what the node publishes and the page says."""
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.ros.interface.outputs import estimate_outputs  # noqa: E402
+from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
+    check_values,
+    settings_from,
+)
+from dg_localization.ros.interface.poses import LEAST_VARIANCE  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[2]
+FILE = yaml.safe_load((REPOSITORY / 'config/ekf_example.yaml').read_text(encoding='utf-8'))
+VALUES = FILE['ekf_filter_node']['ros__parameters']
+SETTINGS = settings_from(check_values({'robots': ['robot_1']}))
+ROBOT = SETTINGS.fleet.robots[0]
+
+
+def test_it_takes_the_pose_of_a_robot_in_the_frame_of_the_anchors():
+    types = {
+        output.name.replace('~', '/localizer'): output.message_class.__name__
+        for output in estimate_outputs((ROBOT,))
+    }
+    assert types[VALUES['pose0']] == 'PoseWithCovarianceStamped'
+    assert VALUES['world_frame'] == VALUES['map_frame'] == SETTINGS.fixed_frame
+
+
+def test_it_takes_the_odometry_that_the_localizer_takes():
+    (odometry,) = [template for template in SETTINGS.templates if 'robot' in template.fields]
+    assert VALUES['odom0'] == odometry.text.format(robot=ROBOT)
+
+
+def test_it_fuses_positions_of_the_localizer_and_velocities_of_odometry():
+    fused = {
+        source: [i for i, wanted in enumerate(VALUES[f'{source}_config']) if wanted]
+        for source in ('pose0', 'odom0')
+    }
+    # In the order x y z, roll pitch yaw, then their rates, then accelerations.
+    assert fused == {'pose0': [0, 1], 'odom0': [6, 7, 11]}
+    assert {len(VALUES[f'{source}_config']) for source in fused} == {15}
+
+
+def test_numbers_of_the_page():
+    page = (REPOSITORY / 'docs/integration.md').read_text(encoding='utf-8')
+    assert LEAST_VARIANCE == 1e-6 and '10⁻⁶' in page
+    answers = 10.0 * SETTINGS.rate_hz
+    assert round(math.sqrt(answers)) == 7 and 'seven times too small' in page
+    # The variance that a filter settles at: P with P = (P + q) R / (P + q + R).
+    noise_m2, bound_m2 = 0.05 / SETTINGS.rate_hz, 0.5**2
+    settled_m2 = (math.sqrt(noise_m2**2 + 4.0 * noise_m2 * bound_m2) - noise_m2) / 2.0
+    assert math.sqrt(settled_m2) == pytest.approx(0.21, abs=0.005) and '0.21 m' in page

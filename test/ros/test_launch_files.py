@@ -1,0 +1,133 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The launch files: what they start, and that it starts."""
+
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from launch_stand_ins import MissingArgumentError, install, launched  # noqa: E402
+
+from dg_localization.ros.executables import EXECUTABLES  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[2]
+LAUNCH = REPOSITORY / 'launch'
+FILES = sorted(LAUNCH.glob('*.launch.py'))
+REQUIRED = {
+    'localizer': {'params_file': 'fleet.yaml'},
+    'simulation': {},
+    'bag': {'params_file': 'fleet.yaml', 'bag': 'recording'},
+}
+
+
+def name_of(path):
+    return path.name.partition('.')[0]
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    install(monkeypatch)
+    return lambda name, **arguments: launched(LAUNCH / f'{name}.launch.py', **arguments)
+
+
+def test_there_is_a_file_for_each_use():
+    assert {name_of(path) for path in FILES} == set(REQUIRED)
+
+
+@pytest.mark.parametrize('name', REQUIRED)
+def test_every_file_starts_executables_that_there_are(launch, name):
+    processes = launch(name, **REQUIRED[name], rviz='true').processes
+    own = [process for process in processes if process.package == 'dg_localization']
+    assert {process.executable for process in own} <= set(EXECUTABLES)
+    assert [p.executable for p in processes if p not in own] == ['rviz2']
+    (localizer,) = [process for process in own if process.executable == 'localizer']
+    assert len(localizer.files) == 1
+
+
+@pytest.mark.parametrize('name', REQUIRED)
+def test_rviz_stays_closed_unless_asked_for(launch, name):
+    processes = launch(name, **REQUIRED[name]).processes
+    assert 'rviz2' not in [process.executable for process in processes]
+
+
+@pytest.mark.parametrize(
+    ('name', 'missing'),
+    [(name, missing) for name in REQUIRED for missing in REQUIRED[name]],
+)
+def test_what_has_no_default_must_be_given(launch, name, missing):
+    given = {key: value for key, value in REQUIRED[name].items() if key != missing}
+    with pytest.raises(MissingArgumentError, match=missing):
+        launch(name, **given)
+
+
+@pytest.mark.parametrize('name', REQUIRED)
+def test_every_argument_is_described_and_in_the_documentation(launch, name):
+    page = (REPOSITORY / 'docs/integration.md').read_text(encoding='utf-8')
+    for argument in launch(name, **REQUIRED[name]).declared.values():
+        assert argument.description
+        assert f'`{argument.name}`' in page
+
+
+def test_only_the_recording_brings_its_own_time_and_ends_all(launch):
+    for name in REQUIRED:
+        processes = {p.executable: p for p in launch(name, **REQUIRED[name]).processes}
+        assert processes['localizer'].parameters['use_sim_time'] == (name == 'bag')
+        assert [p.executable for p in processes.values() if p.ends_all] == (
+            ['replay'] if name == 'bag' else []
+        )
+
+
+def test_a_namespace_holds_the_nodes_and_what_rviz_shows(launch):
+    processes = launch('simulation', namespace='left', rviz='true').processes
+    assert {process.namespace for process in processes} == {'left'}
+    (rviz,) = [process for process in processes if process.executable == 'rviz2']
+    # Without a slash: in the namespace of RViz.
+    assert rviz.remappings == [('/localizer/markers', 'localizer/markers')]
+    assert Path(rviz.arguments[1]).exists()
+
+
+def test_the_simulation_runs_and_is_localized(launch, bench, tmp_path):
+    processes = launch('simulation', cameras='true', namespace='').processes
+    logs = [tmp_path / f'{process.executable}.log' for process in processes]
+    bench.clear()
+    started = [
+        subprocess.Popen(
+            [sys.executable, '-m', 'dg_localization.ros', p.executable, *p.ros_arguments],
+            cwd=REPOSITORY,
+            stdout=log.open('w'),
+            stderr=subprocess.STDOUT,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        )
+        for p, log in zip(processes, logs, strict=True)
+    ]
+    try:
+        bench.until(
+            lambda: bench.heard.fleet and len(bench.heard.fleet[-1].poses) == 6,
+            'one hypothesis of six robots',
+            deadline_s=120.0,
+        )
+    finally:
+        # Ctrl-C reaches every process of a launch file.
+        for process in started:
+            process.send_signal(signal.SIGINT)
+    deadline_s = time.monotonic() + 20.0
+    codes = [process.wait(max(0.0, deadline_s - time.monotonic())) for process in started]
+    assert codes == [0, 0], [log.read_text() for log in logs]
+    bench.until(lambda: not bench.heard.fleet[-1].poses, 'outputs that are emptied at the end')
+
+
+@pytest.mark.skipif(find_spec('launch_ros') is None, reason='launch is not installed')
+@pytest.mark.parametrize('path', FILES, ids=name_of)
+def test_launch_reads_the_files(path):
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    assert PythonLaunchDescriptionSource(str(path)).try_get_launch_description_without_context()

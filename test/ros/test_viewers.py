@@ -1,0 +1,200 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What RViz and Foxglove are told to show, against what the node publishes; and how it looks."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from dg_localization.fleet import FixedFrame, FrameKind, Localizer  # noqa: E402
+from dg_localization.ros.interface.frames import frame_id  # noqa: E402
+from dg_localization.ros.interface.markers import (  # noqa: E402
+    CONTRADICTING_RGBA,
+    FRESH_RGBA,
+    STALE_RGBA,
+)
+from dg_localization.ros.interface.outputs import (  # noqa: E402
+    DIAGNOSTICS,
+    estimate_messages,
+    estimate_outputs,
+)
+from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
+    check_values,
+    settings_from,
+)
+
+REPOSITORY = Path(__file__).parents[2]
+RVIZ = yaml.safe_load((REPOSITORY / 'config/localizer.rviz').read_text(encoding='utf-8'))
+FOXGLOVE = json.loads((REPOSITORY / 'config/foxglove_layout.json').read_text(encoding='utf-8'))
+PAPER_FLEET = REPOSITORY / 'config/paper_fleet.yaml'
+# The displays of RViz that need no topic, and the type that the others show.
+WITHOUT_TOPIC = {'rviz_default_plugins/Grid'}
+SHOWN = {'rviz_default_plugins/MarkerArray': 'MarkerArray'}
+RELIABILITY = {'Reliable': ReliabilityPolicy.RELIABLE}
+DURABILITY = {'Transient Local': DurabilityPolicy.TRANSIENT_LOCAL}
+
+
+@pytest.fixture(scope='module')
+def outputs():
+    """Return the outputs of the node by the full names of their topics."""
+    found = (*estimate_outputs(('robot_1',)), DIAGNOSTICS)
+    return {output.name.replace('~', '/localizer'): output for output in found}
+
+
+@pytest.fixture(scope='module')
+def displays():
+    displays = RVIZ['Visualization Manager']['Displays']
+    return [display for display in displays if display['Class'] not in WITHOUT_TOPIC]
+
+
+def panels(kind):
+    return [value for name, value in FOXGLOVE['configById'].items() if name.split('!')[0] == kind]
+
+
+def estimate_of(paper_fleet, cameras):
+    """Return what the localizer makes of one exact reading of everything."""
+    settings = settings_from(
+        check_values(
+            {'robots': paper_fleet.robots, 'reference_robot': 'robot_2', 'max_turn_rate': 0.5}
+        )
+    )
+    localizer = Localizer(settings.fleet)
+    names = paper_fleet.robots
+    for a, b in paper_fleet.edges:
+        localizer.add_range(names[a], names[b], paper_fleet.range_m(a, b), 10.0, 10.0)
+        for observer, target in ((a, b), (b, a)) if cameras else ():
+            ray = paper_fleet.ray(observer, target)
+            localizer.add_bearing(names[observer], names[target], ray, 10.0, 10.0)
+    return localizer.step(10.0)
+
+
+def markers_of(estimate):
+    messages = dict(estimate_messages(estimate, 'map', 1.0))
+    return deserialize_message(messages['~/markers'], MarkerArray)
+
+
+def test_rviz_shows_topics_of_the_node_with_their_type_and_qos(outputs, displays):
+    assert displays
+    for display in displays:
+        topic = display['Topic']
+        output = outputs[topic['Value']]
+        assert output.message_class.__name__ == SHOWN[display['Class']]
+        assert RELIABILITY[topic['Reliability Policy']] == output.qos.reliability
+        assert DURABILITY[topic['Durability Policy']] == output.qos.durability
+        assert topic['Depth'] == output.qos.depth
+
+
+def test_foxglove_shows_topics_of_the_node_in_panels_for_their_type(outputs):
+    (view,) = panels('3D')
+    assert {outputs[topic].message_class.__name__ for topic in view['topics']} == {'MarkerArray'}
+    others = panels('DiagnosticSummary') + panels('DiagnosticStatusPanel')
+    for panel in others:
+        assert outputs[panel['topicToRender']] is DIAGNOSTICS
+
+
+def test_foxglove_lays_out_every_panel_once():
+    def leaves(part):
+        return [part] if isinstance(part, str) else leaves(part['first']) + leaves(part['second'])
+
+    assert sorted(leaves(FOXGLOVE['layout'])) == sorted(FOXGLOVE['configById'])
+
+
+@pytest.mark.parametrize('cameras', [False, True])
+def test_both_viewers_switch_the_namespaces_that_there_are(paper_fleet, displays, cameras):
+    namespaces = {marker.ns for marker in markers_of(estimate_of(paper_fleet, cameras)).markers}
+    namespaces.discard('')  # that of "delete all"
+    (rviz,) = displays
+    (view,) = panels('3D')
+    (foxglove,) = view['topics'].values()
+    known = set(rviz['Namespaces'])
+    assert known == set(foxglove['namespaces'])
+    assert namespaces == (known if cameras else known - {'headings'})
+
+
+def test_the_fixed_frame_of_rviz_is_one_of_the_node():
+    settings = settings_from(check_values({'robots': ['a']}))
+    anchored = frame_id(FixedFrame(FrameKind.ANCHORS, ('p', 'q')), settings.fixed_frame)
+    assert RVIZ['Visualization Manager']['Global Options']['Fixed Frame'] == anchored
+
+
+def test_the_simulation_is_shown_in_the_frame_of_its_markers(paper_fleet):
+    launch_file = (REPOSITORY / 'launch/simulation.launch.py').read_text(encoding='utf-8')
+    frames = {m.header.frame_id for m in markers_of(estimate_of(paper_fleet, True)).markers}
+    (frame,) = frames
+    assert f"default_value='{frame}'" in launch_file
+    parameters = yaml.safe_load(PAPER_FLEET.read_text(encoding='utf-8'))['/**']['ros__parameters']
+    assert frame.startswith(parameters['reference_robot'] + '/')
+
+
+@pytest.mark.parametrize('cameras', [False, True], ids=['ranges', 'cameras'])
+def test_markers_can_be_seen(paper_fleet, tmp_path, cameras):
+    pytest.importorskip('matplotlib', reason='matplotlib is not installed')
+    from marker_picture import BACKGROUND, draw
+    from matplotlib import image
+    from matplotlib.colors import to_rgb
+
+    array = markers_of(estimate_of(paper_fleet, cameras))
+    path = tmp_path / 'markers.png'
+    half_width_m = 9.0
+    draw(array, path, half_width_m)
+    pixels = image.imread(path)[:, :, :3]
+    is_drawn = np.abs(pixels - to_rgb(BACKGROUND)).max(axis=2) > 0.2
+    # Enough of it to be seen, and not so much that nothing can be told apart.
+    assert 0.01 < is_drawn.mean() < 0.4
+    size = len(pixels)
+
+    def around(point, half_width):
+        """Return the pixels around a place, shape (k, 3)."""
+        column = round((point.x + half_width_m) / (2.0 * half_width_m) * size)
+        row = round((half_width_m - point.y) / (2.0 * half_width_m) * size)
+        rows, columns = (slice(at - half_width, at + half_width + 1) for at in (row, column))
+        return pixels[rows, columns].reshape(-1, 3)
+
+    (robots,) = [marker for marker in array.markers if marker.ns == 'robots']
+    for point in robots.points:
+        assert (np.abs(around(point, 1) - to_rgb(BACKGROUND)).max(axis=1) > 0.3).all()
+    names = [marker for marker in array.markers if marker.ns == 'names']
+    assert {marker.text for marker in names} == set(paper_fleet.robots)
+    for marker in names:
+        # Some of it is white, and no robot of its own is behind it.
+        assert (around(marker.pose.position, 12).min(axis=1) > 0.9).any()
+
+
+def test_a_name_is_not_drawn_over_its_robot_nor_twice_at_the_same_place(paper_fleet):
+    array = markers_of(estimate_of(paper_fleet, False))
+    (robots,) = [marker for marker in array.markers if marker.ns == 'robots']
+    names = [marker for marker in array.markers if marker.ns == 'names']
+    points = np.array([[p.x, p.y] for p in robots.points])
+    for marker in names:
+        place = np.array([marker.pose.position.x, marker.pose.position.y])
+        radius_m = robots.scale.x / 2.0
+        assert np.linalg.norm(points - place, axis=1).min() > radius_m
+        same = [other for other in names if other.text == marker.text]
+        gaps = [
+            np.hypot(place[0] - o.pose.position.x, place[1] - o.pose.position.y)
+            for o in same
+            if o is not marker
+        ]
+        assert min(gaps, default=1.0) > marker.scale.z
+    assert len(names) < len(robots.points) / 3
+
+
+def test_the_first_hypothesis_cannot_be_taken_for_the_state_of_a_link(paper_fleet):
+    (robots,) = [
+        marker
+        for marker in markers_of(estimate_of(paper_fleet, True)).markers
+        if marker.ns == 'robots'
+    ]
+    color = robots.colors[0]
+    for state in (FRESH_RGBA, STALE_RGBA, CONTRADICTING_RGBA):
+        assert np.abs(np.array([color.r, color.g, color.b]) - state[:3]).max() > 0.3
