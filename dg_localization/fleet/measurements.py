@@ -267,7 +267,7 @@ class MeasurementStore:
 def _check_pose(position: np.ndarray, quaternion: np.ndarray) -> Rejection | None:
     """Return a rejection when a pose is not made of a position and a unit quaternion."""
     values_ok = position.shape == (3,) and quaternion.shape == (4,)
-    values_ok = values_ok and bool(np.isfinite(position).all() and np.isfinite(quaternion).all())
+    values_ok = values_ok and bool(np.isfinite(position).all() and (abs(quaternion) < 2.0).all())
     if values_ok and abs(float(np.linalg.norm(quaternion)) - 1.0) < 0.01:
         return None
     text = (

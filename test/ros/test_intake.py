@@ -3,6 +3,7 @@
 
 """What is given to a localizer of a message, and what is kept from it."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -200,6 +201,14 @@ def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt_ranges, an
     adapt_ranges(lambda message: RangeReading(NOW_S, 3.0))
     assert take(localizer, RANGES, Range()) is None
     assert taken(localizer) == {('range', 'b'): 1}
+
+
+def test_peers_of_unequal_lengths_are_not_taken_in_part(localizer, monkeypatch):
+    reading = PeersReading(NOW_S, np.array([1]), np.array([3.0]), np.full((4, 3), math.nan))
+    adapter = replace(adapter_for(CLOUD), from_message=lambda message: reading)
+    monkeypatch.setattr('dg_localization.ros.interface.intake.adapter_for', lambda _: adapter)
+    assert 'ValueError' in take(localizer, CLOUDS, cloud_of(1)).last
+    assert taken(localizer) == {}
 
 
 def test_cloud_has_no_more_rows_than_the_fleet_can_need(localizer):

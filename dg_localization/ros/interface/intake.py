@@ -160,7 +160,8 @@ def add_reading(
                 key.observer, reading.position_xyz, reading.orientation_xyzw, stamp_s, now_s
             )
         case PeersReading():
-            readings = _peer_readings(reading, localizer.config.points)
+            # All rows before the first: a message that cannot be read must not be taken in part.
+            readings = list(_peer_readings(reading, localizer.config.points))
             return next(iter(localizer.add_peers(key.observer, readings, stamp_s, now_s)), None)
 
 

@@ -182,10 +182,11 @@ class Template:
         if not self.text:
             return
         try:
-            found = [name for _, name, _, _ in Formatter().parse(self.text) if name is not None]
+            parsed = [part[1:] for part in Formatter().parse(self.text) if part[1] is not None]
         except ValueError as error:
             raise ValueError(f'it is no template: {error}') from None
-        if sorted(found) != sorted(self.fields):
+        # A format, as in {robot:>9}, is no part of a name, and may ask for any length.
+        if sorted(parsed, key=str) != [(name, '', None) for name in sorted(self.fields)]:
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
             raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
         check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))

@@ -161,6 +161,8 @@ def settings_from(
     explicit = _parse_links(values['links'], resolve)
     try:
         fleet = _fleet_config(values, explicit)
+    except WrongParameterError:
+        raise
     except ValueError as error:
         raise WrongParameterError(f'parameters: {error}') from None
     return Settings(
@@ -296,13 +298,18 @@ def _overrides(links: Iterable[Link], values: Mapping[str, Any]) -> tuple[LinkOv
     gathered: dict[tuple[str, str], LinkOverride] = {}
     for link in links:
         names = (link.key.observer, link.key.target)
-        if link.key.kind is LinkKind.BEARING and link.overrides:
-            bounds: dict[str, Any] = {'bearing_half_width_rad': link.overrides['half_width']}
-        elif link.key.kind is LinkKind.RANGE and link.overrides:
-            bounds = {'range_error': _range_error(values, **link.overrides)}
-        else:
-            continue
-        gathered[names] = replace(gathered.get(names, LinkOverride(*names)), **bounds)
+        override = gathered.get(names, LinkOverride(*names))
+        try:
+            if link.key.kind is LinkKind.BEARING and link.overrides:
+                half_width_rad = link.overrides['half_width']
+                gathered[names] = replace(override, bearing_half_width_rad=half_width_rad)
+            elif link.key.kind is LinkKind.RANGE and link.overrides:
+                range_error = _range_error(values, **link.overrides)
+                gathered[names] = replace(override, range_error=range_error)
+        except ValueError as error:
+            raise WrongParameterError(
+                f"parameter 'links': the bounds of '{link.topic}' are not allowed: {error}"
+            ) from None
     return tuple(gathered.values())
 
 
@@ -311,8 +318,14 @@ def _ends(link: Link) -> set[str]:
 
 
 def _anchor(name: str, values: Mapping[str, Any]) -> Anchor:
+    position, dimension = values[f'anchors.{name}.position'], values['dimension']
+    if len(position) != dimension:
+        raise WrongParameterError(
+            f"parameter 'anchors.{name}.position': {position!r} is not allowed, it must have "
+            f'{dimension} coordinates (dimension)'
+        )
     bound = values[f'anchors.{name}.bound']
     return Anchor(
-        coordinates_m=tuple(values[f'anchors.{name}.position']),
+        coordinates_m=tuple(position),
         bound_m=bound if bound >= 0.0 else values['anchors.bound'],
     )

@@ -55,6 +55,8 @@ class Spec:
         Unit; empty for what has none.
     at_least, at_most : float
         Limits of a number, both included; infinite for none.
+    finite : bool
+        Whether a number may not be infinite.
     choices : tuple of str
         The allowed strings; empty for any.
     details : str
@@ -73,6 +75,7 @@ class Spec:
     unit: str = ''
     at_least: float = -math.inf
     at_most: float = math.inf
+    finite: bool = True
     choices: tuple[str, ...] = ()
     details: str = ''
     examples: tuple[str, ...] = ()
@@ -81,6 +84,8 @@ class Spec:
     def allowed(self) -> str:
         """Return what the value may be, in words."""
         words = [TYPE_TEXTS[self.type], self.limits()]
+        if self.type is DOUBLE and self.finite and math.isinf(self.at_most):
+            words[0] = 'a finite number'
         if self.choices:
             words = [self.limits()]
         return ' '.join(filter(None, [*words, self._in_unit()]))
@@ -133,7 +138,8 @@ class Spec:
             )
         if self.type in (DOUBLE, INTEGER):
             number = float if self.type is DOUBLE else int
-            return type(value) is number and self.at_least <= value <= self.at_most
+            within = type(value) is number and self.at_least <= value <= self.at_most
+            return within and (math.isfinite(value) or not self.finite)
         if self.type is BOOL:
             return type(value) is bool
         return type(value) is str and (not self.choices or value in self.choices)

@@ -334,6 +334,7 @@ CONTRADICTIONS = Section(
             'longest time to explain a contradiction',
             's',
             0.0,
+            finite=False,
         ),
     ),
 )
@@ -360,7 +361,15 @@ SOLVER = Section(
             1e6,
         ),
         Spec('solver.max_boxes', INTEGER, 2000, 'most boxes that one solve processes', at_least=1),
-        Spec('solver.max_seconds', DOUBLE, 1.0, 'longest time of one solve', 's', 0.001),
+        Spec(
+            'solver.max_seconds',
+            DOUBLE,
+            1.0,
+            'longest time of one solve',
+            's',
+            0.001,
+            finite=False,
+        ),
         Spec(
             'solver.tighten_slices',
             INTEGER,

@@ -1,0 +1,250 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whatever is sent is counted, and only readings that can be true enter the problem."""
+
+from contextlib import contextmanager
+from dataclasses import replace
+import os
+from random import Random
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from hostile_messages import CLOUD, HostileFleet, serialized  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
+
+from dg_localization import Verdict  # noqa: E402
+from dg_localization.fleet import Localizer  # noqa: E402
+from dg_localization.fleet.constraints.constrain import constrain  # noqa: E402
+from dg_localization.ros.interface.diagnostics import Report, statuses  # noqa: E402
+from dg_localization.ros.interface.intake import Intake  # noqa: E402
+from dg_localization.ros.interface.outputs import estimate_messages  # noqa: E402
+from msg_adapters import Diagnostics, adapter_for, register  # noqa: E402
+from msg_adapters.diagnostics import diagnostics_to_cdr  # noqa: E402
+
+# The long run: DG_FUZZ_INPUTS=10000000 make test PYTEST_ARGS=test/ros/test_fuzz.py
+INPUTS = int(os.environ.get('DG_FUZZ_INPUTS', '100000'))
+INPUTS_PER_FLEET = 500
+TESTS = 8
+FLEETS_PER_TEST = max(1, INPUTS // INPUTS_PER_FLEET // TESTS // 2)
+TOLERANCE_M = 1e-7
+
+
+class Taker:
+    """An intake of a fleet, and what it should have counted by now."""
+
+    def __init__(self, fleet):
+        self.fleet = fleet
+        self.localizer = Localizer(fleet.config)
+        self.intake = Intake(self.localizer, use_header_stamp=True)
+        self.wanted = 0
+
+    def take(self, link, data):
+        malformed = self.malformed(link)
+        rejection = self.intake.take(link, data, self.fleet.now_s)
+        if self.malformed(link) > malformed:
+            assert rejection is None
+            self.wanted += 1
+        else:
+            self.wanted += self.readings_in(link, data)
+        return rejection
+
+    def malformed(self, link):
+        found = self.intake.malformed.get(link.topic)
+        return found.count if found else 0
+
+    def readings_in(self, link, data):
+        """Return how many counts a message is worth: a row of peers counts twice."""
+        if link.type_name != CLOUD:
+            return 1
+        adapter = adapter_for(CLOUD)
+        peers = adapter.from_message(deserialize_message(data, adapter.message_class()))
+        config, age_s = self.fleet.config, self.fleet.now_s - peers.stamp_s
+        in_time = -config.max_future_s <= age_s <= config.max_age_s and peers.stamp_s != 0.0
+        if link.key.observer not in config.points or not in_time:
+            return 1
+        has_ray = ~np.isnan(peers.rays_xyz).all(axis=1)
+        has_range = ~np.isnan(peers.ranges_m) | ~has_ray
+        return 2 * int(has_ray.sum() + has_range.sum())
+
+    @property
+    def counted(self):
+        states = self.intake.states(self.fleet.now_s).values()
+        read = sum(state.accepted + sum(state.rejected.values()) for state in states)
+        return read + sum(wrong.count for wrong in self.intake.malformed.values())
+
+
+def check_snapshot(snapshot):
+    """Assert that every reading in a snapshot is one, whatever was sent."""
+    for reading in snapshot.distances:
+        assert not np.isnan([reading.lower_m, reading.upper_m]).any()
+        assert 0.0 <= reading.lower_m < np.inf
+    for ray in snapshot.rays:
+        assert abs(np.linalg.norm(ray.direction) - 1.0) < 1e-12
+        assert 0.0 <= ray.half_width_rad <= np.pi and ray.displacement_m >= 0.0
+    for track in snapshot.motion.odometry.values():
+        stamps_s = [reading.stamp_s for reading in track]
+        assert stamps_s == sorted(set(stamps_s))
+        for reading in track:
+            assert np.isfinite(reading.position_m).all()
+            assert np.allclose(reading.rotation @ reading.rotation.T, np.eye(3), atol=0.05)
+    known = constrain(snapshot)
+    assert not np.isnan(known.lower).any() and not np.isnan(known.upper).any()
+    assert (known.lower >= 0.0).all()
+
+
+def check_estimate(estimate, taker):
+    """Assert that an estimate is well formed, and can be published and reported."""
+    for placement in estimate.placements:
+        low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+        known = np.isfinite(placement.positions_m).all(axis=1)
+        assert (low <= high).all() and np.isinf(low[~known]).all()
+        assert (placement.positions_m[known] >= low[known]).all()
+        assert (placement.positions_m[known] <= high[known]).all()
+    assert all(data for _, data in estimate_messages(estimate, 'map', 1.0))
+    now_s = taker.fleet.now_s
+    report = Report(
+        node='localizer',
+        trouble='',
+        failure='',
+        warnings=(),
+        now_s=now_s,
+        lifetime_s=1.0,
+        estimate=estimate,
+        robots=taker.fleet.config.robots,
+        links=tuple(taker.fleet.links),
+        inputs=taker.intake.states(now_s),
+        malformed=taker.intake.malformed,
+        wrong_types={},
+    )
+    data = diagnostics_to_cdr(Diagnostics(now_s, statuses(report)))
+    assert len(data) < 1000 * (len(taker.fleet.links) + 20)
+
+
+def holds_truth(placement, fleet):
+    """Return whether true distances are possible between the enclosures of a placement."""
+    boxes = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])
+    for i, first in enumerate(fleet.positions_m):
+        for j, second in enumerate(fleet.positions_m[:i]):
+            gap = np.maximum(boxes[i, 0] - boxes[j, 1], boxes[j, 0] - boxes[i, 1]).clip(0.0)
+            reach = np.maximum(boxes[i, 1] - boxes[j, 0], boxes[j, 1] - boxes[i, 0])
+            distance = np.linalg.norm(first - second)
+            if not np.linalg.norm(gap) - TOLERANCE_M <= distance:
+                return False
+            if not distance <= np.linalg.norm(reach) + TOLERANCE_M:
+                return False
+    return True
+
+
+def same_readings(first, second):
+    """Assert that two snapshots contain the same readings, to the last bit."""
+    assert first.distances == second.distances
+    assert [ray.key for ray in first.rays] == [ray.key for ray in second.rays]
+    for ray, other in zip(first.rays, second.rays, strict=True):
+        assert np.array_equal(ray.direction, other.direction) and ray.stamp_s == other.stamp_s
+    one, two = constrain(first), constrain(second)
+    assert np.array_equal(one.lower, two.lower) and np.array_equal(one.upper, two.upper)
+
+
+@pytest.mark.parametrize('test', range(TESTS))
+def test_useless_messages_change_nothing_and_the_truth_is_kept(test):
+    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+        fleet = HostileFleet.make(seed)
+        among_others, alone = Taker(fleet), Taker(fleet)
+        while among_others.wanted < INPUTS_PER_FLEET:
+            fleet.pass_time()
+            link = fleet.random.choice(fleet.links)
+            if fleet.random.random() < 0.5:
+                among_others.take(link, serialized(fleet.useless_message(link)))
+                link = fleet.random.choice(fleet.strangers)
+                among_others.take(link, serialized(fleet.true_message(link)))
+            else:
+                data = serialized(fleet.true_message(link))
+                assert among_others.take(link, data) is None, seed
+                assert alone.take(link, data) is None, seed
+        assert among_others.counted == among_others.wanted, seed
+        snapshot = among_others.localizer.snapshot(fleet.now_s)
+        check_snapshot(snapshot)
+        same_readings(snapshot, alone.localizer.snapshot(fleet.now_s))
+        estimate = among_others.localizer.estimate(snapshot)
+        check_estimate(estimate, among_others)
+        assert estimate.verdict is not Verdict.INFEASIBLE, seed
+        if estimate.placements:
+            assert any(holds_truth(placement, fleet) for placement in estimate.placements), seed
+
+
+@pytest.mark.parametrize('test', range(TESTS))
+def test_anything_at_all_is_counted_and_answered(test):
+    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+        fleet = HostileFleet.make(seed)
+        taker = Taker(fleet)
+        for _ in range(INPUTS_PER_FLEET):
+            fleet.pass_time()
+            links = fleet.links if fleet.random.random() < 0.95 else fleet.strangers
+            link = fleet.random.choice(links)
+            taker.take(link, fleet.any_message(link))
+        assert taker.counted == taker.wanted, seed
+        snapshot = taker.localizer.snapshot(fleet.now_s)
+        check_snapshot(snapshot)
+        check_estimate(taker.localizer.estimate(snapshot), taker)
+
+
+class Raises:
+    """A value of an adapter of somebody else that cannot be used for anything."""
+
+    def __getattr__(self, name):
+        raise RuntimeError(name)
+
+    def __float__(self):
+        raise RuntimeError('no number')
+
+
+NONSENSE = (
+    *(None, True, '3 m', b'3', 'nan', [], [3.0], (3.0, 4.0), {}, {3.0}, 3, 10**400, -1, 3 + 4j),
+    *(Raises(), object(), float, np.float32(3.0), np.array(3.0), np.array([3.0]), np.arange(9.0)),
+    *(np.array([1.0, 2.0, 3.0], object), np.array(['a', 'b', 'c']), np.ones((3, 3)), np.ones(0)),
+    *(np.ma.masked, np.datetime64('2026-01-01'), np.full(3, np.nan), np.float64('inf'), range(3)),
+    *(np.array([1 + 1j, 0, 0]), np.array([10**400, 0, 0], object), np.ones(4), [[1.0], [0.0], []]),
+    *([1.0, None, 0.0], ['1', '0', '0'], np.array([None, None, None]), np.ones(4) / 2, np.eye(4)),
+)
+
+
+@contextmanager
+def adapted(type_name, value):
+    """Have messages of a type read as `value`."""
+    usual = adapter_for(type_name)
+    register(replace(usual, from_message=lambda _: value))
+    yield
+    register(usual)
+
+
+def partly_nonsense(random, value):
+    """Return a reading with some of its values replaced by nonsense."""
+    fields = list(vars(value))
+    for name in random.sample(fields, random.choice((0, 1, 1, 2, len(fields)))):
+        value = replace(value, **{name: random.choice(NONSENSE)})
+    return value if random.random() < 0.95 else random.choice(NONSENSE)
+
+
+def test_nonsense_of_adapters_is_counted_and_never_enters():
+    random = Random(1)
+    for seed in range(FLEETS_PER_TEST):
+        fleet = HostileFleet.make(seed)
+        taker = Taker(fleet)
+        for _ in range(INPUTS_PER_FLEET):
+            fleet.pass_time()
+            link = random.choice(fleet.links)
+            adapter = adapter_for(link.type_name)
+            message = fleet.true_message(link)
+            value = partly_nonsense(random, adapter.from_message(message))
+            before = taker.counted, taker.malformed(link)
+            with adapted(link.type_name, value):
+                taker.intake.take(link, serialized(message), fleet.now_s)
+            if taker.malformed(link) > before[1]:
+                assert taker.counted == before[0] + 1, value
+        snapshot = taker.localizer.snapshot(fleet.now_s)
+        check_snapshot(snapshot)
+        check_estimate(taker.localizer.estimate(snapshot), taker)
