@@ -82,15 +82,28 @@ class Intake:
             Why a message that could be read was not taken.
 
         """
+        reading = self.read(link, data)
+        if reading is None:
+            return None
         try:
-            reading = self._read(link, data)
             stamp_s = reading.stamp_s if self._use_header_stamp else now_s
             return add_reading(self._localizer, link.key, reading, stamp_s, now_s)
         except Exception as error:
-            self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
-                shortened(f'{type(error).__name__}: {error}')
-            )
+            self._count(link, error)
             return None
+
+    def read(self, link: Link, data: bytes) -> Reading | None:
+        """Return what a message contains; None, and the message is counted, when it is wrong."""
+        try:
+            return self._read(link, data)
+        except Exception as error:
+            self._count(link, error)
+            return None
+
+    def _count(self, link: Link, error: Exception) -> None:
+        self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
+            shortened(f'{type(error).__name__}: {error}')
+        )
 
     def _read(self, link: Link, data: bytes) -> Reading:
         """Return what a message contains; it raises whatever is wrong with it."""
@@ -161,11 +174,11 @@ def add_reading(
             )
         case PeersReading():
             # All rows before the first: a message that cannot be read must not be taken in part.
-            readings = list(_peer_readings(reading, localizer.config.points))
+            readings = list(peer_readings(reading, localizer.config.points))
             return next(iter(localizer.add_peers(key.observer, readings, stamp_s, now_s)), None)
 
 
-def _peer_readings(
+def peer_readings(
     peers: PeersReading, points: Sequence[str]
 ) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
     """Yield the name of each peer with its range, and with its ray, where there is one."""

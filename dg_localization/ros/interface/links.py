@@ -32,17 +32,18 @@ KIND_OF_VALUE = {
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # What a link string may override, by what the link measures.
+RANGE_BOUNDS = (
+    'min_error',
+    'max_error',
+    'min_error_relative',
+    'max_error_relative',
+    'sigma_factor',
+)
 OVERRIDES = {
-    LinkKind.RANGE: (
-        'min_error',
-        'max_error',
-        'min_error_relative',
-        'max_error_relative',
-        'sigma_factor',
-    ),
+    LinkKind.RANGE: RANGE_BOUNDS,
     LinkKind.BEARING: ('half_width',),
     LinkKind.ODOMETRY: (),
-    LinkKind.PEERS: (),
+    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width'),
 }
 
 # Who stands in braces in a template, by what its topics measure.
@@ -135,7 +136,7 @@ def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
     name, _, value = word.partition('=')
     if name not in OVERRIDES[kind]:
         allowed = ', '.join(OVERRIDES[kind]) or 'nothing'
-        raise ValueError(f"'{name}' cannot be overridden here; a {kind} link allows {allowed}")
+        raise ValueError(f"'{name}' cannot be overridden here; this {kind} link allows {allowed}")
     try:
         return name, float(value)
     except ValueError:

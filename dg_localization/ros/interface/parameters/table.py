@@ -250,9 +250,9 @@ LINKS = Section(
             "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
             'each replaces what the templates give for the same measurement',
             details='NAME overrides min_error, max_error, min_error_relative, max_error_relative '
-            'or sigma_factor of a range, and half_width of a bearing. Odometry and peers have no '
-            'TARGET and nothing to override. A link to a robot that is not in robots is allowed: '
-            'its readings are counted and rejected.',
+            'or sigma_factor of a range, half_width of a bearing, and any of these for all peers '
+            'of one robot. Odometry and peers have no TARGET. A link to a robot that is not in '
+            'robots is allowed: its readings are counted and rejected.',
             examples=(
                 'links:',
                 "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",
