@@ -20,6 +20,7 @@ from dg_localization.calibration.truth import TrueTrack
 FloatArray = NDArray[np.float64]
 
 WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
+EVERY_S = 0.5
 STEEPEST = 1.0
 SLOPES = 401
 
@@ -94,10 +95,10 @@ def odometry_windows(
     yaws, true_yaws = (np.arctan2(r[:, 1, 0], r[:, 0, 0]) for r in (turns, true))
     way_m = _cumulative(np.linalg.norm(steps_m, axis=1))
     turned_rad = _cumulative(np.abs(_remainder(np.diff(yaws))))
-    # Beginnings are spread over the window, ends are the first samples after its length.
+    # As many of each length: the short ones must not decide alone.
+    begins = np.searchsorted(stamps, np.arange(stamps[0], stamps[-1], EVERY_S))
     columns = []
     for seconds in WINDOWS_S:
-        begins = np.searchsorted(stamps, np.arange(stamps[0], stamps[-1], seconds / 4.0))
         ends = np.searchsorted(stamps, stamps[begins] + seconds)
         first, last = begins[ends < len(stamps)], ends[ends < len(stamps)]
         whole_m = np.array(

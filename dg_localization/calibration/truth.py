@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
-MOST_GAP_S = 0.5
+MOST_GAP_S = 1.0
 """Between samples that are farther apart nothing is taken as known."""
 
 

@@ -44,7 +44,7 @@ def test_headings_turn_the_short_way_whatever_the_sign_of_the_quaternions():
     assert math.atan2(rotation[1, 0], rotation[0, 0]) == pytest.approx(3.1)
 
 
-@pytest.mark.parametrize('time', [-0.1, 0.35 + 0.5, 3.1])
+@pytest.mark.parametrize('time', [-0.1, 1.5, 3.1])
 def test_nothing_is_known_beyond_and_in_long_gaps(time):
     track = TrueTrack([0.0, 0.3, 1.2, 3.0], np.arange(12.0).reshape(4, 3))
     assert np.isnan(track.positions_at([time])).all()

@@ -131,9 +131,8 @@ def _add_odometry(
 ) -> None:
     """Add the bounds of odometry: one set for all robots, and a sentence on each."""
     found: list[OdometryWindows] = []
-    for robot, rows in samples.odometry.items():
-        if robot not in samples.truth:
-            continue
+    for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
+        rows = samples.odometry[robot]
         stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
         rotations = np.array([rotation_of_quaternion(turn) for turn in turns])
         increasing = np.concatenate([[True], np.diff(np.maximum.accumulate(stamps)) > 0.0])
