@@ -111,7 +111,7 @@ class LocalizerNode(LifecycleNode):
         super().__init__('localizer', **kwargs)
         self.settings = declare_settings(self)
         self._localizer = make_localizer(self.settings.fleet)
-        self._intake = Intake(self._localizer, self.settings.use_header_stamp)
+        self._intake = Intake(self._localizer, self.settings.use_header_stamp, self.settings.ids)
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
