@@ -23,6 +23,7 @@ from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
 from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed, shortened
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.transforms import OdometryPoses
 from msg_adapters import (
     BearingReading,
     CameraReading,
@@ -62,6 +63,8 @@ class Intake:
     ----------
     malformed : dict of str to Malformed
         By topic, the messages that could not be read.
+    odometry : dict of str to OdometryPoses
+        By robot, the newest odometry that was taken.
 
     """
 
@@ -79,6 +82,7 @@ class Intake:
         self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
         self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
         self.malformed: dict[str, Malformed] = {}
+        self.odometry: dict[str, OdometryPoses] = {}
 
     def take(self, link: Link, data: bytes, now_s: float) -> Rejection | None:
         """
@@ -144,7 +148,11 @@ class Intake:
                 return self._add_identified(link, reading, stamp_s, now_s)
             case PeersReading():
                 reading = replace(reading, rays_xyz=link.turned(reading.rays_xyz))
-        return add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+        rejection = add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+        if isinstance(reading, OdometryReading) and rejection is None:
+            poses = self.odometry.setdefault(link.key.observer, OdometryPoses())
+            poses.keep(reading, stamp_s)
+        return rejection
 
     def _add_identified(
         self, link: Link, reading: IdentifiedReading, stamp_s: float, now_s: float
@@ -163,6 +171,11 @@ class Intake:
         rays_xyz = link.turned(reading.rays_xyz[kept])
         readings = _named_readings(names, reading.ranges_m[kept], rays_xyz)
         return next(iter(self._localizer.add_peers(observer, readings, stamp_s, now_s)), None)
+
+    def forget(self) -> None:
+        """Forget what could not be read, and odometry; the matrix of a camera stays."""
+        self.malformed.clear()
+        self.odometry.clear()
 
     def states(self, now_s: float) -> dict[LinkKey, InputState]:
         """Return what has arrived, by input."""

@@ -62,6 +62,8 @@ class Settings:
         Whether a measurement's time is its header's, not that of its arrival.
     autostart : bool
         Whether to configure and activate at once.
+    publish_tf : bool
+        Whether to publish transforms.
     ids : mapping of str to str
         The names that ids in messages stand for.
 
@@ -74,6 +76,7 @@ class Settings:
     rate_hz: float
     use_header_stamp: bool
     autostart: bool
+    publish_tf: bool
     ids: Mapping[str, str]
 
     @property
@@ -175,6 +178,7 @@ def settings_from(
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
         autostart=values['autostart'],
+        publish_tf=values['publish_tf'],
         ids=_parse_ids(values['ids'], fleet.points),
     )
 

@@ -69,6 +69,14 @@ NODE = Section(
             'configure and activate at start',
             details='Set it to false under a lifecycle manager.',
         ),
+        Spec(
+            'publish_tf',
+            BOOL,
+            False,
+            'publish transforms from the frame of the anchors on /tf',
+            details='They go to the odometry frame of each robot that has odometry, and to the '
+            'body of others. It needs the package tf2_msgs.',
+        ),
     ),
 )
 
