@@ -3,7 +3,7 @@
 
 """The settings that the parameters stand for: checked one by one, then together."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
@@ -19,6 +19,7 @@ from dg_localization.fleet import (
     LinkOverride,
     RangeErrorModel,
 )
+from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import Link, Template, parse_link
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
@@ -61,6 +62,10 @@ class Settings:
         Whether a measurement's time is its header's, not that of its arrival.
     autostart : bool
         Whether to configure and activate at once.
+    publish_tf : bool
+        Whether to publish transforms.
+    ids : mapping of str to str
+        The names that ids in messages stand for.
 
     """
 
@@ -71,6 +76,8 @@ class Settings:
     rate_hz: float
     use_header_stamp: bool
     autostart: bool
+    publish_tf: bool
+    ids: Mapping[str, str]
 
     @property
     def lifetime_s(self) -> float:
@@ -173,6 +180,8 @@ def settings_from(
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
         autostart=values['autostart'],
+        publish_tf=values['publish_tf'],
+        ids=_parse_ids(values['ids'], fleet.points),
     )
 
 
@@ -206,6 +215,20 @@ def _parse_links(texts: Iterable[str], resolve: Callable[[str], str]) -> tuple[L
                 f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
             )
     return tuple(links)
+
+
+def _parse_ids(texts: Iterable[str], points: Sequence[str]) -> dict[str, str]:
+    try:
+        ids = parse_ids(filter(None, texts))
+    except ValueError as error:
+        raise WrongParameterError(f"parameter 'ids': {error}") from None
+    for name in ids.values():
+        if name not in (*points, NOBODY):
+            raise WrongParameterError(
+                f"parameter 'ids': '{name}' is not allowed, it must be one of "
+                f"{', '.join(points)}, or '{NOBODY}' for an id that stands for nobody"
+            )
+    return ids
 
 
 def _templates(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Template, ...]:
