@@ -10,7 +10,9 @@ the message class when it is called. Importing this package imports no ROS.
 """
 
 from msg_adapters.bearings import BearingReading
+from msg_adapters.detections import CameraReading, PixelReading
 from msg_adapters.diagnostics import Diagnostics, Level, Status
+from msg_adapters.identified import IdentifiedReading
 from msg_adapters.markers import Marker, MarkerScene, Shape
 from msg_adapters.odometry import OdometryReading
 from msg_adapters.peers import PeersReading
@@ -21,12 +23,15 @@ from msg_adapters.registry import Adapter, UnknownTypeError, adapter_for, known_
 __all__ = [
     'Adapter',
     'BearingReading',
+    'CameraReading',
     'Diagnostics',
+    'IdentifiedReading',
     'Level',
     'Marker',
     'MarkerScene',
     'OdometryReading',
     'PeersReading',
+    'PixelReading',
     'PoseList',
     'RangeReading',
     'Shape',

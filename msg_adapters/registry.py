@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from msg_adapters import bearings, diagnostics, markers, odometry, peers, poses, ranges
+from msg_adapters import (
+    bearings,
+    detections,
+    diagnostics,
+    identified,
+    markers,
+    odometry,
+    peers,
+    poses,
+    ranges,
+)
 
 
 class UnknownTypeError(KeyError):
@@ -128,6 +138,45 @@ for _adapter in (
         peers.PeersReading,
         peers.peers_from_message,
         peers.peers_to_message,
+    ),
+    Adapter(
+        identified.RANGE_STAMPED,
+        identified.IdentifiedReading,
+        identified.range_stamped_from_message,
+        identified.range_stamped_to_message,
+    ),
+    *(
+        Adapter(
+            type_name,
+            identified.IdentifiedReading,
+            identified.node_frame_from_message,
+            identified.node_frame_writer(type_name),
+        )
+        for type_name in identified.NODE_FRAMES
+    ),
+    Adapter(
+        detections.CAMERA_INFO,
+        detections.CameraReading,
+        detections.camera_from_message,
+        detections.camera_to_message,
+    ),
+    Adapter(
+        detections.APRILTAGS,
+        detections.PixelReading,
+        detections.apriltags_from_message,
+        detections.apriltags_to_message,
+    ),
+    Adapter(
+        detections.DETECTIONS_2D,
+        detections.PixelReading,
+        detections.detections_2d_from_message,
+        detections.detections_2d_to_message,
+    ),
+    Adapter(
+        detections.DETECTIONS_3D,
+        identified.IdentifiedReading,
+        detections.detections_3d_from_message,
+        detections.detections_3d_to_message,
     ),
     Adapter(
         poses.POSE_ARRAY,

@@ -6,9 +6,13 @@
 import os
 from pathlib import Path
 import runpy
+import sys
 import tempfile
 
 import pytest
+
+# Makes `message_stand_ins` importable: pytest's importlib mode leaves sys.path alone.
+sys.path.insert(0, str(Path(__file__).parent))
 
 REPOSITORY = Path(__file__).parents[1]
 REQUIRE_SHARED_DATA = 'DG_REQUIRE_SHARED_DATA'
@@ -33,6 +37,14 @@ class SharedData:
         if os.environ.get(REQUIRE_SHARED_DATA) == '1':
             pytest.fail(f'{reason}, and {REQUIRE_SHARED_DATA}=1', pytrace=False)
         pytest.skip(reason)
+
+
+@pytest.fixture
+def third_party_messages(monkeypatch):
+    """Make stand-ins of the message packages of others importable."""
+    from message_stand_ins import install
+
+    install(monkeypatch)
 
 
 @pytest.fixture(scope='session')

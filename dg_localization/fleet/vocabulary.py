@@ -22,13 +22,14 @@ class LinkKind(StrEnum):
     What a link measures.
 
     Peers are ranges and bearings that one robot sends together. Each of them is also counted, and
-    used, as a range or a bearing.
+    used, as a range or a bearing. A camera is what turns its pixels into bearings.
     """
 
     RANGE = 'range'
     BEARING = 'bearing'
     ODOMETRY = 'odometry'
     PEERS = 'peers'
+    CAMERA = 'camera'
 
 
 @dataclass(frozen=True, order=True)

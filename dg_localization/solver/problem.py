@@ -198,6 +198,24 @@ class Problem:
         self.lower.flags.writeable = False
         self.upper.flags.writeable = False
 
+    @classmethod
+    def unchecked(
+        cls,
+        lower: Matrix,
+        upper: Matrix,
+        dimension: int,
+        sides: Sequence[SideConstraint],
+        chiralities: Sequence[Chirality],
+    ) -> Problem:
+        """Return a problem of new arrays and of constraints that are known to be valid."""
+        problem = cls.__new__(cls)
+        problem.lower, problem.upper = lower, upper
+        problem.dimension = dimension
+        problem.sides, problem.chiralities = tuple(sides), tuple(chiralities)
+        problem.lower.flags.writeable = False
+        problem.upper.flags.writeable = False
+        return problem
+
     @property
     def n_points(self) -> int:
         """The number of points."""

@@ -94,6 +94,8 @@ def collect(
         damage = tuple(damage_of(bag, contents, (bag.start_ns, bag.end_ns) if whole else None))
         for notice in (*inputs.notices, *bag.notices):
             print_line(notice)
+        if collector.malformed:
+            print_line(f'{collector.malformed} messages could not be read')
         return collector.samples, inputs, damage
 
 
@@ -237,7 +239,5 @@ def main(args: Sequence[str]) -> int:
     check_loads(text, options, args)
     for sentence in damage:
         print_line(sentence)
-    if samples.malformed:
-        print_line(f'{samples.malformed} messages could not be read')
     print_result(text)
     return EXIT_FAILED if damage else 0

@@ -6,9 +6,8 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import wrap
 
-from dg_localization.fleet import LinkKind
 from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
-from dg_localization.ros.interface.links import OVERRIDES, Link
+from dg_localization.ros.interface.links import OVERRIDES, RANGE_BOUNDS, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -84,7 +83,7 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
         if not (learned or link.explicit):
             continue
         # What was learned of all readings holds for a link that has no bounds of its own now.
-        kept = {} if _is_learned(fit, link.key.kind) else dict(link.overrides)
+        kept = {n: value for n, value in link.overrides.items() if not _is_learned(fit, n)}
         bounds = {**kept, **learned}
         words = [link.topic, link.type_name, link.key.observer, link.key.target]
         words += [
@@ -98,8 +97,10 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
         yield from lines
 
 
-def _is_learned(fit: Fit, kind: LinkKind) -> bool:
-    return bool(fit.bearings if kind is LinkKind.BEARING else fit.ranges)
+def _is_learned(fit: Fit, name: str) -> bool:
+    """Return whether the bounds that a name stands for were learned."""
+    groups = fit.ranges if name in RANGE_BOUNDS else fit.bearings if name == 'half_width' else {}
+    return bool(groups)
 
 
 def _number(value: float) -> str:

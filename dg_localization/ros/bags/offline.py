@@ -221,7 +221,8 @@ class BagLocalizer:
         self._localizer = Localizer(task.settings.fleet)
         self._estimate: Estimate | None = None
         self._outline: Any = None
-        self.intake = Intake(self._localizer, task.settings.use_header_stamp)
+        settings = task.settings
+        self.intake = Intake(self._localizer, settings.use_header_stamp, settings.ids)
         for output in (*estimate_outputs(task.settings.fleet.robots), DIAGNOSTICS):
             writer.add_output(task.topics[output.name], output.message_class, output.qos)
 

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rclpy.serialization import deserialize_message
 
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import LinkKey, LinkKind, Localizer, Rejection
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
 from dg_localization.fleet.error_models import interpret_range, interpret_ray
+from dg_localization.fleet.localizer import PeerMeasurement
 from dg_localization.ros.bags.offline import Inputs, in_seconds
 from dg_localization.ros.bags.reader import BagError, BagMessage, find_message_class
 from dg_localization.ros.executables import UsageError
-from dg_localization.ros.interface.intake import Intake, Reading, peer_readings
-from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.parameters.settings import Settings
-from msg_adapters import BearingReading, OdometryReading, PeersReading, RangeReading
 from msg_adapters.geometry import xyz_from_message, xyzw_from_message
 from msg_adapters.headers import stamp_from_message
 
@@ -52,8 +52,6 @@ class Samples:
         By robot, positions and quaternions.
     truth : dict of str to list of (float, ndarray, ndarray)
         By robot, positions and quaternions.
-    malformed : int
-        Messages that could not be read.
 
     """
 
@@ -67,7 +65,6 @@ class Samples:
     truth: dict[str, list[tuple[float, Any, Any]]] = field(
         default_factory=lambda: defaultdict(list)
     )
-    malformed: int = 0
 
     def tracks(self, settings: Settings) -> dict[str, TrueTrack]:
         """Return the true paths of the robots and the places of the anchors, by name."""
@@ -78,6 +75,72 @@ class Samples:
         for name, anchor in settings.fleet.anchors.items():
             tracks.setdefault(name, TrueTrack.at_rest(anchor.coordinates_m))
         return tracks
+
+
+class _Gatherer(Localizer):
+    """
+    Keeps the readings that the intake gives to a localizer, and localizes nothing.
+
+    Parameters
+    ----------
+    config : FleetConfig
+
+    """
+
+    def __init__(self, config: FleetConfig) -> None:
+        super().__init__(config)
+        self.samples = Samples()
+
+    def add_range(
+        self,
+        observer: str,
+        target: str,
+        range_m: float,
+        stamp_s: float,
+        now_s: float,
+        min_range_m: float | None = None,
+        max_range_m: float | None = None,
+        variance_m2: float | None = None,
+    ) -> None:
+        """Keep a range that the error model takes and that is a number."""
+        taken = interpret_range(self.config.range_error, range_m, min_range_m, max_range_m, 0.0)
+        if math.isfinite(range_m) and not isinstance(taken, Rejection):
+            key = LinkKey(LinkKind.RANGE, observer, target)
+            self.samples.ranges[key].append((stamp_s, range_m))
+
+    def add_bearing(
+        self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+    ) -> None:
+        """Keep the unit vector of a ray that has a direction."""
+        taken = interpret_ray(ray_xyz, self.config.dimension)
+        if not isinstance(taken, Rejection):
+            key = LinkKey(LinkKind.BEARING, observer, target)
+            self.samples.rays[key].append((stamp_s, taken))
+
+    def add_odometry(
+        self,
+        robot: str,
+        position_xyz: ArrayLike,
+        orientation_xyzw: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+    ) -> None:
+        """Keep a pose that has an orientation."""
+        turn = np.asarray(orientation_xyzw, dtype=float)
+        length = float(np.linalg.norm(turn))
+        if math.isfinite(length) and length > 0.0:
+            self.samples.odometry[robot].append((stamp_s, position_xyz, turn / length))
+
+    def add_peers(
+        self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
+    ) -> list[Rejection]:
+        """Keep everything that one robot measured."""
+        for target, value in readings:
+            if isinstance(value, int | float):
+                self.add_range(observer, target, value, stamp_s, now_s)
+            else:
+                self.add_bearing(observer, target, value, stamp_s, now_s)
+        return []
 
 
 class Collector:
@@ -94,11 +157,19 @@ class Collector:
     """
 
     def __init__(self, settings: Settings, inputs: Inputs, truth: Mapping[str, str]) -> None:
-        self.samples = Samples()
         self._settings = settings
         self._links = {link.topic: link for link in inputs.links}
         self._truth = truth
-        self._intake = Intake(Localizer(settings.fleet), settings.use_header_stamp)
+        self._gatherer = _Gatherer(settings.fleet)
+        self._intake = Intake(self._gatherer, settings.use_header_stamp, settings.ids)
+        self._malformed_truth = 0
+        self.samples = self._gatherer.samples
+
+    @property
+    def malformed(self) -> int:
+        """How many messages could not be read."""
+        of_inputs = sum(wrong.count for wrong in self._intake.malformed.values())
+        return of_inputs + self._malformed_truth
 
     def take(self, message: BagMessage, message_class: type) -> None:
         """Take one recorded message."""
@@ -106,54 +177,8 @@ class Collector:
         if message.topic in self._truth:
             self._take_truth(message, message_class, now_s)
         # The odometry of one input may serve as the truth of another.
-        link = self._links.get(message.topic)
-        if link is None:
-            return
-        reading = self._intake.read(link, message.data)
-        if reading is None:
-            self.samples.malformed += 1
-            return
-        stamp_s = reading.stamp_s if self._settings.use_header_stamp else now_s
-        self._take_reading(link, reading, stamp_s)
-
-    def _take_reading(self, link: Link, reading: Reading, stamp_s: float) -> None:
-        observer, target = link.key.observer, link.key.target
-        match reading:
-            case RangeReading():
-                limits = reading.min_range_m, reading.max_range_m
-                self._take_range(observer, target, reading.range_m, stamp_s, limits)
-            case BearingReading():
-                self._take_ray(observer, target, reading.ray_xyz, stamp_s)
-            case PeersReading():
-                for peer, value in peer_readings(reading, self._settings.fleet.points):
-                    if isinstance(value, float):
-                        self._take_range(observer, peer, value, stamp_s, (None, None))
-                    else:
-                        self._take_ray(observer, peer, value, stamp_s)
-            case OdometryReading():
-                length = float(np.linalg.norm(reading.orientation_xyzw))
-                if math.isfinite(length) and length > 0.0:
-                    turn = reading.orientation_xyzw / length
-                    self.samples.odometry[observer].append((stamp_s, reading.position_xyz, turn))
-
-    def _take_range(
-        self,
-        observer: str,
-        target: str,
-        range_m: float,
-        stamp_s: float,
-        limits: tuple[float | None, float | None],
-    ) -> None:
-        taken = interpret_range(self._settings.fleet.range_error, range_m, *limits, 0.0)
-        if math.isfinite(range_m) and not isinstance(taken, Rejection):
-            key = LinkKey(LinkKind.RANGE, observer, target)
-            self.samples.ranges[key].append((stamp_s, range_m))
-
-    def _take_ray(self, observer: str, target: str, ray: Any, stamp_s: float) -> None:
-        taken = interpret_ray(ray, self._settings.fleet.dimension)
-        if not isinstance(taken, Rejection):
-            key = LinkKey(LinkKind.BEARING, observer, target)
-            self.samples.rays[key].append((stamp_s, taken))
+        if link := self._links.get(message.topic):
+            self._intake.take(link, message.data, now_s)
 
     def _take_truth(self, message: BagMessage, message_class: type, now_s: float) -> None:
         try:
@@ -165,7 +190,7 @@ class Collector:
                 (xyz_from_message(p.position), xyzw_from_message(p.orientation)) for p in poses
             ]
         except Exception:  # on damaged bytes whatever the decoder raises
-            self.samples.malformed += 1
+            self._malformed_truth += 1
             return
         robots = [robot] if robot else self._settings.fleet.robots
         if len(rows) != len(robots):

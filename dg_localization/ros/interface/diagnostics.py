@@ -5,13 +5,13 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
 
 from dg_localization.fleet import Conflict, Estimate, Group, InputState, LinkKey, LinkKind
-from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
@@ -283,9 +283,10 @@ def _input_statuses(report: Report) -> Iterator[Status]:
     contradicting = _contradicting(report.estimate)
     topics_of = Counter(link.key for link in report.links)
     peers_of = _peers_of_observers(report)
+    shown: set[LinkKey] = set()
     for link in report.links:
         peers = peers_of.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
-        state = report.inputs.get(link.key)
+        state = _state_of(report, link)
         malformed = report.malformed.get(link.topic, NONE_MALFORMED)
         if not (link.explicit or state or malformed.count or link in report.wrong_types):
             continue
@@ -295,9 +296,11 @@ def _input_statuses(report: Report) -> Iterator[Status]:
             name += f' by {link.topic}'
         wrong_types = report.wrong_types.get(link, ())
         yield _input_status(name, link, state, malformed, contradicts, wrong_types)
-        for key, peer in peers.items():
+        # Two cameras of a robot may see the same one.
+        for key in sorted(peers.keys() - shown):
+            shown.add(key)
             name = f'{report.node}: input {key}'
-            yield _input_status(name, link, peer, NONE_MALFORMED, key in contradicting)
+            yield _input_status(name, link, peers[key], NONE_MALFORMED, key in contradicting)
     for link in sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic')):
         name = f'{report.node}: input {link.key}'
         if link.key in topics_of:
@@ -312,8 +315,27 @@ def _peers_of_observers(report: Report) -> dict[str, dict[LinkKey, InputState]]:
     peers: dict[str, dict[LinkKey, InputState]] = {}
     for key, state in report.inputs.items():
         if key not in with_topic and key.kind is not LinkKind.PEERS:
-            peers.setdefault(key.observer, {})[key] = state
+            has_link = LinkKey(LinkKind.PEERS, key.observer, '') in with_topic
+            peers.setdefault(key.observer if has_link else ANY_OBSERVER, {})[key] = state
     return peers
+
+
+def _state_of(report: Report, link: Link) -> InputState | None:
+    """Return what has arrived on a link; where messages name their observer, of all of these."""
+    if link.key.observer != ANY_OBSERVER:
+        return report.inputs.get(link.key)
+    with_link = {other.key for other in report.links}
+    states = [
+        state
+        for key, state in report.inputs.items()
+        if key.kind is LinkKind.PEERS and key not in with_link
+    ]
+    if not states:
+        return None
+    newest = min(states, key=attrgetter('age_s'))
+    rejected = sum((Counter(state.rejected) for state in states), Counter())
+    accepted = sum(state.accepted for state in states)
+    return replace(newest, key=link.key, accepted=accepted, rejected=dict(rejected))
 
 
 def _input_status(

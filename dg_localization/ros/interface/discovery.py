@@ -6,7 +6,7 @@
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
-from dg_localization.ros.interface.links import Link, Template
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template
 
 MOST_STRANGERS = 16
 # As many names are remembered: nodes come and go for days, some with names of their own.
@@ -78,7 +78,7 @@ class TopicFinder:
         return next(wanted, None)
 
     def _is_stranger(self, link: Link) -> bool:
-        return not {link.key.observer, link.key.target} - {''} <= self._points
+        return not {link.key.observer, link.key.target} - {'', ANY_OBSERVER} <= self._points
 
     def _admits(self, link: Link) -> bool:
         """Return False for a link to a stranger beyond the few that are worth counting."""

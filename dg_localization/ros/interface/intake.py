@@ -9,8 +9,10 @@ message is bounded in length before it is decoded, in rows before it is used, an
 wrong on the way is counted and never raised.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 import math
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -19,16 +21,22 @@ from rclpy.serialization import deserialize_message
 
 from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
 from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed, shortened
+from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.transforms import OdometryPoses
 from msg_adapters import (
     BearingReading,
+    CameraReading,
+    IdentifiedReading,
     OdometryReading,
     PeersReading,
+    PixelReading,
     RangeReading,
     adapter_for,
 )
 
-Reading = RangeReading | BearingReading | OdometryReading | PeersReading
+PlainReading = RangeReading | BearingReading | OdometryReading | PeersReading
+Reading = PlainReading | IdentifiedReading | PixelReading | CameraReading
 
 # A message of one reading has some 100 bytes, one of odometry some 700. Decoding takes time that
 # grows with the length: this much takes a few milliseconds in the worst case.
@@ -48,20 +56,33 @@ class Intake:
     localizer : Localizer
     use_header_stamp : bool
         Whether a measurement's time is its header's, not that of its arrival.
+    ids : mapping of str to str, optional
+        The names that ids in messages stand for.
 
     Attributes
     ----------
     malformed : dict of str to Malformed
         By topic, the messages that could not be read.
+    odometry : dict of str to OdometryPoses
+        By robot, the newest odometry that was taken.
 
     """
 
-    def __init__(self, localizer: Localizer, use_header_stamp: bool) -> None:
+    def __init__(
+        self,
+        localizer: Localizer,
+        use_header_stamp: bool,
+        ids: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self._localizer = localizer
+        self._points = frozenset(localizer.config.points)
+        self._identities = Identities(ids, self._points)
+        self._cameras = Cameras()
         self._use_header_stamp = use_header_stamp
         self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
         self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
         self.malformed: dict[str, Malformed] = {}
+        self.odometry: dict[str, OdometryPoses] = {}
 
     def take(self, link: Link, data: bytes, now_s: float) -> Rejection | None:
         """
@@ -82,28 +103,15 @@ class Intake:
             Why a message that could be read was not taken.
 
         """
-        reading = self.read(link, data)
-        if reading is None:
-            return None
         try:
+            reading = self._read(link, data)
             stamp_s = reading.stamp_s if self._use_header_stamp else now_s
-            return add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+            return self._add(link, reading, stamp_s, now_s)
         except Exception as error:
-            self._count(link, error)
+            self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
+                shortened(f'{type(error).__name__}: {error}')
+            )
             return None
-
-    def read(self, link: Link, data: bytes) -> Reading | None:
-        """Return what a message contains; None, and the message is counted, when it is wrong."""
-        try:
-            return self._read(link, data)
-        except Exception as error:
-            self._count(link, error)
-            return None
-
-    def _count(self, link: Link, error: Exception) -> None:
-        self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
-            shortened(f'{type(error).__name__}: {error}')
-        )
 
     def _read(self, link: Link, data: bytes) -> Reading:
         """Return what a message contains; it raises whatever is wrong with it."""
@@ -126,13 +134,57 @@ class Intake:
             )
         return cast(Reading, reading)
 
+    def _add(self, link: Link, reading: Reading, stamp_s: float, now_s: float) -> Rejection | None:
+        """Give a reading to the localizer, or keep the matrix of a camera."""
+        match reading:
+            case CameraReading():
+                self._cameras.keep(link.key, reading, now_s)
+                return None
+            case PixelReading():
+                return self._add_identified(
+                    link, self._cameras.rays(link, reading), stamp_s, now_s
+                )
+            case IdentifiedReading():
+                return self._add_identified(link, reading, stamp_s, now_s)
+            case PeersReading():
+                reading = replace(reading, rays_xyz=link.turned(reading.rays_xyz))
+        rejection = add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+        if isinstance(reading, OdometryReading) and rejection is None:
+            poses = self.odometry.setdefault(link.key.observer, OdometryPoses())
+            poses.keep(reading, stamp_s)
+        return rejection
+
+    def _add_identified(
+        self, link: Link, reading: IdentifiedReading, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """Give ranges and rays to the localizer under the names that their ids stand for."""
+        observer = self._identities.observer(link, reading.observer_id)
+        rows = list(self._identities.targets(reading))
+        names = [name for _, name in rows]
+        n_known = sum(name in self._points for name in names)
+        if n_known > self._most_rows:
+            raise ValueError(
+                f'{n_known} robots and anchors were measured, for this fleet at most '
+                f'{self._most_rows} are read'
+            )
+        kept = [row for row, _ in rows]
+        rays_xyz = link.turned(reading.rays_xyz[kept])
+        readings = _named_readings(names, reading.ranges_m[kept], rays_xyz)
+        return next(iter(self._localizer.add_peers(observer, readings, stamp_s, now_s)), None)
+
+    def forget(self) -> None:
+        """Forget what could not be read, and odometry; the matrix of a camera stays."""
+        self.malformed.clear()
+        self.odometry.clear()
+
     def states(self, now_s: float) -> dict[LinkKey, InputState]:
         """Return what has arrived, by input."""
-        return {state.key: state for state in self._localizer.input_states(now_s)}
+        states = (*self._localizer.input_states(now_s), *self._cameras.states(now_s))
+        return {state.key: state for state in states}
 
 
 def add_reading(
-    localizer: Localizer, key: LinkKey, reading: Reading, stamp_s: float, now_s: float
+    localizer: Localizer, key: LinkKey, reading: PlainReading, stamp_s: float, now_s: float
 ) -> Rejection | None:
     """
     Give one reading to a localizer.
@@ -174,21 +226,29 @@ def add_reading(
             )
         case PeersReading():
             # All rows before the first: a message that cannot be read must not be taken in part.
-            readings = list(peer_readings(reading, localizer.config.points))
+            readings = list(_peer_readings(reading, localizer.config.points))
             return next(iter(localizer.add_peers(key.observer, readings, stamp_s, now_s)), None)
 
 
-def peer_readings(
+def _peer_readings(
     peers: PeersReading, points: Sequence[str]
 ) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
     """Yield the name of each peer with its range, and with its ray, where there is one."""
-    has_rays = np.any(~np.isnan(peers.rays_xyz), axis=1).tolist()
-    rows = zip(
-        peers.peers.tolist(), peers.ranges_m.tolist(), peers.rays_xyz, has_rays, strict=True
-    )
-    for peer, range_m, ray_xyz, has_ray in rows:
-        # One name for all strangers: a message may hold any number, and every name is kept.
-        target = points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
+    # One name for all strangers: a message may hold any number, and every name is kept.
+    names = [
+        points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
+        for peer in peers.peers.tolist()
+    ]
+    return _named_readings(names, peers.ranges_m, peers.rays_xyz)
+
+
+def _named_readings(
+    names: Sequence[str], ranges_m: NDArray[np.float64], rays_xyz: NDArray[np.float64]
+) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
+    """Yield each name with its range, and with its ray, where there is one."""
+    has_rays = np.any(~np.isnan(rays_xyz), axis=1).tolist()
+    rows = zip(names, ranges_m.tolist(), rays_xyz, has_rays, strict=True)
+    for target, range_m, ray_xyz, has_ray in rows:
         # A row without any reading counts as a range that is none.
         if not (has_ray and math.isnan(range_m)):
             yield target, range_m

@@ -5,17 +5,23 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+import math
 import re
 from string import Formatter
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from dg_localization.fleet import LinkKey, LinkKind
 from msg_adapters import (
     BearingReading,
+    CameraReading,
+    IdentifiedReading,
     OdometryReading,
     PeersReading,
+    PixelReading,
     RangeReading,
     UnknownTypeError,
     adapter_for,
@@ -27,8 +33,13 @@ KIND_OF_VALUE = {
     BearingReading: LinkKind.BEARING,
     OdometryReading: LinkKind.ODOMETRY,
     PeersReading: LinkKind.PEERS,
+    IdentifiedReading: LinkKind.PEERS,
+    PixelReading: LinkKind.PEERS,
+    CameraReading: LinkKind.CAMERA,
 }
 
+# Stands for the observer in a link whose messages say who measured.
+ANY_OBSERVER = '*'
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # What a link string may override, by what the link measures.
@@ -43,7 +54,8 @@ OVERRIDES = {
     LinkKind.RANGE: RANGE_BOUNDS,
     LinkKind.BEARING: ('half_width',),
     LinkKind.ODOMETRY: (),
-    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width'),
+    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', 'roll', 'pitch', 'yaw'),
+    LinkKind.CAMERA: (),
 }
 
 # Who stands in braces in a template, by what its topics measure.
@@ -52,6 +64,7 @@ FIELDS = {
     LinkKind.BEARING: ('observer', 'target'),
     LinkKind.ODOMETRY: ('robot',),
     LinkKind.PEERS: ('observer',),
+    LinkKind.CAMERA: ('observer',),
 }
 
 
@@ -71,7 +84,8 @@ class Link:
     explicit : bool
         Whether it was named one by one, so that its silence is worth a warning.
     overrides : mapping of str to float
-        Error bounds that differ from the fleet's, by their name without the prefix.
+        Error bounds that differ from the fleet's, by their name without the prefix; for peers, how
+        their sensor is turned.
 
     """
 
@@ -81,12 +95,32 @@ class Link:
     explicit: bool = False
     overrides: Mapping[str, float] = field(default_factory=dict, hash=False)
 
+    def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""
+        if not self.overrides:
+            return rays_xyz
+        angles_rad = [self.overrides.get(name, 0.0) for name in OVERRIDES[LinkKind.PEERS]]
+        return rays_xyz @ _rotation(*angles_rad).T
+
+
+def _rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> NDArray[np.float64]:
+    """Return the rotation by roll about x, then pitch about y, then yaw about z, as in URDF."""
+    (cr, cp, cy), (sr, sp, sy) = (
+        function([roll_rad, pitch_rad, yaw_rad]) for function in (np.cos, np.sin)
+    )
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    rotation: NDArray[np.float64] = about_z @ about_y @ about_x
+    return rotation
+
 
 def parse_link(text: str) -> Link:
     """
     Read a link from its string: ``TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]``.
 
-    Odometry and peers have no target. For example
+    Odometry, peers and cameras have no target; the observer of peers is ``*`` where their messages
+    say who measured. For example
     ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``.
 
     Parameters
@@ -113,6 +147,8 @@ def parse_link(text: str) -> Link:
     if bool(target) != ('target' in FIELDS[kind]):
         wanted = 'takes no target' if target else 'needs an observer and a target'
         raise ValueError(f'a link of type {type_name} {wanted}')
+    if observer == ANY_OBSERVER and kind is not LinkKind.PEERS:
+        raise ValueError(f'a link of type {type_name} needs the name of its observer')
     if observer == target:
         raise ValueError(f"'{observer}' cannot measure itself; name two different points")
     check_topic(topic)
@@ -133,14 +169,20 @@ def _kind_of(type_name: str) -> LinkKind:
 
 
 def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
-    name, _, value = word.partition('=')
+    name, _, text = word.partition('=')
     if name not in OVERRIDES[kind]:
         allowed = ', '.join(OVERRIDES[kind]) or 'nothing'
-        raise ValueError(f"'{name}' cannot be overridden here; this {kind} link allows {allowed}")
+        article = 'an' if kind is LinkKind.ODOMETRY else 'a'
+        raise ValueError(
+            f"'{name}' cannot be overridden here; {article} {kind} link allows {allowed}"
+        )
     try:
-        return name, float(value)
+        value = float(text)
     except ValueError:
-        raise ValueError(f"'{word}' must end in a number") from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"'{word}' must end in a number")
+    return name, value
 
 
 @dataclass(frozen=True)

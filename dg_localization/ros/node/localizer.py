@@ -10,7 +10,6 @@ are taken on the executor's thread; the newest snapshot of them is answered on a
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import wraps
 from threading import Event
 import time
 import traceback
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -44,6 +43,8 @@ from dg_localization.ros.interface.rate import RateMeter
 from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime
 from dg_localization.ros.node.inputs import Inputs
+from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
+from dg_localization.ros.node.transitions import transition
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
 from msg_adapters import Diagnostics
@@ -63,24 +64,6 @@ class Answer(NamedTuple):
 
     estimate: Estimate
     messages: tuple[tuple[str, bytes], ...]
-
-
-Transition = Callable[['LocalizerNode', LifecycleState], TransitionCallbackReturn]
-
-
-def transition(method: Callable[['LocalizerNode'], None]) -> Transition:
-    """Make a transition callback of a method that raises when it fails; rclpy would not log it."""
-
-    @wraps(method)
-    def callback(node: 'LocalizerNode', state: LifecycleState) -> TransitionCallbackReturn:
-        try:
-            method(node)
-        except Exception:
-            node.get_logger().error(f'{method.__name__} failed:\n{traceback.format_exc()}')
-            return TransitionCallbackReturn.ERROR
-        return TransitionCallbackReturn.SUCCESS
-
-    return callback
 
 
 class LocalizerNode(LifecycleNode):
@@ -110,8 +93,10 @@ class LocalizerNode(LifecycleNode):
     ) -> None:
         super().__init__('localizer', **kwargs)
         self.settings = declare_settings(self)
+        if self.settings.publish_tf:
+            transform_message_class()
         self._localizer = make_localizer(self.settings.fleet)
-        self._intake = Intake(self._localizer, self.settings.use_header_stamp)
+        self._intake = Intake(self._localizer, self.settings.use_header_stamp, self.settings.ids)
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
@@ -119,6 +104,7 @@ class LocalizerNode(LifecycleNode):
         self._failure = ''
         self._has_namesake = False
         self._inputs: Inputs | None = None
+        self._transforms: TransformPublisher | None = None
         self._rate = RateMeter(self.settings.rate_hz)
         self._time = NodeTime(self._clock_s)
         self._diagnostics = DiagnosticsPublisher(self)
@@ -136,6 +122,10 @@ class LocalizerNode(LifecycleNode):
         made = self._made_to_configure
         self._outputs = EstimatePublishers(self, self.settings.fleet.robots)
         made.callback(self._outputs.destroy)
+        if self.settings.publish_tf:
+            fixed_frame = self.settings.fixed_frame
+            self._transforms = TransformPublisher(self, fixed_frame, self._intake.odometry)
+            made.callback(self._transforms.destroy)
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
         self._worker = EstimateWorker(
@@ -277,6 +267,8 @@ class LocalizerNode(LifecycleNode):
                 answer.estimate.frame_change, throttle_duration_sec=REPEATED_WARNING_S
             )
         self._outputs.publish(answer.messages)
+        if self._transforms is not None:
+            self._transforms.publish(answer.estimate)
         self._diagnostics.publish_change(self._diagnose())
 
     def _fail(self, reason: str) -> None:
@@ -358,7 +350,7 @@ class LocalizerNode(LifecycleNode):
         self._worker.cancel()
         self._localizer.reset()
         self._rate.clear()
-        self._intake.malformed.clear()
+        self._intake.forget()
         self._failure = ''
         self.get_logger().info(
             f'{reason}: all measurements are forgotten', throttle_duration_sec=1.0

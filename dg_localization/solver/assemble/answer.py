@@ -65,7 +65,8 @@ def answer(
         solved = PieceSolver(problem, decomposition, budget, within).run()
     if solved.contradiction is not None:
         return _infeasible(solved.contradiction, problem, budget)
-    links = Linker(problem, solved, budget, within).links(solved.joints)
+    joints = solved.joints
+    links = Linker(problem, solved, budget, within).links(joints) if joints else []
     combinations = Combinations([len(piece.hypotheses) for piece in solved.pieces], links)
     if combinations.contradiction is not None:
         points = solved.pieces[combinations.contradiction].points

@@ -10,6 +10,9 @@ of its points, its apex, is off the hyperplane in every placement of a hypothesi
 
 from __future__ import annotations
 
+from itertools import combinations
+import math
+
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
@@ -94,10 +97,23 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
         The point that is farthest off for certain; None where all may lie in the hyperplane.
 
     """
-    local = np.searchsorted(points, face)
-    others = np.setdiff1d(np.arange(len(points)), local)
-    best = int(_best_apex(np.stack([hypothesis.lower, hypothesis.upper]), local, others))
+    corners = np.array([points.index(point) for point in face])
+    others = np.array([x for x, point in enumerate(points) if point not in face])
+    best = int(_best_apex(np.array([hypothesis.lower, hypothesis.upper]), corners, others))
     return points[best] if best >= 0 else None
+
+
+def _width_m(corners: list[list[float]]) -> float:
+    """Return the length of a segment or the least height of a triangle, infinite where unknown."""
+    sides = sorted(math.dist(first, second) for first, second in combinations(corners, 2))
+    if not all(map(math.isfinite, sides)):
+        return math.inf
+    if len(sides) == 1:
+        return sides[0]
+    a, b, c = sides
+    # Heron's formula as Kahan orders it, for triangles that are nearly flat.
+    squared = (c + (b + a)) * (a - (c - b)) * (a + (c - b)) * (c + (b - a))
+    return 0.5 * math.sqrt(max(squared, 0.0)) / c if c > 0.0 else 0.0
 
 
 def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m: float) -> bool:
@@ -123,8 +139,5 @@ def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m:
     """
     if len(face) < 2 or hypothesis.positions is None:
         return False
-    corners = hypothesis.positions[np.searchsorted(points, face)]
-    if not np.isfinite(corners).all():
-        return False
-    widths = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
-    return bool(widths[len(face) - 2] <= width_m)
+    corners = hypothesis.positions[[points.index(point) for point in face]]
+    return _width_m(corners.tolist()) <= width_m

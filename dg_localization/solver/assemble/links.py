@@ -169,10 +169,10 @@ class Linker:
 def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece], shared: Points) -> BoolArray:
     """Tell which pairs of hypotheses of two pieces agree on the distances of shared points."""
     together = np.ones([len(piece.hypotheses) for piece in pieces], dtype=np.bool_)
-    for pair in pairs_of(shared):
+    for i, j in pairs_of(shared):
         ends = []
         for piece in pieces:
-            index = tuple(np.searchsorted(piece.points, pair))
+            index = piece.points.index(i), piece.points.index(j)
             ends.append(np.array([(h.lower[index], h.upper[index]) for h in piece.hypotheses]))
         first, second = ends
         together &= first[:, None, 0] <= second[None, :, 1]

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+import math
 
 import numpy as np
 
@@ -203,8 +204,7 @@ class PieceSolver:
     def _solve(self, task: _Task, share: float) -> None:
         """Solve a piece for all that earlier pieces say of its points."""
         given = self._given(task)
-        index = np.ix_(task.points, task.points)
-        within = self._within and [(lower[index], upper[index]) for lower, upper in self._within]
+        within = self._within and _restricted(self._within, task.points)
         constraints = self._orientations.among(task.points)
         for x, bounds in enumerate(given):
             problem = restricted(self._problem, task.points, bounds, constraints)
@@ -214,25 +214,27 @@ class PieceSolver:
             task.searches.append(_Search(problem, cover.kept, cover.pending))
         task.gather()
 
-    def _given(self, task: _Task) -> list[Bounds]:
+    def _given(self, task: _Task) -> list[Bounds | None]:
         """Return the bounds that earlier pieces put on pairs of a piece which nobody measured."""
         choices: list[list[Ranges]] = []
         for joint in (joint for number in task.numbers for joint in self._joints_of[number]):
-            pairs = [p for p in pairs_of(joint.points) if np.isinf(self._problem.upper[p])]
+            pairs = [p for p in pairs_of(joint.points) if math.isinf(self._problem.upper[p])]
             solved = (self._tasks[x] for x in joint.pieces)
             holder = next((t for t in solved if t is not task and t.hypotheses), None)
             if pairs and holder is not None:
                 choices.append(_ranges(holder, pairs))
-        while np.prod([float(len(ranges)) for ranges in choices]) > MOST_RANGES:
+        while math.prod(len(ranges) for ranges in choices) > MOST_RANGES:
             longest = max(range(len(choices)), key=lambda x: len(choices[x]))
             choices[longest] = [_hull(choices[longest])]
         return [self._bounds(task.points, ranges) for ranges in product(*choices)]
 
-    def _bounds(self, points: Points, ranges: Iterable[Ranges]) -> Bounds:
+    def _bounds(self, points: Points, ranges: tuple[Ranges, ...]) -> Bounds | None:
         """Return the bounds of all pairs of some points from those of a few."""
+        if not ranges:
+            return None
         lower, upper = unbounded(len(points))
         for pair, (low, high) in (item for given in ranges for item in given.items()):
-            i, j = np.searchsorted(points, pair)
+            i, j = points.index(pair[0]), points.index(pair[1])
             lower[i, j] = lower[j, i] = max(low, lower[i, j])
             upper[i, j] = upper[j, i] = min(high, upper[i, j])
         return lower, upper
@@ -249,13 +251,19 @@ class PieceSolver:
         return answer
 
 
+def _restricted(boxes: Iterable[Bounds], points: Points) -> list[Bounds]:
+    """Return the bounds of some points."""
+    index = np.ix_(points, points)
+    return [(lower[index], upper[index]) for lower, upper in boxes]
+
+
 def _ranges(piece: _Task, pairs: list[Pair]) -> list[Ranges]:
     """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
     found: list[Ranges] = []
     for hypothesis in piece.hypotheses or []:
         new: Ranges = {}
         for pair in pairs:
-            index = tuple(np.searchsorted(piece.points, pair))
+            index = piece.points.index(pair[0]), piece.points.index(pair[1])
             new[pair] = float(hypothesis.lower[index]), float(hypothesis.upper[index])
         while touching := [ranges for ranges in found if _touch(ranges, new)]:
             found = [ranges for ranges in found if ranges not in touching]

@@ -38,6 +38,9 @@ from dg_localization.solver.result import Hypothesis
 MOST_REFINED = 100
 """Up to so many points a placement is refined by least squares, which takes their cube of time."""
 
+MOST_AT_ONCE = 20
+"""Up to so many rigid points a placement is first sought for all of them together."""
+
 MOST_LISTED = 6400
 """Combinations times the square of the points, up to which all are looked at for a placement."""
 
@@ -209,6 +212,10 @@ class Product:
         chosen: Sequence[Hypothesis],
     ) -> tuple[FloatArray | None, bool]:
         """Return a placement of a combination, and whether it is proved to agree."""
+        if problem.n_points <= MOST_AT_ONCE and not self._turns:
+            positions = self._at_once(problem, bounds)
+            if agrees(self._problem, positions):
+                return positions, True
         pieces = [
             (piece.points, hypothesis.positions)
             for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
@@ -230,7 +237,12 @@ class Product:
             if first is None:
                 first = positions
         if problem.n_points <= MOST_CONTRACTED:
-            positions = place_problem(problem, np.concatenate([bounds, np.zeros_like(bounds)]))
+            positions = self._at_once(problem, bounds)
             if agrees(self._problem, positions):
                 return positions, True
         return first, False
+
+    @staticmethod
+    def _at_once(problem: Problem, bounds: Bounds) -> FloatArray:
+        """Return a placement by the bounds of all distances, whatever the pieces."""
+        return place_problem(problem, np.array([*bounds, *np.zeros_like(bounds)]))

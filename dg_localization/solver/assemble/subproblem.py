@@ -49,7 +49,7 @@ def points_of(constraint: Constraint) -> Points:
 def restricted(
     problem: Problem,
     points: Sequence[int],
-    bounds: Bounds,
+    bounds: Bounds | None,
     constraints: Iterable[Constraint],
 ) -> Problem | None:
     """
@@ -61,7 +61,7 @@ def restricted(
         The problem.
     points : sequence of int
         The points, ascending.
-    bounds : tuple of ndarray, shape (k, k)
+    bounds : tuple of ndarray, shape (k, k), or None
         Lower and upper bounds of their squared distances in m^2, besides those of the problem.
     constraints : iterable of SideConstraint or Chirality
         Constraints among the points, by their numbers in `problem`.
@@ -72,11 +72,14 @@ def restricted(
         The points in the order given; None where the bounds contradict each other.
 
     """
-    index = np.ix_(points, points)
-    lower = np.maximum(problem.lower[index], bounds[0])
-    upper = np.minimum(problem.upper[index], bounds[1])
-    if (lower > upper).any():
-        return None
+    index = np.array(points)
+    lower = problem.lower[index[:, None], index]
+    upper = problem.upper[index[:, None], index]
+    if bounds is not None:
+        np.maximum(lower, bounds[0], out=lower)
+        np.minimum(upper, bounds[1], out=upper)
+        if (lower > upper).any():
+            return None
     number = {point: x for x, point in enumerate(points)}
     sides, chiralities = [], []
     for constraint in constraints:
@@ -87,7 +90,7 @@ def restricted(
             face = tuple(number[point] for point in constraint.face)
             apexes = number[constraint.first], number[constraint.second]
             sides.append(SideConstraint(face, *apexes, constraint.side))
-    return Problem(lower, upper, problem.dimension, sides, chiralities)
+    return Problem.unchecked(lower, upper, problem.dimension, sides, chiralities)
 
 
 def unbounded(n_points: int) -> Bounds:

@@ -19,6 +19,9 @@ MAX_COMBINATIONS = 4
 LEAST_COMBINATION_GAIN = 0.5
 """Linear combinations are repeated, at most so often, while they halve some interval."""
 
+REFERENCE_STEPS = 3
+"""Steps of least squares towards the reference placement, which need not agree with anything."""
+
 
 @kernel
 def _combine_group(
@@ -29,7 +32,7 @@ def _combine_group(
     widths = np.empty((n_points, n_points))
     status = Status.NOT_RIGID
     # Any placement serves as a reference, that of the box as it was as well as a new one.
-    positions = place(box, dimension)
+    positions = place(box, dimension, REFERENCE_STEPS)
     for _ in range(MAX_COMBINATIONS):
         remember_widths(box, widths)
         status = contract_linear(box, positions, edges, errors, explained)

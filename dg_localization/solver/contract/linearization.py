@@ -26,11 +26,17 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.interval.rounding import down, up
+from dg_localization.interval.rounding import down, rounding_error, up
 from dg_localization.interval.scalars import add, square, sub
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
 from dg_localization.solver.contract.coordinates import enclose_in_frame
 from dg_localization.solver.contract.reference import reference_distance_m2
+
+VALUE, MAGNITUDE = 0, 1
+"""A sum, and the sum of the absolute values of its terms."""
+
+ROUNDINGS = 4.0
+"""A term of a sum is rounded so often besides once with each sum: where it is made."""
 
 
 class Linearization(NamedTuple):
@@ -46,7 +52,7 @@ class Linearization(NamedTuple):
     unknowns: IntArray  # (n, q): the number of each unknown displacement, -1 for a known one
     displacements: FloatArray  # (n, 2, q): bounds of the displacements, in m
     residuals: FloatArray  # (m, 2): bounds of the residuals, in m^2
-    remainder: FloatArray  # (2, n, q): scratch space
+    remainder: FloatArray  # (2, n, q): scratch space, a vector of sums and their magnitudes
 
 
 @kernel
@@ -137,10 +143,11 @@ def bound_linear_function(
     n_points, dimension = reference.shape
     for i in range(n_points):
         for axis in range(dimension):
-            remainder[LOWER, i, axis] = target[i, axis]
-            remainder[UPPER, i, axis] = target[i, axis]
+            remainder[VALUE, i, axis] = target[i, axis]
+            remainder[MAGNITUDE, i, axis] = abs(target[i, axis])
     low = 0.0
     high = 0.0
+    magnitude = 0.0
     for m in range(len(linear.edges)):
         y = multipliers[m]
         if y == 0.0:
@@ -150,26 +157,29 @@ def bound_linear_function(
         i, j = linear.edges[m, 0], linear.edges[m, 1]
         for axis in range(dimension):
             term = y * (2.0 * (reference[i, axis] - reference[j, axis]))
-            term_low, term_high = down(term), up(term)
-            remainder[LOWER, i, axis] = down(remainder[LOWER, i, axis] - term_high)
-            remainder[UPPER, i, axis] = up(remainder[UPPER, i, axis] - term_low)
-            remainder[LOWER, j, axis] = down(remainder[LOWER, j, axis] + term_low)
-            remainder[UPPER, j, axis] = up(remainder[UPPER, j, axis] + term_high)
-        if y > 0.0:
-            low = down(low + down(y * residuals[m, LOWER]))
-            high = up(high + up(y * residuals[m, UPPER]))
-        else:
-            low = down(low + down(y * residuals[m, UPPER]))
-            high = up(high + up(y * residuals[m, LOWER]))
-    slack = 0.0
+            remainder[VALUE, i, axis] -= term
+            remainder[VALUE, j, axis] += term
+            remainder[MAGNITUDE, i, axis] += abs(term)
+            remainder[MAGNITUDE, j, axis] += abs(term)
+        at_lower, at_upper = y * residuals[m, LOWER], y * residuals[m, UPPER]
+        low += min(at_lower, at_upper)
+        high += max(at_lower, at_upper)
+        magnitude += max(abs(at_lower), abs(at_upper))
+    operations = len(linear.edges) + ROUNDINGS
+    slack = rounding_error(magnitude, operations)
     for i in range(n_points):
         for axis in range(dimension):
             largest_m = max(
                 -linear.displacements[i, LOWER, axis], linear.displacements[i, UPPER, axis]
             )
             if largest_m > 0.0:
-                coefficient = max(-remainder[LOWER, i, axis], remainder[UPPER, i, axis])
+                if math.isinf(remainder[MAGNITUDE, i, axis]):
+                    return -math.inf, math.inf
+                error = rounding_error(remainder[MAGNITUDE, i, axis], operations)
+                coefficient = up(abs(remainder[VALUE, i, axis]) + error)
                 slack = up(slack + up(coefficient * largest_m))
+    if math.isinf(slack):
+        return -math.inf, math.inf
     return down(low - slack), up(high + slack)
 
 

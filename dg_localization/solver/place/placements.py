@@ -24,7 +24,8 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray
 MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
 
-MAX_STEPS = 40
+MOST_STEPS = 40
+"""Least squares takes at most so many steps."""
 
 
 @kernel
@@ -135,7 +136,7 @@ def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> boo
 
 
 @kernel
-def refine(positions: FloatArray, box: FloatArray) -> FloatArray:
+def refine(positions: FloatArray, box: FloatArray, most_steps: int = MOST_STEPS) -> FloatArray:
     """Move a placement into the intervals of a box by damped least squares."""
     n_points, dimension = positions.shape
     size = n_points * dimension
@@ -145,7 +146,7 @@ def refine(positions: FloatArray, box: FloatArray) -> FloatArray:
     best = positions.copy()
     damping = 1e-6
     misfit = _assemble(best, box, matrix, vector)
-    for _ in range(MAX_STEPS):
+    for _ in range(most_steps):
         if misfit == 0.0:
             break
         scale = 0.0
@@ -173,7 +174,7 @@ def refine(positions: FloatArray, box: FloatArray) -> FloatArray:
 
 
 @kernel
-def place(box: FloatArray, dimension: int) -> FloatArray:
+def place(box: FloatArray, dimension: int, most_steps: int = MOST_STEPS) -> FloatArray:
     """
     Return the coordinates of a placement in or near a box.
 
@@ -183,6 +184,8 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
         The box in m^2; its upper bounds are finite, or overflowed.
     dimension : int
         The dimension q of the space.
+    most_steps : int, optional
+        Most steps of least squares.
 
     Returns
     -------
@@ -196,4 +199,4 @@ def place(box: FloatArray, dimension: int) -> FloatArray:
     half = max(0, exponent) // 2
     scaled = finite * math.ldexp(1.0, -2 * half)
     middle = 0.5 * (scaled[LOWER] + scaled[UPPER])
-    return refine(_factor(middle, dimension), scaled) * math.ldexp(1.0, half)
+    return refine(_factor(middle, dimension), scaled, most_steps) * math.ldexp(1.0, half)

@@ -3,7 +3,7 @@
 
 """The settings that the parameters stand for: checked one by one, then together."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
@@ -19,7 +19,14 @@ from dg_localization.fleet import (
     LinkOverride,
     RangeErrorModel,
 )
-from dg_localization.ros.interface.links import RANGE_BOUNDS, Link, Template, parse_link
+from dg_localization.ros.interface.identities import NOBODY, parse_ids
+from dg_localization.ros.interface.links import (
+    ANY_OBSERVER,
+    RANGE_BOUNDS,
+    Link,
+    Template,
+    parse_link,
+)
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
     declare,
@@ -61,6 +68,10 @@ class Settings:
         Whether a measurement's time is its header's, not that of its arrival.
     autostart : bool
         Whether to configure and activate at once.
+    publish_tf : bool
+        Whether to publish transforms.
+    ids : mapping of str to str
+        The names that ids in messages stand for.
 
     """
 
@@ -71,6 +82,8 @@ class Settings:
     rate_hz: float
     use_header_stamp: bool
     autostart: bool
+    publish_tf: bool
+    ids: Mapping[str, str]
 
     @property
     def lifetime_s(self) -> float:
@@ -173,6 +186,8 @@ def settings_from(
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
         autostart=values['autostart'],
+        publish_tf=values['publish_tf'],
+        ids=_parse_ids(values['ids'], fleet.points),
     )
 
 
@@ -206,6 +221,20 @@ def _parse_links(texts: Iterable[str], resolve: Callable[[str], str]) -> tuple[L
                 f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
             )
     return tuple(links)
+
+
+def _parse_ids(texts: Iterable[str], points: Sequence[str]) -> dict[str, str]:
+    try:
+        ids = parse_ids(filter(None, texts))
+    except ValueError as error:
+        raise WrongParameterError(f"parameter 'ids': {error}") from None
+    for name in ids.values():
+        if name not in (*points, NOBODY):
+            raise WrongParameterError(
+                f"parameter 'ids': '{name}' is not allowed, it must be one of "
+                f"{', '.join(points)}, or '{NOBODY}' for an id that stands for nobody"
+            )
+    return ids
 
 
 def _templates(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Template, ...]:
@@ -250,7 +279,9 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         # A link may name a robot that is not in the fleet today: its readings are counted and
         # rejected, its bounds concern nobody.
         links=_overrides(
-            (link for link in explicit if _ends(link) <= {*points, ''}), points, values
+            (link for link in explicit if _ends(link) <= {*points, '', ANY_OBSERVER}),
+            points,
+            values,
         ),
         anchors=anchors,
         max_speed_m_s=values['max_speed'],
@@ -312,11 +343,10 @@ def _overrides(
 
 
 def _pairs(link: Link, points: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield the observer with each target of a link; a link to peers has all."""
-    observer, target = link.key.observer, link.key.target
-    for name in (target,) if target else points:
-        if name != observer:
-            yield observer, name
+    """Yield each observer and target of a link; a link to peers has all targets."""
+    observers = points if link.key.observer == ANY_OBSERVER else (link.key.observer,)
+    targets = (link.key.target,) if link.key.target else points
+    return ((one, other) for one in observers for other in targets if one != other)
 
 
 def _ends(link: Link) -> set[str]:

@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator
 import math
 
+from dg_localization.ros.interface.parameters.links import LINKS
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
@@ -67,6 +68,14 @@ NODE = Section(
             True,
             'configure and activate at start',
             details='Set it to false under a lifecycle manager.',
+        ),
+        Spec(
+            'publish_tf',
+            BOOL,
+            False,
+            'publish transforms from the frame of the anchors on /tf',
+            details='They go to the odometry frame of each robot that has odometry, and to the '
+            'body of others. It needs the package tf2_msgs.',
         ),
     ),
 )
@@ -237,39 +246,6 @@ PEERS = Section(
     'followed by the anchors not in robots; `range` (m); and `x`, `y`, `z`, the ray in the body '
     'frame. Range or ray may be missing, or NaN.',
     (Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),),
-)
-
-LINKS = Section(
-    'Links',
-    '',
-    (
-        Spec(
-            'links',
-            STRINGS,
-            [],
-            "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
-            'each replaces what the templates give for the same measurement',
-            details='NAME overrides min_error, max_error, min_error_relative, max_error_relative '
-            'or sigma_factor of a range, half_width of a bearing, and any of these for all peers '
-            'of one robot. Odometry and peers have no TARGET. A link to a robot that is not in '
-            'robots is allowed: its readings are counted and rejected.',
-            examples=(
-                'links:',
-                "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",
-                "  - '/cam1/seen_2 geometry_msgs/msg/Vector3Stamped robot_1 robot_2 "
-                "half_width=0.12'",
-                "  - '/base_3/odom nav_msgs/msg/Odometry robot_3'",
-                "  - '/base_3/seen sensor_msgs/msg/PointCloud2 robot_3'",
-            ),
-        ),
-        Spec(
-            'adapter_modules',
-            STRINGS,
-            [],
-            'Python modules to import at start, which register adapters of message types',
-            examples=("adapter_modules: ['tag_adapter']",),
-        ),
-    ),
 )
 
 

@@ -1,0 +1,159 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Who the ids in the messages of drivers are, and where their cameras look."""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from dg_localization.fleet import InputState, LinkKey
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from msg_adapters import CameraReading, IdentifiedReading, PixelReading
+
+# What a table has for an id that stands for no robot or anchor.
+NOBODY = '-'
+# A message may hold any id, and every name is kept in the counts.
+MOST_STRANGERS = 16
+MOST_CAMERAS = 256
+OTHER_STRANGERS = 'other ids'
+
+
+def parse_ids(texts: Iterable[str]) -> dict[str, str]:
+    """
+    Read a table of ids from its lines: ``ID NAME``, with ``-`` for an id that stands for nobody.
+
+    Parameters
+    ----------
+    texts : iterable of str
+
+    Returns
+    -------
+    dict of str to str
+        The name of each id.
+
+    Raises
+    ------
+    ValueError
+        If a line has not two words, or an id occurs twice; the message quotes it.
+
+    """
+    table: dict[str, str] = {}
+    for text in texts:
+        words = text.split()
+        if len(words) != 2:
+            raise ValueError(f"'{text}' is not allowed: it must read 'ID NAME'")
+        if words[0] in table:
+            raise ValueError(f"'{text}' is not allowed: id '{words[0]}' is named twice")
+        table[words[0]] = words[1]
+    return table
+
+
+class Identities:
+    """
+    The names that ids stand for, by a table; a name of the fleet stands for itself.
+
+    Parameters
+    ----------
+    table : mapping of str to str
+        What `parse_ids` returned.
+    points : iterable of str
+        Robots and landmarks of the fleet.
+
+    """
+
+    def __init__(self, table: Mapping[str, str], points: Iterable[str]) -> None:
+        self._names = {**{point: point for point in points}, **table}
+        self._strangers: set[str] = set()
+
+    def observer(self, link: Link, observer_id: str) -> str:
+        """
+        Return who measured, by the link and by what the message says.
+
+        Raises
+        ------
+        ValueError
+            If neither says who, if the id is in no table, or if the two do not agree.
+
+        """
+        named = link.key.observer
+        if not observer_id:
+            if named == ANY_OBSERVER:
+                raise ValueError(
+                    f'the message does not say who measured: name the observer in the link of '
+                    f"{link.topic} instead of '{ANY_OBSERVER}'"
+                )
+            return named
+        name = self._names.get(observer_id)
+        if name is None or name == NOBODY:
+            raise ValueError(f"observer id '{observer_id}' is not in the parameter `ids`")
+        if named not in (ANY_OBSERVER, name):
+            raise ValueError(
+                f"observer id '{observer_id}' is that of {name}, the link of {link.topic} is "
+                f'that of {named}'
+            )
+        return name
+
+    def targets(self, reading: IdentifiedReading) -> Iterator[tuple[int, str]]:
+        """Yield the row and the name of each target that is not to be passed over."""
+        for row, target_id in enumerate(reading.target_ids):
+            name = self._names.get(target_id) or self._stranger(target_id)
+            if name != NOBODY:
+                yield row, name
+
+    def _stranger(self, target_id: str) -> str:
+        """Return a name for an id that is in no table, so that it is counted and shown."""
+        if len(self._strangers) < MOST_STRANGERS:
+            self._strangers.add(target_id)
+        if target_id not in self._strangers:
+            return OTHER_STRANGERS
+        return f'id {target_id[:40]}'
+
+
+class Cameras:
+    """The newest camera matrix of each camera, by its observer and its optical frame."""
+
+    def __init__(self) -> None:
+        self._cameras: dict[tuple[str, str], CameraReading] = {}
+        self._arrivals: dict[LinkKey, tuple[int, float]] = {}
+
+    def keep(self, key: LinkKey, camera: CameraReading, now_s: float) -> None:
+        """
+        Take one camera matrix.
+
+        Raises
+        ------
+        ValueError
+            If there are more cameras than a robot can have.
+
+        """
+        place = (key.observer, camera.frame_id)
+        if place not in self._cameras and len(self._cameras) == MOST_CAMERAS:
+            raise ValueError(
+                f"the camera in frame '{camera.frame_id}' is one more than {MOST_CAMERAS}"
+            )
+        self._cameras[place] = camera
+        count, _ = self._arrivals.get(key, (0, now_s))
+        self._arrivals[key] = count + 1, now_s
+
+    def rays(self, link: Link, reading: PixelReading) -> IdentifiedReading:
+        """
+        Return the rays to pixels that a camera of the observer of a link has seen.
+
+        Raises
+        ------
+        ValueError
+            If the matrix of that camera is not known.
+
+        """
+        camera = self._cameras.get((link.key.observer, reading.frame_id))
+        if camera is None:
+            raise ValueError(
+                f'no sensor_msgs/msg/CameraInfo of {link.key.observer} in frame '
+                f"'{reading.frame_id}' has arrived, which the pixels need: is there a link to it?"
+            )
+        return reading.seen_by(camera)
+
+    def states(self, now_s: float) -> Iterator[InputState]:
+        """Yield what has arrived on the topics of cameras; a matrix does not age."""
+        for key, (count, stamp_s) in self._arrivals.items():
+            age_s = max(0.0, now_s - stamp_s)
+            yield InputState(key, count, {}, '', age_s, in_use=True)

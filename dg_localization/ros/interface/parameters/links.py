@@ -1,0 +1,52 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The parameters of the node `localizer` that name inputs one by one."""
+
+from dg_localization.ros.interface.parameters.spec import STRINGS, Section, Spec
+
+LINKS = Section(
+    'Links',
+    '',
+    (
+        Spec(
+            'links',
+            STRINGS,
+            [],
+            "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
+            'each replaces what the templates give for the same measurement',
+            details='NAME overrides min_error, max_error, min_error_relative, max_error_relative '
+            'or sigma_factor of a range, half_width of a bearing, any of these for all that peers '
+            'measure, and gives roll, pitch and yaw (rad) of a sensor of peers in the body frame '
+            'of its robot. Odometry, peers and '
+            'cameras have no TARGET; the OBSERVER of peers is * where their messages say who '
+            'measured. A link to a robot that is not in robots is allowed: its readings are '
+            'counted and rejected.',
+            examples=(
+                'links:',
+                "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",
+                "  - '/cam1/seen_2 geometry_msgs/msg/Vector3Stamped robot_1 robot_2 "
+                "half_width=0.12'",
+                "  - '/base_3/odom nav_msgs/msg/Odometry robot_3'",
+                "  - '/base_3/seen sensor_msgs/msg/PointCloud2 robot_3'",
+                "  - '/uwb uwb_ros/msg/RangeStamped *'",
+            ),
+        ),
+        Spec(
+            'ids',
+            STRINGS,
+            [],
+            "who the ids in messages of other packages are, 'ID NAME'",
+            details='NAME is a robot or an anchor, or - for an id to be passed over. Several ids '
+            'may have one name. The name of a robot or an anchor stands for itself.',
+            examples=("ids: ['12 robot_1', '13 robot_1', 'tag36h11:4 robot_2', 'chair -']",),
+        ),
+        Spec(
+            'adapter_modules',
+            STRINGS,
+            [],
+            'Python modules to import at start, which register adapters of message types',
+            examples=("adapter_modules: ['tag_adapter']",),
+        ),
+    ),
+)

@@ -1,0 +1,72 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The transforms that the node publishes when `publish_tf` is set."""
+
+from collections.abc import Mapping
+from importlib import import_module
+
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from dg_localization.fleet import Estimate
+from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from dg_localization.ros.interface.transforms import OdometryPoses, transforms
+from msg_adapters.transforms import transforms_to_cdr
+
+TOPIC = '/tf'
+# As tf2 publishes and listens.
+DYNAMIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def transform_message_class() -> type:
+    """
+    Return the class of `tf2_msgs/TFMessage`.
+
+    Raises
+    ------
+    WrongParameterError
+        If its package is not installed.
+
+    """
+    try:
+        message_class: type = import_module('tf2_msgs.msg').TFMessage
+    except ImportError as error:
+        raise WrongParameterError(
+            "parameter 'publish_tf': true needs the ROS package tf2_msgs, which cannot be "
+            f'imported ({error}); install it (apt install ros-jazzy-tf2-msgs) or leave it at false'
+        ) from None
+    return message_class
+
+
+class TransformPublisher:
+    """
+    Publishes the transforms of estimates.
+
+    Parameters
+    ----------
+    node : LifecycleNode
+    fixed_frame : str
+        Name of the frame of the anchors.
+    odometry : mapping of str to OdometryPoses
+        By robot; it is read at each estimate.
+
+    """
+
+    def __init__(
+        self, node: LifecycleNode, fixed_frame: str, odometry: Mapping[str, OdometryPoses]
+    ) -> None:
+        self._node = node
+        self._fixed_frame = fixed_frame
+        self._odometry = odometry
+        self._publisher = node.create_publisher(transform_message_class(), TOPIC, DYNAMIC)
+
+    def publish(self, estimate: Estimate) -> None:
+        """Publish where the robots are, if that is known; silence says that it is not."""
+        found = transforms(estimate, self._fixed_frame, self._odometry)
+        if found:
+            self._publisher.publish(transforms_to_cdr(found))
+
+    def destroy(self) -> None:
+        """Take the topic off the graph."""
+        self._node.destroy_publisher(self._publisher)

@@ -1,0 +1,230 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What cameras detect: apriltag_msgs and vision_msgs arrays, and the sensor_msgs/CameraInfo for them.
+
+A pixel becomes a ray by the camera matrix of the rectified image, so detectors must work on that.
+Rays are given with x forward, y left and z up; an optical frame has z forward and x right
+(REP-103). The packages of detections are looked up when a message class is asked for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from msg_adapters.geometry import point_to_message, xyz_from_message
+from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.identified import IdentifiedReading, new_message
+
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+APRILTAGS = 'apriltag_msgs/msg/AprilTagDetectionArray'
+DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
+DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
+
+# From an optical frame to one with x forward, y left and z up.
+FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+OPTICAL_SUFFIX = '_optical'
+
+
+@dataclass(frozen=True)
+class CameraReading:
+    """
+    The camera matrix of a rectified image.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time in s.
+    frame_id : str
+        Optical frame of the camera, as its detections name it.
+    focal_px : tuple of two floats
+        Focal lengths in x and y, in pixels.
+    center_px : tuple of two floats
+        Where the optical axis is in the image, in pixels.
+
+    """
+
+    stamp_s: float
+    frame_id: str
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float]
+
+    def rays(self, pixels_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rays of pixels of shape (k, 2), x forward, y left, z up, shape (k, 3)."""
+        optical = np.ones((len(pixels_xy), 3))
+        optical[:, :2] = (pixels_xy - np.array(self.center_px)) / np.array(self.focal_px)
+        return optical @ FROM_OPTICAL.T
+
+
+@dataclass(frozen=True, eq=False)
+class PixelReading:
+    """
+    Where k others are in an image.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time of the image in s.
+    target_ids : tuple of str
+        Who was seen, k of them, as the detector names them.
+    pixels_xy : ndarray, shape (k, 2)
+        Where, in pixels.
+    frame_id : str
+        Optical frame of the camera.
+
+    """
+
+    stamp_s: float
+    target_ids: tuple[str, ...]
+    pixels_xy: NDArray[np.float64]
+    frame_id: str
+
+    def seen_by(self, camera: CameraReading) -> IdentifiedReading:
+        """Return the rays to the pixels of a camera."""
+        return _rays(self.stamp_s, self.target_ids, camera.rays(self.pixels_xy), self.frame_id)
+
+
+def _rays(
+    stamp_s: float, target_ids: Sequence[str], rays_xyz: ArrayLike, frame_id: str
+) -> IdentifiedReading:
+    """Return rays to targets, without ranges."""
+    rays = np.reshape(np.asarray(rays_xyz, dtype=float), (-1, 3))
+    no_ranges = np.full(len(target_ids), np.nan)
+    return IdentifiedReading(stamp_s, '', tuple(target_ids), no_ranges, rays, frame_id)
+
+
+def camera_from_message(message: Any) -> CameraReading:
+    """
+    Read a `sensor_msgs/CameraInfo`: the matrix P, or K where P is left empty.
+
+    Raises
+    ------
+    ValueError
+        If the focal lengths are not positive numbers.
+
+    """
+    fx, _, cx, _, _, fy, cy, *_ = message.p
+    if fx == 0.0:
+        fx, _, cx, _, fy, cy, *_ = message.k
+    if not (0.0 < fx < math.inf and 0.0 < fy < math.inf and math.isfinite(cx + cy)):
+        raise ValueError(
+            f'focal lengths {fx}, {fy} and center {cx}, {cy} are not those of a camera that is '
+            'calibrated'
+        )
+    return CameraReading(
+        stamp_s=stamp_from_message(message.header.stamp),
+        frame_id=message.header.frame_id,
+        focal_px=(float(fx), float(fy)),
+        center_px=(float(cx), float(cy)),
+    )
+
+
+def camera_to_message(reading: CameraReading) -> Any:
+    """Write a `sensor_msgs/CameraInfo` without distortion."""
+    from sensor_msgs.msg import CameraInfo
+
+    (fx, fy), (cx, cy) = reading.focal_px, reading.center_px
+    return CameraInfo(
+        header=header_to_message(reading.stamp_s, reading.frame_id),
+        k=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def apriltags_from_message(message: Any) -> PixelReading:
+    """Read an `apriltag_msgs/AprilTagDetectionArray`; an id is ``FAMILY:ID``."""
+    centers = [(tag.centre.x, tag.centre.y) for tag in message.detections]
+    return PixelReading(
+        stamp_s=stamp_from_message(message.header.stamp),
+        target_ids=tuple(f'{tag.family}:{int(tag.id)}' for tag in message.detections),
+        pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
+        frame_id=message.header.frame_id,
+    )
+
+
+def apriltags_to_message(reading: PixelReading) -> Any:
+    """Write an `apriltag_msgs/AprilTagDetectionArray` of the centers alone."""
+    message = new_message(APRILTAGS)
+    message.header = header_to_message(reading.stamp_s, reading.frame_id)
+    for target_id, (x, y) in zip(reading.target_ids, reading.pixels_xy.tolist(), strict=True):
+        tag = new_message('apriltag_msgs/msg/AprilTagDetection')
+        tag.family, _, number = target_id.partition(':')
+        tag.id = int(number)
+        tag.centre.x, tag.centre.y = x, y
+        message.detections.append(tag)
+    return message
+
+
+def detections_2d_from_message(message: Any) -> PixelReading:
+    """Read a `vision_msgs/Detection2DArray`: the centers of the boxes, and the likeliest class."""
+    centers = [
+        (detection.bbox.center.position.x, detection.bbox.center.position.y)
+        for detection in message.detections
+    ]
+    return PixelReading(
+        stamp_s=stamp_from_message(message.header.stamp),
+        target_ids=tuple(_class_of(detection) for detection in message.detections),
+        pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
+        frame_id=message.header.frame_id,
+    )
+
+
+def detections_2d_to_message(reading: PixelReading) -> Any:
+    """Write a `vision_msgs/Detection2DArray` of boxes without size."""
+    message = new_message(DETECTIONS_2D)
+    message.header = header_to_message(reading.stamp_s, reading.frame_id)
+    for target_id, (x, y) in zip(reading.target_ids, reading.pixels_xy.tolist(), strict=True):
+        detection = new_message('vision_msgs/msg/Detection2D')
+        detection.bbox.center.position.x, detection.bbox.center.position.y = x, y
+        detection.results.append(_result(target_id))
+        message.detections.append(detection)
+    return message
+
+
+def detections_3d_from_message(message: Any) -> IdentifiedReading:
+    """
+    Read a `vision_msgs/Detection3DArray`: the rays to the boxes, and the likeliest class.
+
+    The distances are left out: how wrong those of a camera are has nothing to do with the bounds
+    that are stated for ranges.
+    """
+    centers = [xyz_from_message(found.bbox.center.position) for found in message.detections]
+    rays = np.reshape(np.array(centers, dtype=float), (-1, 3))
+    frame_id = message.header.frame_id
+    if OPTICAL_SUFFIX in frame_id:
+        rays = rays @ FROM_OPTICAL.T
+    ids = [_class_of(detection) for detection in message.detections]
+    return _rays(stamp_from_message(message.header.stamp), ids, rays, frame_id)
+
+
+def detections_3d_to_message(reading: IdentifiedReading) -> Any:
+    """Write a `vision_msgs/Detection3DArray` of boxes without size, at the ends of the rays."""
+    message = new_message(DETECTIONS_3D)
+    message.header = header_to_message(reading.stamp_s, reading.frame_id)
+    is_optical = OPTICAL_SUFFIX in reading.frame_id
+    centers = reading.rays_xyz @ FROM_OPTICAL if is_optical else reading.rays_xyz
+    for target_id, center in zip(reading.target_ids, centers, strict=True):
+        detection = new_message('vision_msgs/msg/Detection3D')
+        detection.bbox.center.position = point_to_message(center)
+        detection.results.append(_result(target_id))
+        message.detections.append(detection)
+    return message
+
+
+def _class_of(detection: Any) -> str:
+    """Return the likeliest class of a detection, or its own id where it has no class."""
+    if not detection.results:
+        return str(detection.id)
+    best = max(detection.results, key=lambda result: float(result.hypothesis.score))
+    return str(best.hypothesis.class_id)
+
+
+def _result(target_id: str) -> Any:
+    result = new_message('vision_msgs/msg/ObjectHypothesisWithPose')
+    result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
+    return result

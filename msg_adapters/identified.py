@@ -1,0 +1,148 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Messages of drivers that name who measured whom by ids of their own.
+
+- uwb_ros/RangeStamped (MILUV): one range, with the ids of both radios;
+- nlink_parser/LinktrackNodeframe2, 3 and 5 (Nooploop LinkTrack), from either package that ports
+  them: the ranges of one radio to all others. An id there is unique among those of a role only.
+
+Their packages are looked up when a message class is asked for.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_adapters.headers import header_to_message, stamp_from_message
+
+RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
+NODE_FRAMES = {
+    f'{package}/msg/LinktrackNodeframe{number}': f'{package}/msg/LinktrackNode{row}'
+    for package in ('nlink_parser', 'nlink_parser_ros2_interfaces')
+    for number, row in ((2, 2), (3, 2), (5, 5))
+}
+
+
+def _no_rays() -> NDArray[np.float64]:
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedReading:
+    """
+    What one sensor measured of k others at one time, who are named by the ids of a driver.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time of measurement in s; 0.0 when the message has no stamp.
+    observer_id : str
+        Who measured; empty where the message does not say so.
+    target_ids : tuple of str
+        Who was measured, k of them.
+    ranges_m : ndarray, shape (k,)
+        Distances in m, with the sentinels of REP-117; NaN is no reading.
+    rays_xyz : ndarray, shape (k, 3)
+        Directions in the frame of the sensor, x forward, y left, z up, of any length; NaN is no
+        reading.
+    frame_id : str
+        Frame of the sensor, as the driver names it.
+
+    """
+
+    stamp_s: float
+    observer_id: str
+    target_ids: tuple[str, ...]
+    ranges_m: NDArray[np.float64]
+    rays_xyz: NDArray[np.float64] = field(default_factory=_no_rays)
+    frame_id: str = ''
+
+    def __post_init__(self) -> None:
+        n_targets = len(self.target_ids)
+        if len(self.rays_xyz) == 0:
+            object.__setattr__(self, 'rays_xyz', np.full((n_targets, 3), np.nan))
+        if self.ranges_m.shape != (n_targets,) or self.rays_xyz.shape != (n_targets, 3):
+            raise ValueError(
+                f'{n_targets} ids need as many ranges and rays; there are ranges of shape '
+                f'{self.ranges_m.shape} and rays of shape {self.rays_xyz.shape}'
+            )
+
+
+def new_message(type_name: str) -> Any:
+    """Return a new message of a type such as 'uwb_ros/msg/RangeStamped'; import its package."""
+    package, kind, name = type_name.split('/')
+    return getattr(import_module(f'{package}.{kind}'), name)()
+
+
+def range_stamped_from_message(message: Any) -> IdentifiedReading:
+    """Read a `uwb_ros/RangeStamped`; the ids are the numbers of the radios."""
+    return IdentifiedReading(
+        stamp_s=stamp_from_message(message.header.stamp),
+        observer_id=str(int(message.from_id)),
+        target_ids=(str(int(message.to_id)),),
+        ranges_m=np.array([float(message.range)]),
+        frame_id=message.header.frame_id,
+    )
+
+
+def range_stamped_to_message(reading: IdentifiedReading) -> Any:
+    """
+    Write a `uwb_ros/RangeStamped`.
+
+    Raises
+    ------
+    ValueError
+        If there is not exactly one target.
+
+    """
+    if len(reading.target_ids) != 1:
+        raise ValueError(f'{len(reading.target_ids)} targets, the message has one')
+    message = new_message(RANGE_STAMPED)
+    message.header = header_to_message(reading.stamp_s, reading.frame_id)
+    message.from_id, message.to_id = int(reading.observer_id), int(reading.target_ids[0])
+    message.range = float(reading.ranges_m[0])
+    return message
+
+
+def node_frame_from_message(message: Any) -> IdentifiedReading:
+    """
+    Read a `LinktrackNodeframe`; an id is ``ROLE:ID``, by the numbers in the message.
+
+    Not all of these frames have a header.
+    """
+    header = getattr(message, 'header', None)
+    return IdentifiedReading(
+        stamp_s=0.0 if header is None else stamp_from_message(header.stamp),
+        observer_id=_role_and_id(message),
+        target_ids=tuple(_role_and_id(node) for node in message.nodes),
+        ranges_m=np.array([node.dis for node in message.nodes], dtype=float),
+        frame_id='' if header is None else header.frame_id,
+    )
+
+
+def _role_and_id(message: Any) -> str:
+    return f'{int(message.role)}:{int(message.id)}'
+
+
+def node_frame_writer(type_name: str) -> Callable[[IdentifiedReading], Any]:
+    """Return the function that writes a `LinktrackNodeframe` of one type."""
+
+    def write(reading: IdentifiedReading) -> Any:
+        message = new_message(type_name)
+        message.role, message.id = map(int, reading.observer_id.split(':'))
+        if hasattr(message, 'header'):
+            message.header = header_to_message(reading.stamp_s, reading.frame_id)
+        for target_id, range_m in zip(reading.target_ids, reading.ranges_m, strict=True):
+            node = new_message(NODE_FRAMES[type_name])
+            node.role, node.id = map(int, target_id.split(':'))
+            node.dis = float(range_m)
+            message.nodes.append(node)
+        return message
+
+    return write

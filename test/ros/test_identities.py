@@ -1,0 +1,385 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Messages that name who measured whom by ids, and pixels of cameras: from link to localizer."""
+
+from functools import partial
+import math
+from pathlib import Path
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import CameraInfo  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionReason  # noqa: E402
+from dg_localization.ros.interface.identities import (  # noqa: E402
+    MOST_CAMERAS,
+    MOST_STRANGERS,
+    OTHER_STRANGERS,
+    Identities,
+    parse_ids,
+)
+from dg_localization.ros.interface.intake import Intake  # noqa: E402
+from dg_localization.ros.interface.links import parse_link  # noqa: E402
+from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
+    check_values,
+    settings_from,
+)
+from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
+from msg_adapters import (  # noqa: E402
+    Adapter,
+    CameraReading,
+    IdentifiedReading,
+    Level,
+    PixelReading,
+    adapter_for,
+    register,
+    registry,
+)
+
+NOW_S = 10.0
+TEXT = 'std_msgs/msg/String'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+TABLE = ['7 a', '8 b', '9 b', '30 -']
+CAMERA = CameraReading(NOW_S, 'eye', (100.0, 100.0), (50.0, 50.0))
+
+
+@pytest.fixture(autouse=True)
+def text_messages(monkeypatch):
+    """Have texts read by another function; the adapters are as before after the test."""
+    monkeypatch.setattr(registry, '_adapters', dict(registry._adapters))
+
+    def read(value_class, from_message):
+        register(Adapter(TEXT, value_class, from_message, str))
+
+    # 'OBSERVER TARGET:RANGE TARGET:RANGE'; a dash for an observer that is not named.
+    read(IdentifiedReading, ranges_of_text)
+    return read
+
+
+def ranges_of_text(message):
+    observer, *targets = message.data.split()
+    ids, ranges = zip(*(word.split(':') for word in targets), strict=True) if targets else ((), ())
+    return IdentifiedReading(NOW_S, observer.strip('-'), ids, np.array(ranges, float))
+
+
+@pytest.fixture
+def localizer():
+    return Localizer(FleetConfig(robots=('a', 'b', 'c')))
+
+
+@pytest.fixture
+def intake(localizer):
+    return Intake(localizer, False, parse_ids(TABLE))
+
+
+def take(intake, link, message):
+    """Take a message on a link; return the rejection and what was malformed."""
+    link = parse_link(link)
+    rejection = intake.take(link, serialize_message(message), NOW_S)
+    return rejection, intake.malformed.get(link.topic)
+
+
+def counts(localizer):
+    """Return how many readings of each pair were accepted and rejected."""
+    return {
+        str(state.key): (state.accepted, sum(state.rejected.values()))
+        for state in localizer.input_states(NOW_S)
+        if state.key.kind is not LinkKind.PEERS
+    }
+
+
+@pytest.mark.parametrize(
+    ('observer', 'text', 'pair'),
+    [
+        ('*', '7 8:3.0', 'range a->b'),
+        ('*', '9 7:3.0', 'range b->a'),
+        ('a', '7 9:3.0', 'range a->b'),
+        ('a', '- 8:3.0', 'range a->b'),
+        # The name of a robot stands for itself.
+        ('*', 'c a:3.0', 'range c->a'),
+    ],
+)
+def test_ids_are_names_by_the_table(localizer, intake, observer, text, pair):
+    assert take(intake, f'/uwb {TEXT} {observer}', String(data=text)) == (None, None)
+    assert counts(localizer) == {pair: (1, 0)}
+
+
+@pytest.mark.parametrize(
+    ('observer', 'text', 'wanted'),
+    [
+        ('*', '5 8:3.0', "observer id '5' is not in the parameter `ids`"),
+        ('*', '30 8:3.0', "observer id '30' is not in the parameter `ids`"),
+        ('a', '8 9:3.0', "observer id '8' is that of b, the link of /uwb is that of a"),
+        ('*', '- 8:3.0', 'name the observer in the link of /uwb instead'),
+    ],
+)
+def test_nobody_is_taken_for_another_observer(localizer, intake, observer, text, wanted):
+    rejection, malformed = take(intake, f'/uwb {TEXT} {observer}', String(data=text))
+    assert rejection is None and malformed.count == 1 and wanted in malformed.last
+    assert counts(localizer) == {}
+
+
+def test_strangers_are_counted_by_their_id_and_others_passed_over(localizer, intake):
+    text = String(data='7 30:1.0 8:3.0 55:4.0')
+    rejection, _ = take(intake, f'/uwb {TEXT} *', text)
+    assert rejection.reason is RejectionReason.UNKNOWN_ROBOT and "'id 55'" in rejection.text
+    assert counts(localizer) == {'range a->b': (1, 0), 'range a->id 55': (0, 1)}
+
+
+def test_strangers_cannot_fill_the_memory(localizer, intake):
+    for first in range(100, 10_000, 100):
+        targets = ' '.join(f'{number}:1.0' for number in range(first, first + 100))
+        take(intake, f'/uwb {TEXT} *', String(data=f'7 {targets}'))
+    assert len(counts(localizer)) == MOST_STRANGERS + 1
+    assert f'range a->{OTHER_STRANGERS}' in counts(localizer)
+    take(intake, f'/uwb {TEXT} *', String(data=f'7 {"x" * 20_000}:1.0'))
+    assert max(map(len, counts(localizer))) < 100
+
+
+def test_strangers_do_not_keep_robots_from_being_read(localizer, intake):
+    strangers = ' '.join(f'{number}:1.0' for number in range(100, 300))
+    take(intake, f'/uwb {TEXT} *', String(data=f'7 {strangers} 8:3.0'))
+    assert counts(localizer)['range a->b'] == (1, 0)
+
+
+def test_more_readings_of_robots_than_the_fleet_can_need_are_refused(localizer, intake):
+    text = '7 ' + ' '.join(['8:3.0'] * 7)
+    _, malformed = take(intake, f'/uwb {TEXT} *', String(data=text))
+    assert '7 robots and anchors were measured, for this fleet at most 6' in malformed.last
+    assert counts(localizer) == {}
+
+
+@pytest.fixture
+def rays(localizer, monkeypatch):
+    """Return the rays that the localizer is given, by target."""
+    given = {}
+
+    def add_peers(observer, readings, stamp_s, now_s):
+        given.update({(observer, target): np.round(value, 9) for target, value in readings})
+        return []
+
+    monkeypatch.setattr(localizer, 'add_peers', add_peers)
+    return given
+
+
+def pixels_of_text(message):
+    """Read 'FRAME ID:X:Y ID:X:Y'."""
+    frame_id, *found = message.data.split()
+    ids, xs, ys = zip(*(word.split(':') for word in found), strict=True)
+    return PixelReading(NOW_S, ids, np.array([xs, ys], float).T, frame_id)
+
+
+def camera_info(camera=CAMERA):
+    return adapter_for(CAMERA_INFO).to_message(camera)
+
+
+def test_pixels_are_rays_by_the_matrix_of_their_camera(intake, rays, text_messages):
+    text_messages(PixelReading, pixels_of_text)
+    other = CameraReading(NOW_S, 'tele', (1000.0, 1000.0), (50.0, 50.0))
+    for camera in (CAMERA, other):
+        assert take(intake, f'/a/info {CAMERA_INFO} a', camera_info(camera)) == (None, None)
+    for frame in ('eye', 'tele'):
+        rays.clear()
+        take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} 8:150:50 c:50:50'))
+        left = -1.0 if frame == 'eye' else -0.1
+        assert {pair: ray.tolist() for pair, ray in rays.items()} == {
+            ('a', 'b'): [1.0, left, 0.0],
+            ('a', 'c'): [1.0, 0.0, 0.0],
+        }
+
+
+@pytest.mark.parametrize(
+    ('turn', 'ray'),
+    [
+        ('yaw=1.5707963267948966', (0.0, 1.0, 0.0)),
+        ('pitch=1.5707963267948966', (0.0, 0.0, -1.0)),
+        ('roll=1.5707963267948966', (1.0, 0.0, 0.0)),
+        # About the axes that stand still: first roll, then pitch, then yaw.
+        ('pitch=1.5707963267948966 yaw=1.5707963267948966', (0.0, 0.0, -1.0)),
+    ],
+)
+def test_camera_that_looks_elsewhere_is_turned(intake, rays, text_messages, turn, ray):
+    text_messages(PixelReading, pixels_of_text)
+    take(intake, f'/a/info {CAMERA_INFO} a', camera_info())
+    take(intake, f'/a/tags {TEXT} a {turn}', String(data='eye c:50:50'))
+    assert rays['a', 'c'] == pytest.approx(ray)
+
+
+def test_rays_of_clouds_are_turned_too(intake, rays):
+    cloud = adapter_for('sensor_msgs/msg/PointCloud2').to_message(
+        SimpleNamespace(
+            stamp_s=NOW_S,
+            frame_id='',
+            peers=np.array([2]),
+            ranges_m=np.array([math.nan]),
+            rays_xyz=np.array([[1.0, 0.0, 0.0]]),
+        )
+    )
+    take(intake, '/a/peers sensor_msgs/msg/PointCloud2 a yaw=1.5707963267948966', cloud)
+    assert rays['a', 'c'] == pytest.approx((0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize('link', [f'/b/info {CAMERA_INFO} b', f'/a/info {CAMERA_INFO} a'])
+def test_pixels_wait_for_the_matrix_of_their_own_camera(intake, rays, text_messages, link):
+    text_messages(PixelReading, pixels_of_text)
+    take(intake, link, camera_info())
+    frame = 'eye' if link.endswith('b') else 'nose'
+    _, malformed = take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} c:50:50'))
+    assert f"CameraInfo of a in frame '{frame}' has arrived" in malformed.last
+    assert not rays
+
+
+def test_cameras_are_counted_and_bounded(intake):
+    link = f'/a/info {CAMERA_INFO} a'
+    for number in range(MOST_CAMERAS + 1):
+        camera = CameraReading(NOW_S, f'eye {number}', (100.0, 100.0), (50.0, 50.0))
+        _, malformed = take(intake, link, camera_info(camera))
+    assert malformed.count == 1 and f'one more than {MOST_CAMERAS}' in malformed.last
+    (state,) = intake.states(NOW_S + 5.0).values()
+    assert (str(state.key), state.accepted, state.age_s) == ('camera a', MOST_CAMERAS, 5.0)
+    assert state.in_use
+
+
+@pytest.mark.parametrize(
+    ('texts', 'wanted'),
+    [
+        (['7'], "'7' is not allowed: it must read 'ID NAME'"),
+        (['7 a b'], "'7 a b' is not allowed"),
+        (['7 a', '7 b'], "'7 b' is not allowed: id '7' is named twice"),
+        (['7 z'], "'z' is not allowed, it must be one of a, b, p, or '-'"),
+    ],
+)
+def test_wrong_table_is_refused(texts, wanted):
+    values = {
+        'robots': ['a', 'b'],
+        'anchors.names': ['p'],
+        'anchors.p.position': [0.0, 0.0],
+        'ids': texts,
+    }
+    with pytest.raises(WrongParameterError, match=wanted):
+        settings_from(check_values(values))
+
+
+def test_ids_of_robots_and_anchors_are_accepted():
+    values = {
+        'robots': ['a', 'b'],
+        'anchors.names': ['p'],
+        'anchors.p.position': [0.0, 0.0],
+        'ids': ['7 a', '1:0 p', '9 -', ''],
+    }
+    assert settings_from(check_values(values)).ids == {'7': 'a', '1:0': 'p', '9': '-'}
+
+
+def test_an_id_of_the_table_wins_over_a_name():
+    identities = Identities({'a': 'b'}, ('a', 'b'))
+    assert identities.observer(parse_link(f'/uwb {TEXT} *'), 'a') == 'b'
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '/range sensor_msgs/msg/Range * b',
+        f'/info {CAMERA_INFO} *',
+        '/odom nav_msgs/msg/Odometry *',
+    ],
+)
+def test_other_links_need_their_observer(text):
+    with pytest.raises(ValueError, match='needs the name of its observer'):
+        parse_link(text)
+
+
+@pytest.mark.usefixtures('third_party_messages')
+@pytest.mark.parametrize(
+    'text',
+    [
+        '/uwb uwb_ros/msg/RangeStamped *',
+        '/uwb nlink_parser/msg/LinktrackNodeframe2 a',
+        '/tags apriltag_msgs/msg/AprilTagDetectionArray a yaw=0.1 pitch=-0.2',
+        '/seen vision_msgs/msg/Detection2DArray a',
+        '/seen vision_msgs/msg/Detection3DArray a',
+    ],
+)
+def test_types_of_other_packages_are_links_where_these_are_installed(text):
+    assert parse_link(text).key.kind is LinkKind.PEERS
+
+
+def test_types_of_packages_that_are_missing_are_named():
+    with pytest.raises(ValueError, match='install the ROS package apriltag_msgs'):
+        parse_link('/tags apriltag_msgs/msg/AprilTagDetectionArray a')
+
+
+def test_a_fleet_whose_radios_share_one_topic_is_localized(bench, make_node):
+    make_node(
+        links=[f'/uwb {TEXT} *'],
+        ids=['1 robot_1', '2 robot_2', '3 robot_3'],
+        range__topic='',
+        stamp_source='receive',
+    )
+
+    def send(text):
+        bench.publisher(String, '/uwb').publish(String(data=text))
+
+    bench.repeat(partial(send, '1 2:3.0 3:4.0'), partial(send, '2 3:5.0 66:1.0'))
+    bench.until_placements(2)
+    bench.until_status('input range robot_1->robot_2', Level.OK, 'in use')
+    bench.until_status('input range robot_2->id 66', Level.WARN, "'id 66' is not one of")
+    together = bench.until_status('input peers *', Level.OK, 'in use')
+    values = dict(together.values)
+    assert values['topic'] == '/uwb'
+    assert int(values['accepted']) >= 3 and int(values['rejected_unknown_robot']) >= 1
+
+
+def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_messages):
+    """The reference sees two others with a camera that looks to the left, and so has a heading."""
+    text_messages(PixelReading, pixels_of_text)
+    yaw_rad = 0.5 * math.pi
+    make_node(
+        links=[f'/tags {TEXT} robot_1 yaw={yaw_rad}', f'/info {CAMERA_INFO} robot_1'],
+        stamp_source='receive',
+        bearing__half_width=0.02,
+    )
+    # robot_1 at the origin; robot_2 at (0, 3), straight ahead of the camera, robot_3 at (-4, 3).
+    pixels = f'eye robot_2:50:50 robot_3:{50.0 - 100.0 * 4.0 / 3.0}:50'
+
+    def send():
+        for (a, b), range_m in {(1, 2): 3.0, (1, 3): 5.0, (2, 3): 4.0}.items():
+            bench.send_range(f'robot_{a}', f'robot_{b}', range_m)
+        bench.publisher(String, '/tags').publish(String(data=pixels))
+        bench.publisher(CameraInfo, '/info').publish(camera_info())
+
+    def is_there():
+        # The first answers may know a part of the measurements only.
+        bench.until_placements(1)
+        positions_m = bench.last_poses().positions_m[:, :2]
+        return np.abs(positions_m - [[0.0, 0.0], [0.0, 3.0], [-4.0, 3.0]]).max() < 0.4
+
+    bench.repeat(send)
+    bench.until(is_there, 'one placement, turned by the camera')
+    bench.until_status('input camera robot_1', Level.OK, 'in use')
+    bench.until_status('input peers robot_1', Level.OK, 'in use')
+
+
+@pytest.mark.usefixtures('third_party_messages')
+def test_the_example_of_the_documentation_is_accepted():
+    page = (Path(__file__).parents[2] / 'docs/sensors.md').read_text(encoding='utf-8')
+    (text,) = re.findall(r'```yaml\n([^`]*    ids: [^`]*)```', page)
+    values = yaml.safe_load(text)['/**']['ros__parameters']
+    settings = settings_from(check_values(values))
+    assert [str(link.key) for link in settings.links] == [
+        'peers *',
+        'camera robot_1',
+        'peers robot_1',
+    ]
+    for row in sorted({*registry.known_types()} - {TEXT}):
+        if registry.adapter_for(row).value_class in (IdentifiedReading, PixelReading):
+            package, _, name = row.split('/')
+            assert package in page and name.rstrip('0123456789') in page

@@ -1,0 +1,287 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Transforms: when there are some, between which frames, and where these are."""
+
+from importlib.util import find_spec
+import math
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from nav_msgs.msg import Odometry  # noqa: E402
+from std_msgs.msg import ByteMultiArray  # noqa: E402
+
+from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement  # noqa: E402
+from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
+from dg_localization.ros.interface.transforms import (  # noqa: E402
+    MOST_CARRIED_S,
+    MOST_GAP_S,
+    MOST_POSES,
+    OdometryPoses,
+    RigidPose,
+    transforms,
+)
+from msg_adapters import Level, OdometryReading, adapter_for  # noqa: E402
+from msg_adapters.transforms import transforms_from_message, transforms_to_cdr  # noqa: E402
+
+STAMP_S = 100.0
+ANCHORED = FixedFrame(FrameKind.ANCHORS, ('p', 'q', 'r'))
+
+
+def yaw_xyzw(yaw_rad):
+    return np.array([0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad)])
+
+
+def reading(x, y, yaw_rad, frame_id='a/odom', child_frame_id='a/base_link'):
+    return OdometryReading(0.0, np.array([x, y, 0.0]), yaw_xyzw(yaw_rad), frame_id, child_frame_id)
+
+
+def odometry_of(*poses, **frames):
+    """Return odometry with poses of (stamp, x, y, yaw)."""
+    kept = OdometryPoses()
+    for stamp_s, *pose in poses:
+        kept.keep(reading(*pose, **frames), stamp_s)
+    return kept
+
+
+def estimate(frame=ANCHORED, n_hypotheses=1, yaws_rad=(0.5 * math.pi, 0.0), known=(True, True)):
+    """Return an estimate of robot a at (3, 4), robot b at (1, 0)."""
+    positions = np.array([[3.0, 4.0], [1.0, 0.0]])
+    placed = Placement(
+        positions_m=positions,
+        enclosure_m=np.stack([positions - 0.1, positions + 0.1], axis=1),
+        orientations_xyzw=np.array([yaw_xyzw(yaw) for yaw in yaws_rad]),
+        heading_known=np.array(known),
+        heading_half_width_rad=np.array([0.1, 0.1]),
+        proved=True,
+        flexible=False,
+        mirrored=False,
+        landmarks_m=np.zeros((0, 2)),
+        landmark_enclosure_m=np.zeros((0, 2, 2)),
+    )
+    placements = (placed,) * n_hypotheses
+    return Estimate(STAMP_S, ('a', 'b'), None, '', placements, n_hypotheses, frame=frame)
+
+
+def children(found):
+    return {entry.child_frame_id for entry in found}
+
+
+def test_without_odometry_the_body_is_placed():
+    found = transforms(estimate(), 'hall', {})
+    assert children(found) == {'a/base_link', 'b/base_link'}
+    a = found[0]
+    assert (a.stamp_s, a.frame_id) == (STAMP_S, 'hall')
+    assert a.translation_m.tolist() == [3.0, 4.0, 0.0]
+    assert a.rotation_xyzw == pytest.approx(yaw_xyzw(0.5 * math.pi))
+
+
+def test_with_odometry_its_frame_is_placed_such_that_the_body_is_where_it_is():
+    # The body is at (1, 0), turned by 90 degrees, in the odometry frame; and so in the map: the
+    # frames are parallel, and 2 m and 4 m apart.
+    odometry = odometry_of((99.9, 1.0, 0.0, 0.5 * math.pi), (100.1, 1.0, 0.0, 0.5 * math.pi))
+    found = transforms(estimate(), 'map', {'a': odometry})
+    assert children(found) == {'a/odom', 'b/base_link'}
+    assert found[0].translation_m == pytest.approx([2.0, 4.0, 0.0])
+    assert np.abs(found[0].rotation_xyzw) == pytest.approx([0.0, 0.0, 0.0, 1.0])
+
+
+def test_a_chain_of_transforms_ends_at_the_body():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        x, y, yaw, turned = rng.uniform(-3.0, 3.0, 4)
+        odometry = odometry_of((STAMP_S - 0.1, x, y, yaw), (STAMP_S, x + 0.1, y, yaw + 0.2))
+        (found, _) = transforms(estimate(yaws_rad=(turned, 0.0)), 'map', {'a': odometry})
+        to_odometry = RigidPose(found.translation_m, found.rotation_xyzw)
+        body = to_odometry.times(odometry.at(STAMP_S))
+        assert body.position_m == pytest.approx([3.0, 4.0, 0.0])
+        assert abs(body.xyzw @ yaw_xyzw(turned)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'frame': FixedFrame(FrameKind.HEADING, ('a',))},
+        {'frame': FixedFrame(FrameKind.ROBOTS, ('a', 'b'))},
+        {'frame': None},
+        {'n_hypotheses': 0},
+        {'n_hypotheses': 2},
+    ],
+    ids=['body frame', 'shape', 'no frame', 'none', 'ambiguous'],
+)
+def test_silence_unless_one_hypothesis_is_left_in_the_frame_of_the_anchors(changes):
+    assert transforms(estimate(**changes), 'map', {}) == ()
+
+
+def test_a_robot_without_heading_has_no_transform():
+    found = transforms(estimate(known=(False, True)), 'map', {})
+    assert children(found) == {'b/base_link'}
+
+
+def test_odometry_that_does_not_reach_the_estimate_gives_silence_and_not_another_child():
+    for stamps_s in ((10.0, 10.1), (99.0, 99.1), (100.1, 100.2), (STAMP_S,)):
+        odometry = odometry_of(*((stamp_s, 0.0, 0.0, 0.0) for stamp_s in stamps_s))
+        assert children(transforms(estimate(), 'map', {'a': odometry})) == {'b/base_link'}
+
+
+def test_odometry_without_a_frame_names_the_body_alone():
+    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), frame_id='', child_frame_id='a_body')
+    found = transforms(estimate(), 'map', {'a': odometry})
+    assert children(found) == {'a_body', 'b/base_link'}
+    nameless = odometry_of((99.9, 0.0, 0.0, 0.0), frame_id='', child_frame_id='')
+    assert children(transforms(estimate(), 'map', {'a': nameless})) == {
+        'a/base_link',
+        'b/base_link',
+    }
+
+
+def test_a_frame_that_two_robots_call_their_own_is_left_out():
+    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), frame_id='odom')
+    assert transforms(estimate(), 'map', {'a': odometry, 'b': odometry}) == ()
+
+
+@pytest.mark.parametrize(
+    ('stamp_s', 'x', 'yaw_rad'),
+    [(0.0, 1.0, 3.0), (0.1, 1.5, 3.1), (0.2, 2.0, 3.2), (0.3, 2.5, 3.3), (0.5, None, None)],
+)
+def test_odometry_is_read_between_its_poses_and_a_little_beyond(stamp_s, x, yaw_rad):
+    pose = odometry_of((0.0, 1.0, 0.0, 3.0), (0.2, 2.0, 0.0, 3.2)).at(stamp_s)
+    if x is None:
+        assert pose is None
+        return
+    assert pose.position_m == pytest.approx([x, 0.0, 0.0])
+    assert abs(pose.xyzw @ yaw_xyzw(yaw_rad)) == pytest.approx(1.0)
+
+
+def test_odometry_of_one_pose_with_gaps_or_from_before_is_not_guessed():
+    assert odometry_of((1.0, 0.0, 0.0, 0.0)).at(1.0) is None
+    sparse = odometry_of((1.0, 0.0, 0.0, 0.0), (1.1 + MOST_GAP_S, 1.0, 0.0, 0.0))
+    assert sparse.at(1.2) is None
+    assert odometry_of((1.0, 0.0, 0.0, 0.0), (1.1, 0.0, 0.0, 0.0)).at(0.9) is None
+
+
+def test_odometry_of_days_takes_no_more_memory():
+    poses = OdometryPoses()
+    for number in range(2 * MOST_POSES):
+        poses.keep(reading(float(number), 0.0, 0.0), 0.1 * number)
+    assert poses.at(0.05 * MOST_POSES) is None
+    newest_s = 0.1 * (2 * MOST_POSES - 1)
+    assert poses.at(newest_s).position_m[0] == pytest.approx(2 * MOST_POSES - 1)
+    assert poses.at(newest_s + 1.1 * MOST_CARRIED_S) is None
+
+
+def test_the_bytes_are_those_of_a_transform_message():
+    typesys = pytest.importorskip('rosbags.typesys', reason='rosbags is not installed')
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    found = transforms(estimate(), 'map', {})
+    message = store.deserialize_cdr(transforms_to_cdr(found), 'tf2_msgs/msg/TFMessage')
+    for ours, theirs in zip(found, transforms_from_message(message), strict=True):
+        for name, value in vars(ours).items():
+            np.testing.assert_array_equal(getattr(theirs, name), value)
+
+
+@pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
+def test_a_package_that_is_missing_is_named(make_node):
+    with pytest.raises(WrongParameterError, match='publish_tf.*tf2_msgs.*apt install'):
+        make_node(publish_tf=True)
+
+
+@pytest.fixture
+def transform_class(monkeypatch):
+    """Return the class of the message; without tf2_msgs one to send the same bytes with."""
+    if find_spec('tf2_msgs') is None:
+        for name in ('tf2_msgs', 'tf2_msgs.msg'):
+            monkeypatch.setitem(sys.modules, name, ModuleType(name))
+        monkeypatch.setattr(
+            sys.modules['tf2_msgs.msg'], 'TFMessage', ByteMultiArray, raising=False
+        )
+    return sys.modules['tf2_msgs.msg'].TFMessage
+
+
+@pytest.fixture
+def heard(bench, transform_class):
+    """Return the transforms on /tf, message by message, newest last."""
+    typesys = pytest.importorskip('rosbags.typesys', reason='rosbags is not installed')
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    found = []
+
+    def take(data):
+        message = store.deserialize_cdr(bytes(data), 'tf2_msgs/msg/TFMessage')
+        found.append(transforms_from_message(message))
+
+    subscription = bench.node.create_subscription(transform_class, '/tf', take, 10, raw=True)
+    yield found
+    bench.node.destroy_subscription(subscription)
+
+
+ANCHORS = {'p': (0.0, 0.0), 'q': (8.0, 0.0), 'r': (0.0, 8.0)}
+PLACE, YAW_RAD = np.array([3.0, 4.0]), 0.7
+
+
+def send_anchored_robot(bench):
+    """Send what robot_1 at PLACE measures of the anchors."""
+    for name, anchor in ANCHORS.items():
+        gap = np.array(anchor) - PLACE
+        angle = math.atan2(gap[1], gap[0]) - YAW_RAD
+        bench.send_range('robot_1', name, float(np.linalg.norm(gap)))
+        bench.send_bearing('robot_1', name, np.array([math.cos(angle), math.sin(angle), 0.0]))
+
+
+def make_anchored_node(make_node, **parameters):
+    places = {f'anchors__{name}__position': list(place) for name, place in ANCHORS.items()}
+    return make_node(
+        robots=['robot_1'],
+        anchors__names=list(ANCHORS),
+        max_speed=0.1,
+        max_turn_rate=0.1,
+        **places,
+        **parameters,
+    )
+
+
+def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_node, heard):
+    make_anchored_node(make_node, publish_tf=True)
+    bench.repeat(lambda: send_anchored_robot(bench))
+    bench.until(lambda: heard, 'a transform')
+    ((entry,), *_) = heard
+    assert (entry.frame_id, entry.child_frame_id) == ('map', 'robot_1/base_link')
+    assert entry.translation_m[:2] == pytest.approx(PLACE, abs=0.4)
+    assert abs(entry.rotation_xyzw @ yaw_xyzw(YAW_RAD)) > math.cos(0.1)
+    bench.repeat()
+    bench.until_status('fleet', Level.WARN, 'stale')
+    del heard[:]
+    bench.clear()
+    bench.until_status('fleet', Level.WARN, 'stale')
+    assert not heard
+
+
+def test_the_node_places_the_odometry_frame(bench, make_node, heard):
+    make_anchored_node(make_node, publish_tf=True)
+    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
+
+    def send():
+        send_anchored_robot(bench)
+        moved = OdometryReading(
+            bench.now_s(), np.array([1.0, 2.0, 0.0]), yaw_xyzw(0.0), 'robot_1/odom', 'robot_1/base'
+        )
+        bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+
+    bench.repeat(send)
+    bench.until(
+        lambda: heard and heard[-1][0].child_frame_id == 'robot_1/odom', 'the odometry frame'
+    )
+    entry = heard[-1][0]
+    turn = np.array(
+        [[math.cos(YAW_RAD), -math.sin(YAW_RAD)], [math.sin(YAW_RAD), math.cos(YAW_RAD)]]
+    )
+    assert entry.translation_m[:2] == pytest.approx(PLACE - turn @ [1.0, 2.0], abs=0.6)
+
+
+def test_there_is_no_topic_unless_asked_for(bench, make_node, transform_class):
+    node = make_anchored_node(make_node)
+    assert node.count_publishers('/tf') == 0
