@@ -27,9 +27,11 @@ ALLOWED = {
         'dg_localization.solver',
         'dg_localization.pairs',
     },
+    'dg_localization.calibration': {'dg_localization.fleet'},
     'dg_localization.simulation': set(),
     'dg_localization.ros': {
         'dg_localization',
+        'dg_localization.calibration',
         'dg_localization.optional',
         'dg_localization.solver',
         'dg_localization.fleet',
@@ -46,6 +48,7 @@ ROS_FREE = (
     'dg_localization.solver',
     'dg_localization.pairs',
     'dg_localization.fleet',
+    'dg_localization.calibration',
     'dg_localization.simulation',
 )
 ROS_PACKAGES = {

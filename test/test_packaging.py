@@ -129,7 +129,7 @@ def test_ros2_run_finds_the_executables(setup_arguments):
     assert layout['develop']['script_dir'] == '$base/lib/dg_localization'
     scripts = setup_arguments.entry_points['console_scripts']
     names = {script.partition(' = ')[0] for script in scripts}
-    assert {'localizer', 'simulate_fleet', 'replay', 'localize_bag'} <= names
+    assert {'localizer', 'simulate_fleet', 'replay', 'localize_bag', 'fit_bounds'} <= names
 
 
 def test_every_executable_has_a_function(setup_arguments):

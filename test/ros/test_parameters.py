@@ -147,7 +147,7 @@ def test_recording_has_six_links_and_no_templates():
         ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
         ('peers.topic', '/{observer}/{target}', 'it must hold {observer} once'),
         ('links', ['/t sensor_msgs/msg/PointCloud2 a b'], 'takes no target'),
-        ('links', ['/t sensor_msgs/msg/PointCloud2 a max_error=1'], 'allows roll, pitch, yaw'),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 a x=1'], 'half_width, roll, pitch, yaw'),
         ('links', ['/t sensor_msgs/msg/PointCloud2 a yaw=nan'], 'must end in a number'),
         ('links', ['/t nav_msgs/msg/Odometry a yaw=1'], 'an odometry link allows nothing'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
@@ -261,6 +261,20 @@ def test_bounds_of_range_and_bearing_of_one_pair_are_gathered():
     )
     assert found.fleet.range_error_of('a', 'b').max_error_m == 1.5
     assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
+
+
+def test_bounds_of_peers_are_those_of_all_targets_without_bounds_of_their_own():
+    found = settings(
+        links=[
+            '/uwb/ab sensor_msgs/msg/Range a b max_error=1.5',
+            '/a/all sensor_msgs/msg/PointCloud2 a max_error=0.7 half_width=0.2',
+        ],
+        **{'anchors.names': ['p'], 'anchors.p.position': [1.0, 2.0]},
+    )
+    bounds = [found.fleet.range_error_of('a', name).max_error_m for name in ('b', 'c', 'p')]
+    assert bounds == [1.5, 0.7, 0.7]
+    assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
+    assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
 
 
 def test_empty_template_means_no_topics():

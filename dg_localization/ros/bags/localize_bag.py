@@ -200,7 +200,8 @@ def _new_path(text: str) -> Path:
     return path
 
 
-def _file(text: str) -> Path:
+def parameter_file(text: str) -> Path:
+    """Return the path of a file that is there, for a command line."""
     path = Path(text)
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"'{text}' is no file")
@@ -231,7 +232,11 @@ def make_parser() -> argparse.ArgumentParser:
         '-o', '--output', type=_new_path, required=True, metavar='OUT', help='folder to make'
     )
     parser.add_argument(
-        '--params', type=_file, required=True, metavar='FILE', help='parameters of the node'
+        '--params',
+        type=parameter_file,
+        required=True,
+        metavar='FILE',
+        help='parameters of the node',
     )
     parser.add_argument(
         '--storage', choices=STORAGES, default=STORAGES[0], help='of OUT (default %(default)s)'

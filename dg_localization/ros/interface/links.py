@@ -43,17 +43,18 @@ ANY_OBSERVER = '*'
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # What a link string may override, by what the link measures.
+RANGE_BOUNDS = (
+    'min_error',
+    'max_error',
+    'min_error_relative',
+    'max_error_relative',
+    'sigma_factor',
+)
 OVERRIDES = {
-    LinkKind.RANGE: (
-        'min_error',
-        'max_error',
-        'min_error_relative',
-        'max_error_relative',
-        'sigma_factor',
-    ),
+    LinkKind.RANGE: RANGE_BOUNDS,
     LinkKind.BEARING: ('half_width',),
     LinkKind.ODOMETRY: (),
-    LinkKind.PEERS: ('roll', 'pitch', 'yaw'),
+    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', 'roll', 'pitch', 'yaw'),
     LinkKind.CAMERA: (),
 }
 

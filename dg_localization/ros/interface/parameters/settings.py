@@ -3,7 +3,7 @@
 
 """The settings that the parameters stand for: checked one by one, then together."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
@@ -20,7 +20,13 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
-from dg_localization.ros.interface.links import Link, Template, parse_link
+from dg_localization.ros.interface.links import (
+    ANY_OBSERVER,
+    RANGE_BOUNDS,
+    Link,
+    Template,
+    parse_link,
+)
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
     declare,
@@ -260,7 +266,7 @@ def _check_names(parameter: str, names: Iterable[str]) -> None:
 
 def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetConfig:
     anchors = {name: _anchor(name, values) for name in values['anchors.names']}
-    points = {*values['robots'], *anchors}
+    points = dict.fromkeys((*values['robots'], *anchors))
     return FleetConfig(
         robots=tuple(values['robots']),
         dimension=values['dimension'],
@@ -272,7 +278,11 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         bearing_half_width_rad=values['bearing.half_width'],
         # A link may name a robot that is not in the fleet today: its readings are counted and
         # rejected, its bounds concern nobody.
-        links=_overrides((link for link in explicit if _ends(link) <= points), values),
+        links=_overrides(
+            (link for link in explicit if _ends(link) <= {*points, '', ANY_OBSERVER}),
+            points,
+            values,
+        ),
         anchors=anchors,
         max_speed_m_s=values['max_speed'],
         robot_max_speed_m_s=_robot_speeds_m_s(values),
@@ -298,14 +308,7 @@ def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorModel:
-    names = (
-        'min_error',
-        'max_error',
-        'min_error_relative',
-        'max_error_relative',
-        'sigma_factor',
-    )
-    bounds = {name: overrides.get(name, values[f'range.{name}']) for name in names}
+    bounds = {name: overrides.get(name, values[f'range.{name}']) for name in RANGE_BOUNDS}
     return RangeErrorModel(
         min_error_m=bounds['min_error'],
         max_error_m=bounds['max_error'],
@@ -316,24 +319,34 @@ def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorMod
     )
 
 
-def _overrides(links: Iterable[Link], values: Mapping[str, Any]) -> tuple[LinkOverride, ...]:
+def _overrides(
+    links: Iterable[Link], points: Iterable[str], values: Mapping[str, Any]
+) -> tuple[LinkOverride, ...]:
     """Gather the bounds of ranges and of bearings between the same two points."""
     gathered: dict[tuple[str, str], LinkOverride] = {}
-    for link in links:
-        names = (link.key.observer, link.key.target)
-        override = gathered.get(names, LinkOverride(*names))
+    # A link to one point wins over that to all peers of its observer.
+    for link in sorted(links, key=lambda link: link.key.kind is not LinkKind.PEERS):
+        bounds: dict[str, Any] = {}
+        if 'half_width' in link.overrides:
+            bounds['bearing_half_width_rad'] = link.overrides['half_width']
         try:
-            if link.key.kind is LinkKind.BEARING and link.overrides:
-                half_width_rad = link.overrides['half_width']
-                gathered[names] = replace(override, bearing_half_width_rad=half_width_rad)
-            elif link.key.kind is LinkKind.RANGE and link.overrides:
-                range_error = _range_error(values, **link.overrides)
-                gathered[names] = replace(override, range_error=range_error)
+            if of_range := {k: v for k, v in link.overrides.items() if k in RANGE_BOUNDS}:
+                bounds['range_error'] = _range_error(values, **of_range)
+            for pair in _pairs(link, points) if bounds else ():
+                override = gathered.get(pair, LinkOverride(*pair))
+                gathered[pair] = replace(override, **bounds)
         except ValueError as error:
             raise WrongParameterError(
                 f"parameter 'links': the bounds of '{link.topic}' are not allowed: {error}"
             ) from None
     return tuple(gathered.values())
+
+
+def _pairs(link: Link, points: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield each observer and target of a link; a link to peers has all targets."""
+    observers = points if link.key.observer == ANY_OBSERVER else (link.key.observer,)
+    targets = (link.key.target,) if link.key.target else points
+    return ((one, other) for one in observers for other in targets if one != other)
 
 
 def _ends(link: Link) -> set[str]:

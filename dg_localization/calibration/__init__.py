@@ -1,0 +1,4 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Error bounds learned from recorded readings, with ground truth and without."""

@@ -1,0 +1,176 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Bounds that hold most of the errors that were seen.
+
+The narrowest bounds that keep a chosen share of the readings, widened by a margin on both sides:
+what was seen is never all that can happen.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dg_localization.fleet.config import RangeErrorModel
+from dg_localization.fleet.error_models import distance_bounds_m
+
+DECIMALS = 4
+"""Of the bounds in m, in rad, and as a fraction; they are rounded outward to these."""
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Choice:
+    """
+    What bounds are to hold.
+
+    Parameters
+    ----------
+    keep : float
+        The share of the readings that they hold at least, in (0, 1].
+    margin : float
+        What they are widened by at each end, as a share of their width; not negative.
+
+    """
+
+    keep: float = 0.999
+    margin: float = 0.1
+
+
+def shortest_band(values: ArrayLike, keep: float) -> tuple[float, float]:
+    """
+    Return the shortest interval that holds a share of some values.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Not empty.
+    keep : float
+        The share, in (0, 1].
+
+    """
+    ordered = np.sort(np.asarray(values, dtype=float))
+    kept = n_kept(len(ordered), keep)
+    widths = ordered[kept - 1 :] - ordered[: len(ordered) - kept + 1]
+    first = int(np.argmin(widths))
+    return float(ordered[first]), float(ordered[first + kept - 1])
+
+
+def n_kept(count: int, keep: float) -> int:
+    """Return how many of `count` values make up the share `keep` at least."""
+    # A share such as 0.9 of 10 must be 9, though the product is a little more.
+    return max(1, math.ceil(keep * count - 1e-9))
+
+
+def fit_range(
+    readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice, relative: bool
+) -> RangeErrorModel:
+    """
+    Return the bounds of range errors.
+
+    Parameters
+    ----------
+    readings_m, errors_m : array_like, shape (n,)
+        Readings, and readings minus true distances.
+    choice : Choice
+    relative : bool
+        Whether they are fractions of the reading, or constant.
+
+    """
+    errors = np.asarray(errors_m, dtype=float)
+    if not relative:
+        return rounded_outward(*_widened(shortest_band(errors, choice.keep), choice.margin))
+    fractions = errors / np.asarray(readings_m, dtype=float)
+    low, high = _rounded(_widened(shortest_band(fractions, choice.keep), choice.margin))
+    return RangeErrorModel(min_error_relative=low, max_error_relative=high)
+
+
+def is_relative(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> bool:
+    """
+    Return whether relative bounds are narrower than constant ones at the mean reading.
+
+    Parameters
+    ----------
+    readings_m, errors_m : array_like, shape (n,)
+        Of as many pairs and distances as there are: a pair that keeps its distance cannot tell.
+    choice : Choice
+
+    """
+    readings, errors = np.asarray(readings_m, dtype=float), np.asarray(errors_m, dtype=float)
+    if np.any(readings <= 0.0):
+        return False
+    low, high = _widened(shortest_band(errors / readings, choice.keep), choice.margin)
+    low_m, high_m = _widened(shortest_band(errors, choice.keep), choice.margin)
+    return high < 0.99 and (high - low) * float(np.mean(readings)) < high_m - low_m
+
+
+def rounded_outward(low_m: float, high_m: float) -> RangeErrorModel:
+    """Return constant bounds in the decimals that are printed."""
+    low_m, high_m = _rounded((low_m, high_m))
+    return RangeErrorModel(low_m, high_m, min_error_relative=0.0, max_error_relative=0.0)
+
+
+def fit_half_width_rad(errors_rad: ArrayLike, choice: Choice) -> float:
+    """
+    Return the bound of the angles between rays and true directions.
+
+    Parameters
+    ----------
+    errors_rad : array_like, shape (n,)
+    choice : Choice
+
+    """
+    sizes = np.sort(np.abs(errors_rad))
+    widest = float(sizes[n_kept(len(sizes), choice.keep) - 1])
+    return min(math.pi, _rounded((0.0, widest * (1.0 + choice.margin)))[1])
+
+
+def excluded_ranges(model: RangeErrorModel, readings_m: ArrayLike, errors_m: ArrayLike) -> int:
+    """Return how many readings do not hold the true distance under these bounds."""
+    pairs = zip(np.asarray(readings_m).tolist(), np.asarray(errors_m).tolist(), strict=True)
+    return sum(not _holds(model, reading, reading - error) for reading, error in pairs)
+
+
+def _holds(model: RangeErrorModel, reading_m: float, distance_m: float) -> bool:
+    low_m, high_m = distance_bounds_m(model, reading_m)
+    return low_m <= distance_m <= high_m
+
+
+def vouched_share(count: int) -> float:
+    """
+    Return the share of all readings that the extremes of a sample hold with 95 % confidence.
+
+    Parameters
+    ----------
+    count : int
+        How many readings the sample has. They are taken as independent, which readings in
+        sequence hardly are.
+
+    Notes
+    -----
+    S. S. Wilks, "Determination of sample sizes for setting tolerance limits", 1941.
+
+    """
+    if count < 2:
+        return 0.0
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        share = 0.5 * (low + high)
+        risk = count * share ** (count - 1) - (count - 1) * share**count
+        low, high = (share, high) if risk <= 1.0 - CONFIDENCE else (low, share)
+    return low
+
+
+def _widened(band: tuple[float, float], margin: float) -> tuple[float, float]:
+    extra = margin * (band[1] - band[0])
+    return band[0] - extra, band[1] + extra
+
+
+def _rounded(band: tuple[float, float]) -> tuple[float, float]:
+    """Round outward to the decimals that are printed."""
+    scale = 10.0**DECIMALS
+    return math.floor(band[0] * scale) / scale, math.ceil(band[1] * scale) / scale

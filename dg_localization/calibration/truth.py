@@ -1,0 +1,143 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Where a robot truly was, between the samples of a ground truth."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+MOST_GAP_S = 1.0
+"""Between samples that are farther apart nothing is taken as known."""
+
+
+class TrueTrack:
+    """
+    The true path of one robot, or the place of an anchor.
+
+    Parameters
+    ----------
+    stamps_s : array_like, shape (n,)
+        In any order; of equal stamps the first counts.
+    positions_m : array_like, shape (n, 3)
+    orientations_xyzw : array_like, shape (n, 4), optional
+        From body to world, scalar last; NaN or zero where not known.
+
+    """
+
+    def __init__(
+        self,
+        stamps_s: ArrayLike,
+        positions_m: ArrayLike,
+        orientations_xyzw: ArrayLike | None = None,
+    ) -> None:
+        self._stamps_s, order = np.unique(np.asarray(stamps_s, dtype=float), return_index=True)
+        self._positions_m = np.reshape(np.asarray(positions_m, dtype=float), (-1, 3))[order]
+        if orientations_xyzw is None:
+            orientations_xyzw = np.full((np.size(stamps_s), 4), np.nan)
+        quaternions = np.reshape(np.asarray(orientations_xyzw, dtype=float), (-1, 4))[order]
+        with np.errstate(invalid='ignore'):
+            quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+        # q and -q are the same turn; neighbors of one sign can be interpolated.
+        products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+        signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
+        self._quaternions = quaternions * signs[:, None]
+
+    @classmethod
+    def at_rest(cls, position_m: ArrayLike) -> 'TrueTrack':
+        """Return the track of an anchor; its orientation is not known."""
+        place = np.zeros(3)
+        place[: np.size(position_m)] = position_m
+        return _AtRest([0.0], [place])
+
+    def positions_at(self, times_s: ArrayLike) -> FloatArray:
+        """Return the positions at some times, shape (m, 3), NaN where not known."""
+        return self._between(self._positions_m, np.asarray(times_s, dtype=float))
+
+    def rotations_at(self, times_s: ArrayLike) -> FloatArray:
+        """Return the rotations from body to world, shape (m, 3, 3), NaN where not known."""
+        quaternions = self._between(self._quaternions, np.asarray(times_s, dtype=float))
+        x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        return np.moveaxis(np.array(rows), -1, 0)
+
+    def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
+        """Interpolate between the two samples around each time."""
+        stamps = self._stamps_s
+        after = np.clip(np.searchsorted(stamps, times_s), 1, max(1, len(stamps) - 1))
+        known = (times_s >= stamps[0]) & (times_s <= stamps[-1])
+        if len(stamps) == 1:
+            return np.where(known[:, None], values[0], np.nan)
+        gaps_s = stamps[after] - stamps[after - 1]
+        share = ((times_s - stamps[after - 1]) / gaps_s)[:, None]
+        found = (1.0 - share) * values[after - 1] + share * values[after]
+        return np.where((known & (gaps_s <= MOST_GAP_S))[:, None], found, np.nan)
+
+
+class _AtRest(TrueTrack):
+    """A place that is known at all times."""
+
+    def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
+        return np.repeat(values[:1], len(times_s), axis=0)
+
+
+def range_errors_m(
+    observer: TrueTrack,
+    target: TrueTrack,
+    stamps_s: ArrayLike,
+    ranges_m: ArrayLike,
+    dimension: int,
+) -> FloatArray:
+    """
+    Return the errors of ranges, the reading minus the true distance.
+
+    Parameters
+    ----------
+    observer, target : TrueTrack
+    stamps_s, ranges_m : array_like, shape (m,)
+    dimension : {2, 3}
+        In the plane heights do not count.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        NaN where the truth is not known.
+
+    """
+    way_m = target.positions_at(stamps_s) - observer.positions_at(stamps_s)
+    return np.asarray(ranges_m) - np.linalg.norm(way_m[:, :dimension], axis=1)
+
+
+def ray_errors_rad(
+    observer: TrueTrack, target: TrueTrack, stamps_s: ArrayLike, rays: ArrayLike, dimension: int
+) -> FloatArray:
+    """
+    Return the angles from the true to the measured rays.
+
+    Parameters
+    ----------
+    observer, target : TrueTrack
+    stamps_s : array_like, shape (m,)
+    rays : array_like, shape (m, 3)
+        In the body frame of the observer.
+    dimension : {2, 3}
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In the plane positive to the left; in space not negative. NaN where the truth is not known.
+
+    """
+    way_m = target.positions_at(stamps_s) - observer.positions_at(stamps_s)
+    true = np.einsum('mji,mj->mi', observer.rotations_at(stamps_s), way_m)
+    seen = np.asarray(rays, dtype=float)
+    if dimension == 2:
+        across = true[:, 0] * seen[:, 1] - true[:, 1] * seen[:, 0]
+        return np.arctan2(across, np.sum(true[:, :2] * seen[:, :2], axis=1))
+    across = np.linalg.norm(np.cross(true, seen), axis=1)
+    return np.arctan2(across, np.sum(true * seen, axis=1))

@@ -1,0 +1,243 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The executable `fit_bounds`: a rosbag2 in, error bounds for the parameters of the node out.
+
+    fit_bounds BAG --params FILE [--truth TOPIC ... | --truth FILE.csv] [--per link|sensor|all]
+               [--keep SHARE] [--margin SHARE] [--bias LOW HIGH] [--start S] [--duration S]
+               [--ros-args ...]
+
+What it prints is a file of parameters: what was found stands in its comments. It is given to the
+node beside FILE, after it.
+"""
+
+import argparse
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+import sqlite3
+import tempfile
+
+from dg_localization.calibration.bounds import Choice
+from dg_localization.ros.bags.contents import Contents, damage_of, read_contents
+from dg_localization.ros.bags.fit_report import as_yaml
+from dg_localization.ros.bags.fit_with_truth import fit_with_truth
+from dg_localization.ros.bags.fit_without_truth import fit_without_truth
+from dg_localization.ros.bags.fitted import Fit
+from dg_localization.ros.bags.localize_bag import parameter_file
+from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
+from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, recorded_types
+from dg_localization.ros.bags.samples import (
+    Collector,
+    Samples,
+    find_truth,
+    read_truth_file,
+)
+from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
+from dg_localization.ros.spinning import own_arguments
+from dg_localization.ros.terminal import make_progress, number, print_line, print_result
+
+GROUPS = ('link', 'sensor', 'all')
+
+
+def collect(
+    options: argparse.Namespace, task: Task, contents: Contents
+) -> tuple[Samples, Inputs, tuple[str, ...]]:
+    """
+    Read a bag.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        What `make_parser` returned.
+    task : Task
+    contents : Contents
+        What the files of the bag hold.
+
+    Returns
+    -------
+    samples : Samples
+    inputs : Inputs
+    damage : tuple of str
+        What is wrong with the bag, a sentence each.
+
+    Raises
+    ------
+    BagError
+        If there is nothing to learn from, or the bag cannot be read.
+
+    """
+    settings, robots = task.settings, task.settings.fleet.robots
+    recorded = recorded_types(options.bag)
+    inputs = find_inputs(settings, recorded)
+    file = _truth_file(options.truth)
+    truth = {} if file else find_truth(options.truth, robots, recorded)
+    collector = Collector(settings, inputs, truth)
+    if file:
+        collector.samples.truth.update(read_truth_file(file, robots))
+    topics = list(dict.fromkeys([*inputs.topics, *truth]))
+    with closing(Bag(options.bag, topics, contents.span_ns())) as bag:
+        classes = {topic.name: topic.message_class for topic in bag.topics}
+        total_s = max(0.0, bag.duration_s - options.start)
+        if options.duration is not None:
+            total_s = min(total_s, options.duration)
+        start_ns, done_s = bag.start_ns + round(options.start * NS_PER_S), 0.0
+        with closing(make_progress(total_s)) as progress:
+            for message in bag.messages(options.start, options.duration):
+                collector.take(message, classes[message.topic])
+                # A damaged time may lie beyond the end.
+                at_s = min(total_s, (message.time_ns - start_ns) / NS_PER_S)
+                progress.update(at_s - done_s)
+                done_s = at_s
+        whole = options.start == 0.0 and options.duration is None
+        damage = tuple(damage_of(bag, contents, (bag.start_ns, bag.end_ns) if whole else None))
+        for notice in (*inputs.notices, *bag.notices):
+            print_line(notice)
+        if collector.malformed:
+            print_line(f'{collector.malformed} messages could not be read')
+        return collector.samples, inputs, damage
+
+
+def _truth_file(truth: Sequence[str]) -> Path | None:
+    """Return the file of the ground truth, if it is one."""
+    files = [name for name in truth if name.endswith('.csv')]
+    if not files:
+        return None
+    if len(truth) > 1:
+        raise UsageError(f'--truth: name topics or one .csv file, not {" and ".join(truth)}')
+    path = Path(files[0])
+    if not path.is_file():
+        raise UsageError(f"--truth: '{path}' is no file")
+    return path
+
+
+def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> None:
+    """Let the node's own checks read the parameters that are to be printed."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'bounds.yaml'
+        path.write_text(text, encoding='utf-8')
+        read_task(options.params, ['--ros-args', '--params-file', str(path), '--', *args])
+
+
+def fit(options: argparse.Namespace, task: Task, samples: Samples) -> Fit:
+    """
+    Learn the bounds that the command line asks for.
+
+    Raises
+    ------
+    BagError
+        If no reading could be compared.
+
+    """
+    choice = Choice(options.keep, options.margin)
+    if options.truth:
+        return fit_with_truth(samples, task.settings, options.per, choice)
+    return fit_without_truth(samples, task.settings, options.per, choice, options.bias)
+
+
+def _share(text: str) -> float:
+    value = number(0.0, '', strict=True)(text)
+    if value > 1.0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a share, a number above 0 and up to 1")
+    return value
+
+
+def _finite(text: str) -> float:
+    return number(-1e9, ' m')(text)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='fit_bounds',
+        description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
+        'print them as parameters of the node.',
+        epilog='Exit codes: 0; 1 when the bag is damaged; 2 when an argument or a parameter is '
+        'wrong; 130 after SIGINT or SIGTERM.',
+    )
+    seconds, share = number(0.0, ' s'), number(0.0, '')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    parser.add_argument(
+        '--params', type=parameter_file, required=True, metavar='FILE', help='of the node'
+    )
+    parser.add_argument(
+        '--truth',
+        nargs='+',
+        default=[],
+        metavar='TRUTH',
+        help="where the robots truly were: '/mocap/{robot}/pose' with a pose for each robot, a "
+        'PoseArray of all in the order of the robots, or a .csv with the columns stamp, robot, x, '
+        'y, and z and yaw where they are known',
+    )
+    parser.add_argument(
+        '--per', choices=GROUPS, default=GROUPS[0], help='what has bounds of its own (%(default)s)'
+    )
+    parser.add_argument(
+        '--keep',
+        type=_share,
+        default=Choice.keep,
+        metavar='SHARE',
+        help='share of the readings that the bounds hold at least (%(default)s)',
+    )
+    parser.add_argument(
+        '--margin',
+        type=share,
+        default=Choice.margin,
+        metavar='SHARE',
+        help='widen them by this share of their width at each end (%(default)s)',
+    )
+    parser.add_argument(
+        '--bias',
+        nargs=2,
+        type=_finite,
+        metavar=('LOW', 'HIGH'),
+        help='without --truth: bounds of what all ranges of a pair are off by, in m',
+    )
+    parser.add_argument(
+        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
+    )
+    parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
+    return parser
+
+
+def main(args: Sequence[str]) -> int:
+    """
+    Learn bounds from a bag.
+
+    Parameters
+    ----------
+    args : sequence of str
+        Command line.
+
+    Returns
+    -------
+    int
+        Exit code, see `fit_bounds --help`.
+
+    Raises
+    ------
+    ExecutableError
+        If the bag cannot be read, or an argument or a parameter is wrong.
+
+    """
+    options = make_parser().parse_args(own_arguments(args))
+    if options.bias and options.truth:
+        raise UsageError('--bias is for recordings without --truth, which shows the bias')
+    if options.bias and options.bias[0] > options.bias[1]:
+        raise UsageError(f'--bias: {options.bias[0]:g} is above {options.bias[1]:g}')
+    task = read_task(options.params, args)
+    contents = Contents()
+    try:
+        contents = read_contents(options.bag)
+        samples, inputs, damage = collect(options, task, contents)
+        text = as_yaml(fit(options, task, samples), inputs.links, options.bag.resolve().name)
+    except BagError as error:
+        raise BagError('\n'.join([str(error), *contents.damage])) from error
+    except (OSError, sqlite3.Error) as error:
+        raise ExecutableError(str(error)) from error
+    check_loads(text, options, args)
+    for sentence in damage:
+        print_line(sentence)
+    print_result(text)
+    return EXIT_FAILED if damage else 0

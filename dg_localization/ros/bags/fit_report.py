@@ -1,0 +1,108 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Learned bounds as a file of parameters, with what was learned in its comments."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from textwrap import wrap
+
+from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
+from dg_localization.ros.interface.links import OVERRIDES, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.parameters.table import TABLE
+
+COLUMNS = 98
+
+
+def as_yaml(fit: Fit, links: Sequence[Link], bag: str) -> str:
+    """
+    Return the file.
+
+    Parameters
+    ----------
+    fit : Fit
+    links : sequence of Link
+        The inputs: those named one by one, and those found by the templates.
+    bag : str
+        Name of the bag.
+
+    """
+    lines = [
+        *_comment(f'Error bounds learned from {bag} by fit_bounds.'),
+        *_comment(
+            'Of n readings in sequence not all are independent: the share that they vouch for, '
+            'with a confidence of 95 %, is at most what is said here.'
+        ),
+        *(line for note in fit.notes for line in _comment(note)),
+        *_groups('Ranges', fit.ranges),
+        *_groups('Bearings', fit.bearings),
+        '/**:',
+        '  ros__parameters:',
+        *_section('range', fit.ranges.get(EVERYTHING)),
+        *_section('bearing', fit.bearings.get(EVERYTHING)),
+        *_odometry(fit.odometry),
+        *_links(fit, links),
+    ]
+    return '\n'.join(lines)
+
+
+def _comment(text: str, indent: str = '') -> list[str]:
+    return wrap(text, COLUMNS, initial_indent=f'# {indent}', subsequent_indent=f'# {indent}  ')
+
+
+def _groups(title: str, groups: Mapping[Pair, GroupFit]) -> Iterator[str]:
+    """Yield a comment on each group, the largest first."""
+    if groups:
+        yield f'# {title}:'
+    for pair in sorted(groups):
+        name = '->'.join(filter(None, pair)) or 'all'
+        yield from _comment(f'{name}: {groups[pair].text}.', indent='  ')
+
+
+def _section(name: str, group: GroupFit | None) -> Iterator[str]:
+    """Yield the bounds of all readings of one kind."""
+    if group is not None:
+        yield f'    {name}:'
+        yield from (f'      {key}: {_number(value)}' for key, value in group.bounds.items())
+
+
+def _odometry(bounds: Mapping[str, float]) -> Iterator[str]:
+    """Yield those bounds of odometry that the node has parameters for."""
+    known = {spec.name for spec in TABLE}
+    taken = {name: value for name, value in bounds.items() if f'odometry.{name}' in known}
+    if taken:
+        yield '    odometry:'
+        yield from (f'      {name}: {_number(value)}' for name, value in taken.items())
+
+
+def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
+    """Yield the links that have bounds of their own, and all that are named one by one."""
+    lines = []
+    for link in links:
+        groups = list(fit.of_link(link.key.kind, link.key.observer, link.key.target))
+        learned = {name: value for group in groups for name, value in group.bounds.items()}
+        if not (learned or link.explicit):
+            continue
+        # What was learned of all readings holds for a link that has no bounds of its own now.
+        kept = {n: value for n, value in link.overrides.items() if not _is_learned(fit, n)}
+        bounds = {**kept, **learned}
+        words = [link.topic, link.type_name, link.key.observer, link.key.target]
+        words += [
+            f'{name}={_number(bounds[name])}'
+            for name in OVERRIDES[link.key.kind]
+            if name in bounds
+        ]
+        lines.append(f"      - '{' '.join(filter(None, words))}'")
+    if lines:
+        yield '    links:'
+        yield from lines
+
+
+def _is_learned(fit: Fit, name: str) -> bool:
+    """Return whether the bounds that a name stands for were learned."""
+    groups = fit.ranges if name in RANGE_BOUNDS else fit.bearings if name == 'half_width' else {}
+    return bool(groups)
+
+
+def _number(value: float) -> str:
+    """Return a number that YAML reads as one with a fraction."""
+    return f'{value:.6f}'.rstrip('0') + ('0' if f'{value:.6f}'.rstrip('0').endswith('.') else '')

@@ -1,0 +1,184 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bounds from the readings of a bag beside a ground truth."""
+
+from collections.abc import Mapping
+import math
+
+import numpy as np
+
+from dg_localization.calibration.bounds import (
+    Choice,
+    excluded_ranges,
+    fit_half_width_rad,
+    fit_range,
+    is_relative,
+    n_kept,
+)
+from dg_localization.calibration.odometry import (
+    OdometryFit,
+    OdometryWindows,
+    fit_odometry,
+    odometry_windows,
+)
+from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
+from dg_localization.fleet.motion import rotation_of_quaternion
+from dg_localization.ros.bags.fitted import (
+    EVERYTHING,
+    LEAST_READINGS,
+    Fit,
+    FloatArray,
+    GroupFit,
+    gathered,
+    range_parameters,
+)
+from dg_localization.ros.bags.reader import BagError
+from dg_localization.ros.bags.samples import Samples
+from dg_localization.ros.interface.parameters.settings import Settings
+
+
+def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choice) -> Fit:
+    """
+    Learn bounds from readings and a ground truth.
+
+    Parameters
+    ----------
+    samples : Samples
+    settings : Settings
+    per : {'link', 'sensor', 'all'}
+        What has bounds of its own.
+    choice : Choice
+
+    Raises
+    ------
+    BagError
+        If no reading has a truth at its time.
+
+    """
+    tracks, dimension = samples.tracks(settings), settings.fleet.dimension
+    ranges, bearings, unknown = {}, {}, 0
+    for key, rows in samples.ranges.items():
+        if {key.observer, key.target} <= tracks.keys():
+            ends = tracks[key.observer], tracks[key.target]
+            stamps, values = np.array(rows).T
+            errors = range_errors_m(*ends, stamps, values, dimension)
+            known = np.isfinite(errors)
+            ranges[key] = values[known], errors[known]
+            unknown += int(np.count_nonzero(~known))
+        else:
+            unknown += len(rows)
+    for key, seen in samples.rays.items():
+        if {key.observer, key.target} <= tracks.keys():
+            stamps, rays = (np.array(column) for column in zip(*seen, strict=True))
+            ends = tracks[key.observer], tracks[key.target]
+            errors = ray_errors_rad(*ends, stamps, rays, dimension)
+            bearings[key] = (errors[np.isfinite(errors)],)
+            unknown += int(np.count_nonzero(~np.isfinite(errors)))
+        else:
+            unknown += len(seen)
+    by_group = gathered(ranges, per)
+    relative = False
+    if EVERYTHING in by_group:
+        readings, errors = by_group[EVERYTHING]
+        relative = is_relative(readings, errors, choice)
+    fit = Fit(
+        ranges={
+            pair: _range_group(readings, errors, choice, relative)
+            for pair, (readings, errors) in by_group.items()
+        },
+        bearings={
+            pair: _bearing_group(errors, choice)
+            for pair, (errors,) in gathered(bearings, per).items()
+        },
+    )
+    _add_odometry(fit, samples, tracks, settings, choice)
+    if not (fit.ranges or fit.bearings or fit.odometry):
+        raise BagError(
+            'no reading has a ground truth at its time: are the stamps of both on one clock '
+            "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'?"
+        )
+    if unknown:
+        fit.notes.append(f'{unknown} readings have no ground truth at their time.')
+    return fit
+
+
+def _range_group(
+    readings_m: FloatArray, errors_m: FloatArray, choice: Choice, relative: bool
+) -> GroupFit:
+    model = fit_range(readings_m, errors_m, choice, relative)
+    seen = (
+        f'error {errors_m.min():.2f} to {errors_m.max():.2f} m, median {np.median(errors_m):.2f}'
+    )
+    excluded = excluded_ranges(model, readings_m, errors_m)
+    return GroupFit(len(errors_m), excluded, seen, range_parameters(model))
+
+
+def _bearing_group(errors_rad: FloatArray, choice: Choice) -> GroupFit:
+    half_width_rad = fit_half_width_rad(errors_rad, choice)
+    bias_rad = float(np.median(errors_rad))
+    seen = f'error {errors_rad.min():.3f} to {errors_rad.max():.3f} rad, median {bias_rad:.3f}'
+    excluded = int(np.count_nonzero(np.abs(errors_rad) > half_width_rad))
+    return GroupFit(len(errors_rad), excluded, seen, {'half_width': half_width_rad})
+
+
+def _add_odometry(
+    fit: Fit,
+    samples: Samples,
+    tracks: Mapping[str, TrueTrack],
+    settings: Settings,
+    choice: Choice,
+) -> None:
+    """Add the bounds of odometry: one set for all robots, and a sentence on each."""
+    found: list[OdometryWindows] = []
+    for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
+        rows = samples.odometry[robot]
+        stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
+        rotations = np.array([rotation_of_quaternion(turn) for turn in turns])
+        increasing = np.concatenate([[True], np.diff(np.maximum.accumulate(stamps)) > 0.0])
+        windows = odometry_windows(
+            stamps[increasing], positions[increasing], rotations[increasing], tracks[robot]
+        )
+        if len(windows.seconds) >= LEAST_READINGS:
+            found.append(windows)
+            fit.notes.append(
+                f'Odometry of {robot}: {_odometry_text(fit_odometry(windows, choice))}'
+            )
+    if not found:
+        return
+    together = OdometryWindows(
+        *(
+            np.concatenate([getattr(one, name) for one in found])
+            for name in ('seconds', 'way_m', 'turn_rad', 'error_m', 'error_rad')
+        )
+    )
+    bounds = fit_odometry(together, choice)
+    fit.notes.append(f'Odometry of all: {_odometry_text(bounds)}')
+    fit.odometry = {
+        'translation_per_m': bounds.translation_per_m,
+        'rotation_per_rad': bounds.rotation_per_rad,
+        'constant_m': bounds.constant_m,
+        'constant_rad': bounds.constant_rad,
+        'relative_error': _relative_error(together, settings, choice),
+    }
+
+
+def _odometry_text(fit: OdometryFit) -> str:
+    return (
+        f'the way is within {fit.constant_m:.4f} m + {fit.translation_per_m:.4f} per m, the turn '
+        f'within {fit.constant_rad:.4f} rad + {fit.rotation_per_rad:.4f} per rad, in '
+        f'{fit.windows - fit.excluded} of {fit.windows} windows of 0.5 to 40 s.'
+    )
+
+
+def _relative_error(windows: OdometryWindows, settings: Settings, choice: Choice) -> float:
+    """Return the error as a fraction of what full speed allows, over the ages that matter."""
+    short = windows.seconds <= max(1.1, settings.fleet.max_age_s)
+    speeds = [settings.fleet.speed_m_s(robot) for robot in settings.fleet.robots]
+    limits = min(speeds), settings.fleet.max_turn_rate_rad_s
+    if not np.any(short) or min(limits) <= 0.0:
+        return 1.0
+    errors = np.maximum(windows.error_m / limits[0], windows.error_rad / limits[1])[short]
+    shares = np.sort(errors / windows.seconds[short])
+    largest = shares[n_kept(len(shares), choice.keep) - 1]
+    return math.ceil(largest * (1.0 + choice.margin) * 1e4) / 1e4

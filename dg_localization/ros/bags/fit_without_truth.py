@@ -1,0 +1,196 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the readings of a bag tell of their errors without a ground truth."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
+import math
+from typing import Any
+
+import numpy as np
+
+from dg_localization.calibration.bounds import (
+    Choice,
+    fit_half_width_rad,
+    rounded_outward,
+    shortest_band,
+)
+from dg_localization.calibration.spread import (
+    direction_differences,
+    residuals,
+    triangle_contradictions,
+)
+from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
+from dg_localization.fleet.error_models import distance_bounds_m
+from dg_localization.ros.bags.fitted import Fit, FloatArray, GroupFit, gathered, range_parameters
+from dg_localization.ros.bags.reader import BagError
+from dg_localization.ros.bags.samples import Samples
+from dg_localization.ros.interface.parameters.settings import Settings
+
+
+def fit_without_truth(
+    samples: Samples,
+    settings: Settings,
+    per: str,
+    choice: Choice,
+    bias_m: Sequence[float] | None,
+) -> Fit:
+    """
+    Learn what readings tell of themselves.
+
+    Parameters
+    ----------
+    samples : Samples
+    settings : Settings
+        Its bounds are kept where nothing better is known.
+    per : {'link', 'sensor', 'all'}
+    choice : Choice
+    bias_m : sequence of float or None
+        Least and greatest bias of the ranges of a pair, where it is known from elsewhere.
+
+    Raises
+    ------
+    BagError
+        If no input has five readings within a second.
+
+    """
+    ranges, bearings = {}, {}
+    for key, rows in samples.ranges.items():
+        stamps, values = _in_order(rows)
+        scatter = residuals(stamps, values)
+        known = np.isfinite(scatter)
+        ranges[key] = scatter[known], values[known]
+    for key, seen in samples.rays.items() if settings.fleet.dimension == 2 else ():
+        stamps, angles = _in_order([(s, math.atan2(ray[1], ray[0])) for s, ray in seen])
+        scatter = residuals(stamps, np.unwrap(angles))
+        bearings[key] = (scatter[np.isfinite(scatter)],)
+    fit = Fit(
+        ranges={
+            pair: _scatter_group(
+                scatter, readings, settings.fleet.range_error_of(*pair), choice, bias_m
+            )
+            for pair, (scatter, readings) in gathered(ranges, per).items()
+        },
+        bearings={
+            pair: _angle_scatter_group(
+                scatter, settings.fleet.bearing_half_width_of(*pair), choice
+            )
+            for pair, (scatter,) in gathered(bearings, per).items()
+        },
+    )
+    if not (fit.ranges or fit.bearings):
+        raise BagError('no input has five readings within a second: nothing can be learned')
+    fit.notes += _limits_without_truth(samples, bias_m)
+    fit.notes += _directions(samples)
+    fit.notes += _triangles(samples, settings)
+    return fit
+
+
+def _in_order(rows: Iterable[tuple[float, Any]]) -> tuple[FloatArray, FloatArray]:
+    stamps, values = np.array(sorted(rows)).T
+    return stamps, values
+
+
+def _scatter_group(
+    scatter_m: FloatArray,
+    readings_m: FloatArray,
+    stated: RangeErrorModel,
+    choice: Choice,
+    bias_m: Sequence[float] | None,
+) -> GroupFit:
+    """Return the stated bounds, no narrower than the scatter; those around a known bias."""
+    low_m, high_m = shortest_band(scatter_m, choice.keep)
+    seen = f'scatter {low_m:.2f} to {high_m:.2f} m'
+    beyond = int(np.count_nonzero((scatter_m < low_m) | (scatter_m > high_m)))
+    width_m = (high_m - low_m) * (1.0 + 2.0 * choice.margin)
+    if bias_m is not None:
+        extra_m = choice.margin * (high_m - low_m)
+        model = rounded_outward(bias_m[0] + low_m - extra_m, bias_m[1] + high_m + extra_m)
+        return GroupFit(len(scatter_m), beyond, seen, range_parameters(model))
+    relative = stated.max_error_relative - stated.min_error_relative
+    stated_m = stated.max_error_m - stated.min_error_m + relative * float(np.median(readings_m))
+    extra_m = max(0.0, width_m - stated_m) / 2.0
+    if extra_m > 0.0:
+        seen += f', which the {stated_m:.2f} m between the stated bounds cannot hold: widened'
+    else:
+        beyond = 0
+    wide = rounded_outward(stated.min_error_m - extra_m, stated.max_error_m + extra_m)
+    bounds = {
+        **range_parameters(stated),
+        'min_error': wide.min_error_m,
+        'max_error': wide.max_error_m,
+        'sigma_factor': stated.sigma_factor,
+    }
+    return GroupFit(len(scatter_m), beyond, seen, bounds)
+
+
+def _angle_scatter_group(scatter_rad: FloatArray, stated_rad: float, choice: Choice) -> GroupFit:
+    """Return the stated half width, no narrower than the scatter."""
+    needed_rad = fit_half_width_rad(scatter_rad, choice)
+    seen = f'scatter {scatter_rad.min():.3f} to {scatter_rad.max():.3f} rad'
+    half_width_rad = max(needed_rad, stated_rad)
+    excluded = int(np.count_nonzero(np.abs(scatter_rad) > half_width_rad))
+    return GroupFit(len(scatter_rad), excluded, seen, {'half_width': half_width_rad})
+
+
+def _limits_without_truth(samples: Samples, bias_m: Sequence[float] | None) -> Iterator[str]:
+    """Yield what a recording without truth cannot tell."""
+    yield (
+        'Without a ground truth only the scatter of the readings is seen. An error that all '
+        'readings of a pair share for a second and longer, a bias, is not seen.'
+    )
+    if bias_m is None:
+        yield (
+            'So the stated bounds are kept, and widened where the scatter does not fit between '
+            'them. With --bias LOW HIGH, known from elsewhere, they become narrower.'
+        )
+    else:
+        yield f'The bias is taken to be between {bias_m[0]:g} and {bias_m[1]:g} m, as stated.'
+    if samples.rays:
+        yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
+    if samples.odometry:
+        yield 'Odometry cannot be judged without a ground truth.'
+
+
+def _directions(samples: Samples) -> Iterator[str]:
+    """Yield how the two directions of each pair differ."""
+    for key, rows in samples.ranges.items():
+        back = samples.ranges.get(LinkKey(LinkKind.RANGE, key.target, key.observer))
+        if not back or key.observer > key.target:
+            continue
+        gaps_m = direction_differences(*_in_order(rows), *_in_order(back))
+        if not len(gaps_m):
+            continue
+        yield (
+            f'{key.observer}->{key.target} reads {np.median(gaps_m):+.3f} m more than the other '
+            f'direction ({gaps_m.min():+.3f} to {gaps_m.max():+.3f}): their errors differ by that.'
+        )
+
+
+def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
+    """Yield which triangles contradict the stated bounds."""
+    fleet = settings.fleet
+    sides: dict[frozenset[str], list[tuple[float, float, float]]] = defaultdict(list)
+    for key, rows in samples.ranges.items():
+        model = fleet.range_error_of(key.observer, key.target)
+        sides[frozenset((key.observer, key.target))] += [
+            (stamp_s, *distance_bounds_m(model, range_m)) for stamp_s, range_m in rows
+        ]
+    columns = {ends: np.array(sorted(rows)).T for ends, rows in sides.items()}
+    speed_m_s = 2.0 * max(fleet.speed_m_s(robot) for robot in fleet.robots)
+    looked_at = 0
+    for corners in combinations(sorted(frozenset().union(*columns)), 3):
+        triangle = [frozenset(pair) for pair in combinations(corners, 2)]
+        if not columns.keys() >= set(triangle):
+            continue
+        stamps, lower, upper = zip(*(columns[side] for side in triangle), strict=True)
+        broken, count = triangle_contradictions(stamps, lower, upper, speed_m_s)
+        looked_at += count
+        if broken:
+            yield (
+                f'The ranges between {", ".join(corners)} contradict the stated bounds at '
+                f'{broken} of {count} moments: no triangle has such sides.'
+            )
+    yield f'{looked_at} triangles were checked against the stated bounds.'

@@ -1,0 +1,140 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The bounds that were learned from a bag, group by group."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.calibration.bounds import vouched_share
+from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Pair: TypeAlias = tuple[str, str]
+"""Observer and target; an empty name stands for all."""
+
+EVERYTHING: Pair = ('', '')
+# Fewer readings get the bounds of the next larger group.
+LEAST_READINGS = 20
+
+
+@dataclass(frozen=True)
+class GroupFit:
+    """
+    The bounds of one group of readings.
+
+    Attributes
+    ----------
+    count, excluded : int
+        Its readings, and those that the bounds do not hold.
+    seen : str
+        What was seen, in words.
+    bounds : dict of str to float
+        By the name of the parameter without its prefix.
+
+    """
+
+    count: int
+    excluded: int
+    seen: str
+    bounds: dict[str, float]
+
+    @property
+    def text(self) -> str:
+        """What was seen and what that is worth, in words."""
+        share = 100.0 * self.excluded / self.count
+        vouched = 100.0 * vouched_share(self.count)
+        return (
+            f'{self.count} readings, {self.seen}; {share:.2f} % excluded; so many vouch for '
+            f'{vouched:.1f} %'
+        )
+
+
+@dataclass
+class Fit:
+    """
+    What was learned from a bag.
+
+    Attributes
+    ----------
+    ranges, bearings : dict of (str, str) to GroupFit
+        By observer and target, those of a sensor with an empty target, of all with empty names.
+    odometry : dict of str to float
+        Bounds in the terms of `OdometryErrorModel`.
+    notes : list of str
+        Sentences on what was learned, and what cannot be.
+
+    """
+
+    ranges: dict[Pair, GroupFit] = field(default_factory=dict)
+    bearings: dict[Pair, GroupFit] = field(default_factory=dict)
+    odometry: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def of_link(self, kind: LinkKind, observer: str, target: str) -> Iterator[GroupFit]:
+        """Yield the bounds that a link needs to be given: those not of all readings."""
+        kinds = {
+            LinkKind.RANGE: [self.ranges],
+            LinkKind.BEARING: [self.bearings],
+            LinkKind.PEERS: [self.ranges, self.bearings],
+        }
+        for groups in kinds.get(kind, []):
+            # Peers have no target, and the bounds of their observer.
+            found = next(
+                (groups[pair] for pair in _groups((observer, target), 'link') if pair in groups),
+                None,
+            )
+            if found is not None and found is not groups.get(EVERYTHING):
+                yield found
+
+
+def _groups(pair: Pair, per: str) -> tuple[Pair, ...]:
+    """Return the groups that a pair belongs to, the smallest first."""
+    groups = (pair, (pair[0], ''), EVERYTHING)
+    return groups[('link', 'sensor', 'all').index(per) :]
+
+
+def gathered(
+    columns: Mapping[LinkKey, Sequence[FloatArray]], per: str
+) -> dict[Pair, list[FloatArray]]:
+    """
+    Join the columns of all members of each group that is large enough.
+
+    Parameters
+    ----------
+    columns : mapping of LinkKey to sequence of ndarray, shape (n,)
+        By input, what belongs to each of its n readings.
+    per : {'link', 'sensor', 'all'}
+        The smallest groups.
+
+    """
+    members: dict[Pair, list[Sequence[FloatArray]]] = defaultdict(list)
+    for key, arrays in columns.items():
+        for group in _groups((key.observer, key.target), per):
+            members[group].append(arrays)
+    joined = {
+        group: [np.concatenate(column) for column in zip(*found, strict=True)]
+        for group, found in members.items()
+    }
+    return {
+        group: arrays
+        for group, arrays in joined.items()
+        if len(arrays[0]) >= (1 if group == EVERYTHING else LEAST_READINGS)
+    }
+
+
+def range_parameters(model: RangeErrorModel) -> dict[str, float]:
+    """Return learned bounds by the names of the parameters of the node."""
+    return {
+        'min_error': model.min_error_m,
+        'max_error': model.max_error_m,
+        'min_error_relative': model.min_error_relative,
+        'max_error_relative': model.max_error_relative,
+        # The errors that were seen are all there is.
+        'sigma_factor': 0.0,
+    }

@@ -1,0 +1,96 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Learned bounds hold the share of the errors that was asked for, and are no wider than that."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.calibration.bounds import (
+    Choice,
+    excluded_ranges,
+    fit_half_width_rad,
+    fit_range,
+    is_relative,
+    n_kept,
+    shortest_band,
+    vouched_share,
+)
+from dg_localization.fleet.error_models import distance_bounds_m
+
+EXACT = Choice(keep=1.0, margin=0.0)
+
+
+def test_the_shortest_band_leaves_out_the_extremes():
+    values = [0.0, 0.1, 0.2, 0.3, 9.0, -5.0]
+    assert shortest_band(values, 1.0) == (-5.0, 9.0)
+    assert shortest_band(values, 4 / 6) == (0.0, 0.3)
+    assert shortest_band([3.0], 0.5) == (3.0, 3.0)
+
+
+@pytest.mark.parametrize('keep', [0.5, 0.9, 0.95, 0.999, 1.0])
+def test_the_band_holds_its_share_and_none_shorter_does(keep):
+    rng = np.random.default_rng(3)
+    values = rng.gamma(2.0, 0.2, 400)
+    low, high = shortest_band(values, keep)
+    held = np.count_nonzero((low <= values) & (values <= high))
+    assert held >= keep * 400
+    ordered, kept = np.sort(values), n_kept(400, keep)
+    assert high - low <= (ordered[kept - 1 :] - ordered[: 400 - kept + 1]).min()
+
+
+def test_a_share_that_is_whole_needs_no_more():
+    assert [n_kept(10, keep) for keep in (0.9, 0.91, 0.05, 1.0)] == [9, 10, 1, 10]
+
+
+@pytest.mark.parametrize('relative', [False, True])
+@pytest.mark.parametrize('keep', [0.9, 0.99, 1.0])
+def test_the_node_holds_the_truth_of_as_many_readings_as_asked(relative, keep):
+    rng = np.random.default_rng(5)
+    truth = rng.uniform(1.0, 20.0, 1000)
+    readings = truth + rng.gamma(2.0, 0.1, 1000) - 0.05
+    model = fit_range(readings, readings - truth, Choice(keep, 0.0), relative)
+    excluded = excluded_ranges(model, readings, readings - truth)
+    assert excluded <= 1000 - n_kept(1000, keep)
+    bounds = [distance_bounds_m(model, reading) for reading in readings]
+    inside = [low <= true <= high for (low, high), true in zip(bounds, truth, strict=True)]
+    assert inside.count(False) == excluded
+
+
+def test_numbers_are_rounded_outward():
+    model = fit_range([2.0, 2.0], [0.12341, 0.23459], EXACT, relative=False)
+    assert (model.min_error_m, model.max_error_m) == (0.1234, 0.2346)
+    assert (model.min_error_relative, model.max_error_relative) == (0.0, 0.0)
+
+
+def test_the_margin_widens_both_ends():
+    model = fit_range([2.0, 2.0], [0.0, 1.0], Choice(1.0, 0.1), relative=False)
+    assert (model.min_error_m, model.max_error_m) == pytest.approx((-0.1, 1.1), abs=1.1e-4)
+
+
+def test_errors_that_grow_with_the_range_are_relative():
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(1.0, 20.0, 500)
+    growing = truth * (1.0 + rng.uniform(-0.05, 0.15, 500))
+    constant = truth + rng.uniform(-0.05, 0.15, 500)
+    assert is_relative(growing, growing - truth, EXACT)
+    assert not is_relative(constant, constant - truth, EXACT)
+    assert not is_relative([0.0, 1.0], [0.0, 0.1], EXACT)
+
+
+def test_half_widths_hold_their_share():
+    errors = np.linspace(-0.1, 0.05, 101)
+    assert fit_half_width_rad(errors, EXACT) == pytest.approx(0.1, abs=1e-4)
+    narrow = fit_half_width_rad(errors, Choice(0.5, 0.0))
+    assert 0.5 <= np.mean(np.abs(errors) <= narrow) <= 0.52
+    assert fit_half_width_rad([3.1], Choice(1.0, 1.0)) == math.pi
+
+
+def test_few_readings_vouch_for_little():
+    # The sizes of samples that Wilks gives for two-sided limits at 95 %.
+    assert vouched_share(93) == pytest.approx(0.95, abs=5e-4)
+    assert vouched_share(473) == pytest.approx(0.99, abs=5e-4)
+    assert vouched_share(1) == 0.0
+    assert vouched_share(2) < 0.03

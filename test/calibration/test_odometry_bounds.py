@@ -1,0 +1,97 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bounds learned from odometry beside the truth hold it, and are near those it was made with."""
+
+import numpy as np
+import pytest
+
+from dg_localization.calibration.bounds import Choice
+from dg_localization.calibration.odometry import fit_odometry, odometry_windows
+from dg_localization.calibration.truth import TrueTrack
+from dg_localization.simulation.moving_fleet import FleetMotion, Path
+from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
+
+EXACT = Choice(keep=1.0, margin=0.0)
+ROBOT = 2
+
+
+def rotations(yaws):
+    turns = np.zeros((len(yaws), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(yaws)
+    turns[:, 1, 0] = np.sin(yaws)
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    turns[:, 2, 2] = 1.0
+    return turns
+
+
+def quaternions(yaws):
+    zeros = np.zeros(len(yaws))
+    return np.column_stack([zeros, zeros, np.sin(yaws / 2.0), np.cos(yaws / 2.0)])
+
+
+def flat(places):
+    return np.column_stack([places, np.zeros(len(places))])
+
+
+def windows_of(errors, seed=0, seconds=90.0):
+    motion = FleetMotion(0.2, seed, Path.LOOPS)
+    odometry = FleetOdometry(motion, errors, seed)
+    stamps = np.arange(0.0, seconds, 0.05)
+    samples = [list(odometry.samples(stamp))[ROBOT] for stamp in stamps]
+    states = [motion.state(stamp) for stamp in stamps]
+    truth = TrueTrack(
+        stamps,
+        flat([state.positions_m[ROBOT] for state in states]),
+        quaternions(np.array([state.yaws_rad[ROBOT] for state in states])),
+    )
+    return odometry_windows(
+        stamps,
+        flat([sample.position_m for sample in samples]),
+        rotations(np.array([sample.yaw_rad for sample in samples])),
+        truth,
+    )
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_what_it_was_made_with_is_found(seed):
+    stated = OdometryErrors(translation_per_m=0.1, rotation_per_rad=0.2)
+    windows = windows_of(stated, seed)
+    fit = fit_odometry(windows, EXACT)
+    assert fit.excluded == 0
+    # Bounds of steps that add up: what is learned of windows is not above them.
+    assert fit.translation_per_m <= 0.1 and fit.rotation_per_rad <= 0.2
+    assert fit.constant_m < 0.05 and fit.constant_rad < 0.05
+    assert np.all(windows.error_rad <= 0.2 * windows.turn_rad * 1.3 + 1e-3)
+    assert fit.rotation_per_rad + fit.translation_per_m > 0.01
+
+
+def test_errors_of_the_heading_do_not_count_as_those_of_the_way():
+    windows = windows_of(OdometryErrors(0.0, 0.0, 0.0, 0.3))
+    fit = fit_odometry(windows, EXACT)
+    assert windows.error_rad.max() > 0.2
+    assert fit.translation_per_m < 0.01 and fit.constant_m < 0.01
+
+
+def test_latency_is_a_constant():
+    windows = windows_of(OdometryErrors(0.0, 0.0, 0.0, 0.0, latency_s=0.5))
+    fit = fit_odometry(windows, EXACT)
+    # At 0.2 m/s on circles of at least 0.6 m.
+    assert 0.05 < fit.constant_rad < 0.2
+    assert fit.rotation_per_rad < 0.05
+
+
+def test_a_share_of_windows_may_be_left_out():
+    windows = windows_of(OdometryErrors())
+    windows.error_m[:3] = 50.0
+    assert fit_odometry(windows, Choice(0.9, 0.0)).excluded <= 0.2 * len(windows.seconds)
+    assert fit_odometry(windows, Choice(0.9, 0.0)).constant_m < 1.0
+    assert fit_odometry(windows, EXACT).constant_m > 40.0
+
+
+def test_windows_without_truth_are_passed_over():
+    stamps = np.arange(0.0, 10.0, 0.1)
+    still = np.zeros((len(stamps), 3))
+    truth = TrueTrack([0.0, 0.2, 0.4], np.zeros((3, 3)), quaternions(np.zeros(3)))
+    windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
+    assert len(windows.seconds) == 0

@@ -1,0 +1,83 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The truth between samples, and the errors of readings beside it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
+
+
+def turned(yaws_rad):
+    half = np.asarray(yaws_rad) / 2.0
+    zeros = np.zeros_like(half)
+    return np.column_stack([zeros, zeros, np.sin(half), np.cos(half)])
+
+
+def circle(stamps, radius=2.0, rate=0.5):
+    angles = rate * np.asarray(stamps)
+    places = radius * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    return places, angles + np.pi / 2.0
+
+
+STAMPS = np.arange(0.0, 20.0, 0.05)
+
+
+def test_places_and_headings_between_samples():
+    places, yaws = circle(STAMPS)
+    track = TrueTrack(STAMPS, places, turned(yaws))
+    times = np.linspace(0.0, 19.9, 333)
+    expected, headings = circle(times)
+    np.testing.assert_allclose(track.positions_at(times), expected, atol=2e-4)
+    forward = track.rotations_at(times)[:, :2, 0]
+    np.testing.assert_allclose(
+        forward, np.column_stack([np.cos(headings), np.sin(headings)]), atol=2e-4
+    )
+
+
+def test_headings_turn_the_short_way_whatever_the_sign_of_the_quaternions():
+    quaternions = turned([3.0, 3.2]) * [[1.0], [-1.0]]
+    rotation = TrueTrack([0.0, 0.1], np.zeros((2, 3)), quaternions).rotations_at([0.05])[0]
+    assert math.atan2(rotation[1, 0], rotation[0, 0]) == pytest.approx(3.1)
+
+
+@pytest.mark.parametrize('time', [-0.1, 1.5, 3.1])
+def test_nothing_is_known_beyond_and_in_long_gaps(time):
+    track = TrueTrack([0.0, 0.3, 1.2, 3.0], np.arange(12.0).reshape(4, 3))
+    assert np.isnan(track.positions_at([time])).all()
+    assert np.isfinite(track.positions_at([0.1])).all()
+
+
+def test_an_anchor_is_known_at_all_times_and_has_no_heading():
+    anchor = TrueTrack.at_rest((1.0, 2.0))
+    np.testing.assert_array_equal(anchor.positions_at([-1e9, 5.0]), [[1, 2, 0], [1, 2, 0]])
+    assert np.isnan(anchor.rotations_at([0.0])).all()
+
+
+def test_stamps_may_be_unsorted_and_repeated():
+    track = TrueTrack([0.2, 0.0, 0.2, 0.1], [[2, 0, 0], [0, 0, 0], [9, 0, 0], [1, 0, 0]])
+    np.testing.assert_allclose(track.positions_at([0.05, 0.15])[:, 0], [0.5, 1.5])
+
+
+def test_errors_of_ranges_and_rays():
+    places, yaws = circle(STAMPS)
+    robot, beacon = TrueTrack(STAMPS, places, turned(yaws)), TrueTrack.at_rest((5.0, 1.0))
+    times = np.linspace(1.0, 19.0, 50)
+    there, headings = circle(times)
+    way = np.array([5.0, 1.0, 0.0]) - there
+    ranges = np.linalg.norm(way, axis=1) + 0.3
+    np.testing.assert_allclose(range_errors_m(robot, beacon, times, ranges, 2), 0.3, atol=1e-3)
+    angles = np.arctan2(way[:, 1], way[:, 0]) - headings + 0.04
+    rays = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    np.testing.assert_allclose(ray_errors_rad(robot, beacon, times, rays, 2), 0.04, atol=1e-3)
+    np.testing.assert_allclose(ray_errors_rad(robot, beacon, times, rays, 3), 0.04, atol=1e-3)
+    assert np.isnan(ray_errors_rad(beacon, robot, times, rays, 2)).all()
+
+
+def test_heights_count_in_space_only():
+    low, high = TrueTrack.at_rest((0.0, 0.0, 0.0)), TrueTrack.at_rest((3.0, 0.0, 4.0))
+    assert range_errors_m(low, high, [0.0], [5.5], 3) == pytest.approx([0.5])
+    assert range_errors_m(low, high, [0.0], [5.5], 2) == pytest.approx([2.5])

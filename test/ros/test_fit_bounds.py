@@ -1,0 +1,354 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The executable `fit_bounds`: recordings of the simulated fleet, and the real UWB recording."""
+
+import csv
+import json
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+yaml = pytest.importorskip('yaml')
+
+from rclpy.serialization import serialize_message  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+from uwb_recording import CONFIG  # noqa: E402
+
+from dg_localization.ros.bags.offline import read_task  # noqa: E402
+from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
+from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
+    PARAMETERS,
+    simulated_fleet,
+)
+from dg_localization.simulation.moving_fleet import LANDMARKS_M, ROBOTS  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[2]
+STORE = get_typestore(Stores.ROS2_JAZZY)
+START_S = 1_700_000_000
+TRUTH = '/simulate_fleet/ground_truth'
+FLEET = {
+    'robots': list(ROBOTS),
+    'max_speed': 0.25,
+    'max_turn_rate': 0.5,
+    'range': {'min_error_relative': -0.2, 'max_error_relative': 0.2},
+    'bearing': {'half_width': 0.3},
+}
+BEACONS = {
+    'names': list(LANDMARKS_M),
+    **{name: {'position': list(place)} for name, place in LANDMARKS_M.items()},
+}
+
+
+def type_name(message):
+    module = type(message).__module__.split('.')[0]
+    return f'{module}/msg/{type(message).__name__}'
+
+
+def record(path, seconds=20.0, change=lambda topic, message: message, **values):
+    """Write a bag of a simulated fleet; `change` may spoil a message or return None."""
+    fleet = simulated_fleet(
+        {**{spec.name: spec.default for spec in PARAMETERS}, 'path': 'loops', **values}
+    )
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    connections = {}
+    with writer:
+        for step in range(round(seconds * 10)):
+            time_s = step / 10
+            messages = [
+                *fleet.measurements(time_s, START_S + time_s),
+                *fleet.odometry_messages(time_s, START_S + time_s),
+                (TRUTH[1:], fleet.ground_truth(time_s, START_S + time_s)),
+            ]
+            for topic, message in messages:
+                message = change(topic, message)
+                if message is None:
+                    continue
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(
+                        f'/{topic}', type_name(message), typestore=STORE
+                    )
+                writer.write(
+                    connections[topic],
+                    START_S * 10**9 + step * 10**8,
+                    serialize_message(message),
+                )
+    return path
+
+
+@pytest.fixture
+def learn(tmp_path, capsys):
+    """Run `fit_bounds`; return the exit code, what it printed, and the parameters in it."""
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': {**FLEET, 'anchors': BEACONS}}}))
+
+    def run(bag, *arguments, file=params):
+        capsys.readouterr()
+        code = fit_bounds([str(bag), '--params', str(file), *map(str, arguments)])
+        run.output, run.errors = capsys.readouterr()
+        found = yaml.safe_load(run.output) if run.output else None
+        return code, found['/**']['ros__parameters'] if found else None
+
+    run.params = params
+    return run
+
+
+def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
+    bag = record(tmp_path / 'bag', landmarks=True, odometry=True, error=0.04, bearing_error=0.05)
+    code, found = learn(bag, '--truth', TRUTH, '--per', 'all', '--margin', '0')
+    assert code == 0
+    assert found['range']['min_error'] == found['range']['max_error'] == 0.0
+    assert -0.0418 <= found['range']['min_error_relative'] <= -0.035
+    assert 0.035 <= found['range']['max_error_relative'] <= 0.0401
+    assert 0.045 <= found['bearing']['half_width'] <= 0.051
+    assert 0.0 < found['odometry']['relative_error'] < 0.3
+    assert 'links' not in found
+    assert 'all: 5400 readings' in learn.output and '0.0' in learn.output
+    assert 'Odometry of robot_1' in learn.output
+
+
+def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
+    def longer(topic, message):
+        if topic == 'robot_1/range/robot_2':
+            message.range += 0.5
+        return message
+
+    bag = record(tmp_path / 'bag', change=longer)
+    code, found = learn(bag, '--truth', TRUTH)
+    assert code == 0
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(learn.output)
+    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    apart, other = fleet.range_error_of('robot_1', 'robot_2'), fleet.range_error_of(*ROBOTS[1:3])
+    assert apart.max_error_m + 8.0 * apart.max_error_relative > 0.5
+    assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
+    assert fleet.bearing_half_width_of('robot_1', 'robot_2') <= 0.025
+    assert len(found['links']) == 9 + 18
+
+
+def test_the_truth_is_localized_within_the_bounds_that_were_learned(tmp_path, learn):
+    bag = record(tmp_path / 'bag', seconds=6.0, landmarks=True)
+    _, _ = learn(bag, '--truth', TRUTH, '--keep', '1')
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(learn.output)
+    reports = {}
+    for name, more in (('stated', ()), ('learned', ('--ros-args', '--params-file', bounds))):
+        report = tmp_path / f'{name}.json'
+        arguments = (bag, '-o', tmp_path / name, '--params', learn.params, '--report', report)
+        assert localize_bag([str(a) for a in (*arguments, *more)]) == 0
+        reports[name] = json.loads(report.read_text())
+    assert reports['learned']['contradictions'] == []
+    assert reports['learned']['ticks_by_hypotheses'] == {'1': reports['learned']['ticks']}
+    widths = [reports[name]['median_enclosure_width_m'] for name in ('stated', 'learned')]
+    assert all(widths[1][robot] < 0.5 * widths[0][robot] for robot in ROBOTS)
+
+
+def test_groups_with_few_readings_get_the_bounds_of_the_next_larger(tmp_path, learn):
+    seen = []
+
+    def seldom(topic, message):
+        if topic == 'robot_1/range/robot_2':
+            seen.append(topic)
+            return message if len(seen) <= 5 else None
+        return message
+
+    bag = record(tmp_path / 'bag', seconds=5.0, change=seldom, cameras=False)
+    code, found = learn(bag, '--truth', TRUTH)
+    assert code == 0
+    bounds = {words[2:4]: words[4:] for words in (tuple(t.split()) for t in found['links'])}
+    of_sensor = next(line for line in learn.output.splitlines() if '  robot_1: ' in line)
+    assert '55 readings' in of_sensor
+    assert bounds[ROBOTS[:2]] != bounds['robot_1', 'robot_3']
+
+
+def test_peers_get_the_bounds_of_their_observer(tmp_path, learn):
+    def longer(topic, message):
+        return message
+
+    bag = record(tmp_path / 'bag', change=longer, peers=True)
+    code, found = learn(bag, '--truth', TRUTH)
+    assert code == 0
+    assert {text.split()[1] for text in found['links']} == {'sensor_msgs/msg/PointCloud2'}
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(learn.output)
+    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    for target in (*ROBOTS[1:], *LANDMARKS_M):
+        assert fleet.range_error_of('robot_1', target).max_error_relative < 0.05
+        assert fleet.bearing_half_width_of('robot_1', target) < 0.03
+
+
+def test_without_truth_the_bias_is_left_open(tmp_path, learn):
+    def longer(topic, message):
+        if '/range/' in topic:
+            message.range += 1.0
+        return message
+
+    bag = record(tmp_path / 'bag', change=longer, error=0.01, cameras=False)
+    code, found = learn(bag, '--per', 'all')
+    assert code == 0
+    assert found['range']['max_error_relative'] == 0.2, 'the stated bounds are kept'
+    text = ' '.join(learn.output.replace('#', '').split())
+    assert 'a bias, is not seen' in text
+    code, found = learn(bag, '--per', 'all', '--bias', '0.9', '1.1')
+    assert code == 0
+    assert found['range']['min_error'] < 0.9 and found['range']['max_error'] > 1.1
+    # Readings of about 8 m to 1 %, beside the median of their neighbors.
+    assert found['range']['max_error'] - found['range']['min_error'] < 0.2 + 0.6
+
+
+def test_without_truth_triangles_refute_bounds_that_are_wrong(tmp_path, learn):
+    def far(topic, message):
+        if topic == 'robot_1/range/robot_2':
+            message.range = 25.0
+        return message
+
+    bag = record(tmp_path / 'bag', change=far, cameras=False)
+    code, _ = learn(bag)
+    assert code == 0
+    text = ' '.join(learn.output.replace('#', '').split())
+    assert 'between robot_1, robot_2, robot_3 contradict the stated bounds at 200 of 200' in text
+
+
+def test_without_truth_bounds_that_cannot_hold_the_scatter_are_widened(tmp_path, learn):
+    rng = np.random.default_rng(0)
+
+    def noisy(topic, message):
+        if '/range/' in topic:
+            message.range += rng.uniform(-2.0, 2.0)
+        return message
+
+    bag = record(tmp_path / 'bag', change=noisy, cameras=False)
+    _, found = learn(bag, '--per', 'all')
+    assert found['range']['max_error'] > 0.5
+    assert 'widened' in learn.output
+
+
+def test_both_directions_are_compared(tmp_path, learn):
+    def both_ways(topic, message):
+        return message
+
+    bag = record(tmp_path / 'bag', change=both_ways, cameras=False)
+    params = json.loads(learn.params.read_text())
+    fleet = params['/**']['ros__parameters']
+    # The range of one pair is taken for the way back of another, which is what it is not.
+    fleet['links'] = ['/robot_2/range/robot_3 sensor_msgs/msg/Range robot_2 robot_1']
+    learn.params.write_text(json.dumps(params))
+    code, _ = learn(bag)
+    assert code == 0
+    assert 'robot_1->robot_2 reads ' in learn.output
+
+
+def test_the_truth_may_be_a_table(tmp_path, learn):
+    bag = record(tmp_path / 'bag', cameras=False)
+    learn(bag, '--truth', TRUTH)
+    expected = [line for line in learn.output.splitlines() if line.startswith('#   robot_1->')]
+    fleet = simulated_fleet({**{s.name: s.default for s in PARAMETERS}, 'path': 'loops'})
+    table = tmp_path / 'truth.csv'
+    with table.open('w', newline='') as file:
+        rows = csv.writer(file)
+        rows.writerow(['stamp', 'robot', 'x', 'y', 'yaw'])
+        for step in range(200):
+            state = fleet.motion.state(step / 10)
+            for robot, place, yaw in zip(ROBOTS, state.positions_m, state.yaws_rad, strict=True):
+                rows.writerow(
+                    [repr(START_S + step / 10), robot, *map(repr, map(float, place)), yaw]
+                )
+    learn(bag, '--truth', table)
+    found = [line for line in learn.output.splitlines() if line.startswith('#   robot_1->')]
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'wanted'),
+    [
+        (['--truth', '/mocap/{robot}'], 'no topic /mocap/robot_1 or .* in the bag; it has'),
+        (['--truth', '/robot_1/range/robot_2'], 'is sensor_msgs/msg/Range; a ground truth is'),
+        (['--truth', 'nowhere.csv'], "'nowhere.csv' is no file"),
+        (['--truth', TRUTH, 'x.csv'], 'name topics or one .csv file'),
+        (['--truth', TRUTH, '--bias', '0', '1'], '--bias is for recordings without'),
+        (['--bias', '1', '0'], '1 is above 0'),
+    ],
+)
+def test_wrong_usage_is_a_sentence(tmp_path, learn, arguments, wanted):
+    bag = record(tmp_path / 'bag', seconds=1.0, cameras=False)
+    code, found = learn(bag, *arguments)
+    assert code in (1, 2) and found is None
+    assert re.search(wanted, learn.errors), learn.errors
+    assert 'Traceback' not in learn.errors
+
+
+def test_a_table_with_a_wrong_number_names_the_line(tmp_path, learn):
+    bag = record(tmp_path / 'bag', seconds=1.0, cameras=False)
+    table = tmp_path / 'truth.csv'
+    table.write_text('stamp,robot,x,y\n1.0,robot_1,2.0,three\n')
+    assert learn(bag, '--truth', table)[0] == 2
+    assert 'truth.csv, line 2: could not convert' in learn.errors
+    table.write_text('time,robot,x,y\n')
+    assert learn(bag, '--truth', table)[0] == 2
+    assert 'has no column stamp' in learn.errors
+
+
+def test_stamps_on_two_clocks_are_explained(tmp_path, learn):
+    def late(topic, message):
+        if topic == TRUTH[1:]:
+            message.header.stamp.sec += 1000
+        return message
+
+    bag = record(tmp_path / 'bag', seconds=2.0, change=late)
+    code, found = learn(bag, '--truth', TRUTH)
+    assert code == 1 and found is None
+    assert "are the stamps of both on one clock (parameter 'stamp_source')" in learn.errors
+
+
+def test_a_damaged_bag_ends_with_sentences(tmp_path, learn):
+    bag = record(tmp_path / 'bag', seconds=10.0)
+    (database,) = bag.glob('*.db3')
+    data = bytearray(database.read_bytes())
+    rng = np.random.default_rng(1)
+    for place in rng.integers(len(data) // 3, len(data), 400):
+        data[place] ^= 255
+    database.write_bytes(data)
+    code, _ = learn(bag, '--truth', TRUTH)
+    assert code == 1
+    assert 'Traceback' not in learn.errors and learn.errors.strip()
+
+
+def test_it_runs_as_a_process(tmp_path, learn):
+    bag = record(tmp_path / 'bag', seconds=4.0, cameras=False)
+    done = subprocess.run(
+        [sys.executable, '-m', 'dg_localization.ros', 'fit_bounds', str(bag)]
+        + ['--params', str(learn.params), '--truth', TRUTH],
+        capture_output=True,
+        text=True,
+        cwd=REPOSITORY,
+        env=os.environ,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert yaml.safe_load(done.stdout)['/**']['ros__parameters']['links']
+
+
+def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared, learn):
+    bag = shared / 'data/tiers_uwb/rosbag2_shortbag'
+    truth = '/vrpn_client_node/{robot}_cap/pose'
+    code, found = learn(bag, '--truth', truth, '--keep', '0.98', file=REPOSITORY / CONFIG)
+    assert code == 0
+    assert len(found['links']) == 6
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(learn.output)
+    widths = []
+    for name, more in (('stated', ()), ('learned', ('--ros-args', '--params-file', bounds))):
+        report = tmp_path / f'{name}.json'
+        arguments = (bag, '-o', tmp_path / name, '--params', REPOSITORY / CONFIG)
+        assert localize_bag([str(a) for a in (*arguments, '--report', report, *more)]) == 0
+        widths.append(json.loads(report.read_text())['median_enclosure_width_m'])
+    for robot in ('turtlebot3', 'turtlebot4', 'turtlebot5'):
+        assert widths[1][robot] < 0.6 * widths[0][robot]
