@@ -80,6 +80,7 @@ setup(
             'simulate_fleet = dg_localization.ros.executables:simulate_fleet',
             'replay = dg_localization.ros.executables:replay',
             'localize_bag = dg_localization.ros.executables:localize_bag',
+            'security_policy = dg_localization.ros.executables:security_policy',
         ],
     },
 )

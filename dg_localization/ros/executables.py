@@ -62,6 +62,11 @@ def localize_bag(args: Sequence[str] | None = None) -> int:
     return _run('bags.localize_bag', args, interrupted=EXIT_INTERRUPTED)
 
 
+def security_policy(args: Sequence[str] | None = None) -> int:
+    """Run `security_policy`; return the exit code."""
+    return _run('security_policy', args, interrupted=EXIT_INTERRUPTED)
+
+
 def demo(args: Sequence[str] | None = None) -> int:
     """Run the demonstration; return the exit code."""
     return _run('demo.run', args, interrupted=EXIT_INTERRUPTED)
@@ -69,7 +74,7 @@ def demo(args: Sequence[str] | None = None) -> int:
 
 EXECUTABLES = {
     function.__name__: function
-    for function in (localizer, simulate_fleet, replay, localize_bag, demo)
+    for function in (localizer, simulate_fleet, replay, localize_bag, security_policy, demo)
 }
 
 

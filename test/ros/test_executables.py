@@ -27,7 +27,13 @@ sys.exit(getattr(executables, sys.argv[1])())
 @pytest.mark.parametrize('number', [2, 15], ids=['SIGINT', 'SIGTERM'])
 @pytest.mark.parametrize(
     ('name', 'code'),
-    [('localizer', 0), ('simulate_fleet', 0), ('replay', 0), ('localize_bag', 130)],
+    [
+        ('localizer', 0),
+        ('simulate_fleet', 0),
+        ('replay', 0),
+        ('localize_bag', 130),
+        ('security_policy', 130),
+    ],
 )
 def test_signal_during_the_imports_ends_the_process_cleanly(name, code, number):
     done = subprocess.run(
@@ -54,7 +60,9 @@ def test_executable_that_is_not_there_is_named_with_those_that_are():
     assert "'localiser' is no executable; there are localizer, simulate_fleet" in done.stderr
 
 
-@pytest.mark.parametrize('name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag'])
+@pytest.mark.parametrize(
+    'name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'security_policy']
+)
 def test_unknown_ros_argument_is_named_by_every_executable(name):
     done = run(name, '--ros-args', '--no-such-argument')
     assert (done.returncode, done.stderr) == (
