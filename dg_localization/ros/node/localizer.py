@@ -30,6 +30,7 @@ from dg_localization.fleet import (
     warm_up,
     warm_up_status,
 )
+from dg_localization.ros.interface.access import RESET
 from dg_localization.ros.interface.diagnostics import Report, shortened, statuses
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
@@ -138,7 +139,7 @@ class LocalizerNode(LifecycleNode):
         self.get_logger().info('loading the solver')
         for warning in solver_warnings():
             self.get_logger().warning(warning)
-        service = self.create_service(Trigger, '~/reset', self._on_reset)
+        service = self.create_service(Trigger, RESET, self._on_reset)
         made.callback(self.destroy_service, service)
         self._state = 'inactive'
 
