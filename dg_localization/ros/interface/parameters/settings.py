@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
+import math
 import re
 from typing import Any
 
@@ -27,6 +28,7 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs
+from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
 
 TEMPLATE_TYPES = {
@@ -38,6 +40,10 @@ TEMPLATE_TYPES = {
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
+BEARING_FIELDS = {
+    'half_width': 'bearing_half_width_rad',
+    'expected_error': 'bearing_expected_error_rad',
+}
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
 
 
@@ -66,6 +72,10 @@ class Settings:
         Whether to publish transforms.
     ids : mapping of str to str
         The names that ids in messages stand for.
+    localized_width_m : float
+        A fleet with a wider enclosure is not called localized.
+    covariance : PoseCovariance
+        How the covariances of poses are made.
 
     """
 
@@ -78,6 +88,8 @@ class Settings:
     autostart: bool
     publish_tf: bool
     ids: Mapping[str, str]
+    localized_width_m: float
+    covariance: PoseCovariance
 
     @property
     def lifetime_s(self) -> float:
@@ -182,6 +194,10 @@ def settings_from(
         autostart=values['autostart'],
         publish_tf=values['publish_tf'],
         ids=_parse_ids(values['ids'], fleet.points),
+        localized_width_m=values['localized_width'],
+        covariance=PoseCovariance(
+            CovarianceKind(values['covariance']), values['covariance_floor']
+        ),
     )
 
 
@@ -270,6 +286,7 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         max_repeats=values['max_repeats'],
         range_error=_range_error(values),
         bearing_half_width_rad=values['bearing.half_width'],
+        bearing_expected_error_rad=values['bearing.expected_error'],
         # A link may name a robot that is not in the fleet today: its readings are counted and
         # rejected, its bounds concern nobody.
         links=_overrides((link for link in explicit if _ends(link) <= points), values),
@@ -306,6 +323,7 @@ def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorMod
         'sigma_factor',
     )
     bounds = {name: overrides.get(name, values[f'range.{name}']) for name in names}
+    expected_error = overrides.get('expected_error', values['range.expected_error'])
     return RangeErrorModel(
         min_error_m=bounds['min_error'],
         max_error_m=bounds['max_error'],
@@ -313,6 +331,7 @@ def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorMod
         max_error_relative=bounds['max_error_relative'],
         sigma_factor=bounds['sigma_factor'],
         beyond_max_is_far=values['range.beyond_max_is_far'],
+        expected_error_m=None if math.isnan(expected_error) else expected_error,
     )
 
 
@@ -324,8 +343,10 @@ def _overrides(links: Iterable[Link], values: Mapping[str, Any]) -> tuple[LinkOv
         override = gathered.get(names, LinkOverride(*names))
         try:
             if link.key.kind is LinkKind.BEARING and link.overrides:
-                half_width_rad = link.overrides['half_width']
-                gathered[names] = replace(override, bearing_half_width_rad=half_width_rad)
+                bounds: dict[str, Any] = {
+                    BEARING_FIELDS[name]: value for name, value in link.overrides.items()
+                }
+                gathered[names] = replace(override, **bounds)
             elif link.key.kind is LinkKind.RANGE and link.overrides:
                 range_error = _range_error(values, **link.overrides)
                 gathered[names] = replace(override, range_error=range_error)
