@@ -208,7 +208,7 @@ class BagLocalizer:
         self._estimate = estimate
         settings = self._task.settings
         for name, message in estimate_messages(
-            estimate, settings.fixed_frame, settings.lifetime_s
+            estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
@@ -234,6 +234,7 @@ class BagLocalizer:
             warnings=(),
             now_s=now_s,
             lifetime_s=self._task.settings.lifetime_s,
+            localized_width_m=self._task.settings.localized_width_m,
             estimate=self._estimate,
             robots=self._task.settings.fleet.robots,
             links=tuple(self._links.values()),

@@ -53,8 +53,8 @@ RANGE_BOUNDS = (
     'sigma_factor',
 )
 OVERRIDES = {
-    LinkKind.RANGE: RANGE_BOUNDS,
-    LinkKind.BEARING: ('half_width',),
+    LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error'),
+    LinkKind.BEARING: ('half_width', 'expected_error'),
     LinkKind.ODOMETRY: (),
     LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', *TURNS),
     LinkKind.CAMERA: (),

@@ -233,7 +233,9 @@ class LocalizerNode(LifecycleNode):
 
     def _with_messages(self, estimate: Estimate) -> Answer:
         settings = self.settings
-        messages = estimate_messages(estimate, settings.fixed_frame, settings.lifetime_s)
+        messages = estimate_messages(
+            estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
+        )
         return Answer(estimate, tuple(messages))
 
     def _on_warm(self) -> None:
@@ -314,6 +316,7 @@ class LocalizerNode(LifecycleNode):
             failure=self._failure,
             wanted_rate_hz=self.settings.rate_hz,
             rate_hz=self._rate.rate_hz(now_s),
+            localized_width_m=self.settings.localized_width_m,
             warnings=(*solver_warnings(), *self._warnings()),
             now_s=now_s,
             lifetime_s=self.settings.lifetime_s,
