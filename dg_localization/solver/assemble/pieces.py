@@ -91,6 +91,12 @@ class _Search:
     pending: list[FloatArray]
     large: LargePiece | None = None
 
+    def is_pending(self) -> bool:
+        """Return whether some boxes were not examined."""
+        if self.large is not None and self.large.cover is None:
+            return not self.large.patches.is_complete()
+        return bool(self.pending)
+
     def hypotheses(self) -> Sequence[Hypothesis]:
         """Return the hypotheses that the cover makes, or those that patches made."""
         if self.large is not None and self.large.cover is None:
@@ -109,7 +115,7 @@ class _Task:
 
     def is_pending(self) -> bool:
         """Return whether some boxes were not examined, and may be about anything."""
-        return any(search.pending for search in self.searches)
+        return any(search.is_pending() for search in self.searches)
 
     def gather(self) -> None:
         """Write the hypotheses that the covers of all searches make."""

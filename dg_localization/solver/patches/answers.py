@@ -43,7 +43,7 @@ class ChainedHypothesis(Hypothesis):
         The number of points.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
-    positions : ndarray, shape (n, q), or None
+    positions : ndarray, shape (n, q)
         A placement in m.
     proved : bool
         Whether it meets every constraint.
@@ -61,7 +61,7 @@ class ChainedHypothesis(Hypothesis):
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        positions: FloatArray | None,
+        positions: FloatArray,
         proved: bool,
         flexible: bool,
     ) -> None:
@@ -184,20 +184,17 @@ class PatchAnswers:
             low, high = self._chosen(choice)
             graph = ChainGraph(n_points, self._solved.known.pairs, low, high)
             positions = self._placement(choice or self._ambiguities.first(), stopped)
-            placed = bool(np.isfinite(positions).all())
-            proved = placed and agrees(self._problem, positions)
+            proved = agrees(self._problem, positions)
             flexible = self._is_flexible(positions)
             found.append(
-                ChainedHypothesis(
-                    graph, n_points, self._within, positions if placed else None, proved, flexible
-                )
+                ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
             )
         return found
 
     def _is_flexible(self, positions: FloatArray) -> bool:
         """Return whether a placement can move; a piece too large for its rank is rigid."""
         problem = self._problem
-        if problem.n_points > MOST_RANKED or not np.isfinite(positions).all():
+        if problem.n_points > MOST_RANKED:
             return False
         return bool(is_flexible(positions, np.isfinite(problem.upper)))
 
@@ -225,11 +222,15 @@ class PatchAnswers:
             if positions is not None and np.isfinite(positions).all():
                 local.append((patch.points, positions))
         problem, known = self._problem, self._solved.known
-        if not local:
-            return np.full((problem.n_points, problem.dimension), np.nan)
         low, high = self._chosen(choice)
-        positions = laid_together(problem.n_points, local, known.pairs, low, high)
-        if not np.isfinite(positions).all():
+        positions = np.full((problem.n_points, problem.dimension), np.nan)
+        if local:
+            positions = laid_together(problem.n_points, local, known.pairs, low, high)
+        lost = ~np.isfinite(positions[:, 0])
+        if lost.any():
+            # Points of patches that were not solved: anywhere, but not in one place.
+            spread = np.random.default_rng(0).standard_normal((int(lost.sum()), len(positions[0])))
+            positions[lost] = np.sqrt(high.max(initial=1.0)) * spread
             return positions
         # Known pairs give the shape; what has to agree are the measured ones.
         positions = refined(positions, known.pairs, low, high, 0.0, stopped)
