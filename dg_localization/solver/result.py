@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
@@ -85,6 +86,27 @@ class Hypothesis:
     proved: bool
     flexible: bool
 
+    def bounds_among(
+        self, points: Sequence[int]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """
+        Return the bounds of all pairs of some points.
+
+        Parameters
+        ----------
+        points : sequence of int
+            Points by their rows, k of them.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (k, k)
+            Bounds of the squared distances in m^2. For a large piece this is cheaper than `lower`
+            and `upper`.
+
+        """
+        index = np.ix_(points, points)
+        return self.lower[index], self.upper[index]
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -97,11 +119,15 @@ class Piece:
         The points, ascending.
     hypotheses : tuple of Hypothesis
         What holds every placement of these points; rows and columns are in the order of `points`.
+    patches : tuple of Piece
+        Where the piece is large, the overlapping parts that it was solved in, each with its
+        hypotheses. Where `hypotheses` does not tell these apart, this does.
 
     """
 
     points: tuple[int, ...]
     hypotheses: tuple[Hypothesis, ...]
+    patches: tuple[Piece, ...] = ()
 
 
 class WholeFleet(Protocol):

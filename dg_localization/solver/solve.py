@@ -139,6 +139,8 @@ def load_kernels() -> float:
             len(answer(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
+    for hypothesis in answer(_braced_grid(), CallBudget(options)).hypotheses:
+        np.isfinite(hypothesis.upper)
     return time.perf_counter() - start
 
 
@@ -171,3 +173,11 @@ def _cross_polytope(dimension: int) -> Problem:
     lower = upper / 1.2
     upper[upper > 4.0], lower[lower > 3.0] = np.inf, 0.0
     return Problem(lower, upper, dimension)
+
+
+def _braced_grid() -> Problem:
+    """Return a piece that is large enough to be solved in patches."""
+    corners = np.stack(np.unravel_index(np.arange(42), (7, 6)), axis=1).astype(np.float64)
+    squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
+    upper = np.where(squared < 2.5, 1.02 * squared, np.inf)
+    return Problem(np.where(squared < 2.5, squared, 0.0), upper)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -128,15 +128,18 @@ def _result(
 ) -> Result:
     """Return the answer that the pieces and their combinations are."""
     pieces = tuple(
-        Piece(piece.points, tuple(piece.hypotheses[x] for x in sorted(left)))
+        Piece(
+            piece.points,
+            tuple(piece.hypotheses[x] for x in sorted(left)),
+            tuple(_patches_of(piece)),
+        )
         for piece, left in zip(solved.pieces, combinations.left, strict=True)
     )
-    n_left = n_pending = 0
-    for solved_piece, piece in zip(solved.pieces, pieces, strict=True):
-        n_left += sum(len(hypothesis.boxes) for hypothesis in piece.hypotheses)
-        if solved_piece.pending:
-            boxes = (box for hypothesis in piece.hypotheses for box in hypothesis.boxes)
-            n_pending += sum(box.tobytes() in solved_piece.pending for box in boxes)
+    counts = [
+        piece.n_boxes(sorted(left))
+        for piece, left in zip(solved.pieces, combinations.left, strict=True)
+    ]
+    n_left, n_pending = (sum(numbers) for numbers in zip(*counts, strict=True))
     spent = budget.spent
     # Boxes that the neighbors of a piece rule out hold nothing.
     kept = n_left - n_pending
@@ -150,6 +153,14 @@ def _result(
     verdict = Verdict.OUT_OF_BUDGET if n_pending else Verdict.COVERED
     joints = tuple(solved.joints)
     return Result(verdict, statistics, pieces, joints, combinations.number, product)
+
+
+def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:
+    """Return the patches of a large piece, with the hypotheses that are left of each."""
+    for solved in piece.in_patches:
+        for patch in solved.patches:
+            points = tuple(piece.points[x] for x in patch.points)
+            yield Piece(points, tuple(patch.remaining()))
 
 
 def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:

@@ -72,11 +72,28 @@ class CallBudget:
         """Note that boxes which a search left pending are examined after all."""
         self.spent = replace(self.spent, pending=self.spent.pending - n_pending)
 
+    def go_on_from(self, n_kept: int) -> None:
+        """Note that boxes which were kept are parts of boxes that are examined next."""
+        n_split = min(n_kept, self.spent.kept)
+        self.spent = replace(
+            self.spent, kept=self.spent.kept - n_split, split=self.spent.split + n_split
+        )
+
+    def accept(self, n_pending: int) -> None:
+        """Note that boxes which a search left pending are kept as they are."""
+        self.spent = replace(
+            self.spent,
+            processed=self.spent.processed + n_pending,
+            kept=self.spent.kept + n_pending,
+            pending=self.spent.pending - n_pending,
+        )
+
     def search(
         self,
         problem: Problem,
         share: float,
         within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+        most_boxes: int | None = None,
     ) -> Cover:
         """
         Cover the placements of a piece with a share of what is left.
@@ -89,6 +106,8 @@ class CallBudget:
             The fraction of the boxes and of the time left that the search may take.
         within : sequence of (lower, upper), optional
             The boxes in m^2 to search in; everywhere when there are none.
+        most_boxes : int, optional
+            Most boxes to process, besides the share.
 
         Returns
         -------
@@ -100,7 +119,7 @@ class CallBudget:
         seconds = self.options.max_seconds - (self.seconds() if self.spent.processed else 0.0)
         options = replace(
             self.options,
-            max_boxes=max(1, int(share * boxes)),
+            max_boxes=max(1, min(int(share * boxes), most_boxes or boxes)),
             max_seconds=max(SHORTEST_S, share * seconds),
         )
         cancel = self._cancel if boxes > 0 else _Stopped()

@@ -19,15 +19,18 @@ import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.faces import is_degenerate
+from dg_localization.solver.assemble.large_pieces import LargePiece, solve_large
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition, pairs_of
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.patches.solver import MOST_WHOLE, SolvedPatches
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.search.branch_and_prune import Cover
 
 MOST_RANGES = 16
 """A piece is solved at most so often, for different ranges of what it is given."""
@@ -45,6 +48,17 @@ class SolvedPiece:
     points: Points
     hypotheses: list[Hypothesis]
     pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
+    in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
+
+    def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
+        """Return how many boxes some of its hypotheses have, and how many were not examined."""
+        if self.in_patches:
+            n_left = sum(solved.n_boxes() for solved in self.in_patches)
+            return n_left, sum(solved.n_pending() for solved in self.in_patches)
+        boxes = [box for x in left for box in self.hypotheses[x].boxes]
+        if not self.pending:
+            return len(boxes), 0
+        return len(boxes), sum(box.tobytes() in self.pending for box in boxes)
 
 
 @dataclass
@@ -75,6 +89,19 @@ class _Search:
     problem: Problem
     kept: list[FloatArray]
     pending: list[FloatArray]
+    large: LargePiece | None = None
+
+    def is_pending(self) -> bool:
+        """Return whether some boxes were not examined."""
+        if self.large is not None and self.large.cover is None:
+            return not self.large.patches.is_complete()
+        return bool(self.pending)
+
+    def hypotheses(self) -> Sequence[Hypothesis]:
+        """Return the hypotheses that the cover makes, or those that patches made."""
+        if self.large is not None and self.large.cover is None:
+            return self.large.hypotheses
+        return hypotheses_of(self.problem, self.kept + self.pending)
 
 
 @dataclass(eq=False)
@@ -88,21 +115,34 @@ class _Task:
 
     def is_pending(self) -> bool:
         """Return whether some boxes were not examined, and may be about anything."""
-        return any(search.pending for search in self.searches)
+        return any(search.is_pending() for search in self.searches)
 
     def gather(self) -> None:
         """Write the hypotheses that the covers of all searches make."""
         self.hypotheses = [
-            hypothesis
-            for search in self.searches
-            for hypothesis in hypotheses_of(search.problem, search.kept + search.pending)
+            hypothesis for search in self.searches for hypothesis in search.hypotheses()
         ]
 
     def solved(self) -> SolvedPiece:
         """Return the piece as it is now."""
         pending = (box for search in self.searches for box in search.pending)
         keys = {box[: UPPER + 1].tobytes() for box in pending}
-        return SolvedPiece(self.points, self.hypotheses or [], keys)
+        large = [s.large.patches for s in self.searches if s.large and s.large.cover is None]
+        return SolvedPiece(self.points, self.hypotheses or [], keys, large)
+
+
+def _searched(
+    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+) -> _Search:
+    """Solve a piece for one choice of what it is given, with a share of what is left."""
+    large = None
+    if problem.n_points > MOST_WHOLE:
+        large = solve_large(problem, budget, share, within)
+    if large is None:
+        cover = budget.search(problem, share, within)
+    else:
+        cover = large.cover or Cover()
+    return _Search(problem, cover.kept, cover.pending, large)
 
 
 class PieceSolver:
@@ -208,10 +248,9 @@ class PieceSolver:
         constraints = self._orientations.among(task.points)
         for x, bounds in enumerate(given):
             problem = restricted(self._problem, task.points, bounds, constraints)
-            if problem is None:
-                continue
-            cover = self._budget.search(problem, share / (len(given) - x), within)
-            task.searches.append(_Search(problem, cover.kept, cover.pending))
+            if problem is not None:
+                part = share / (len(given) - x)
+                task.searches.append(_searched(problem, self._budget, part, within))
         task.gather()
 
     def _given(self, task: _Task) -> list[Bounds | None]:

@@ -1,0 +1,97 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How a large piece is solved: its patches first, then what they leave open.
+
+Up to `MOST_CONTRACTED` points all pairs of the piece are contracted together afterwards, within
+what its patches allow. Where the patches hold it together that is one step for each choice of
+their hypotheses, else the ordinary search. The answer of a larger piece is that of its patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
+from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.patches.answers import PatchAnswers
+from dg_localization.solver.patches.solver import PatchSolver, SolvedPatches
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.search.branch_and_prune import Cover
+
+PATCHES_SHARE = 0.5
+"""Patches may take this part of the time of a piece that is contracted afterwards."""
+
+BOXES_PER_CHOICE = 2
+"""A piece that its patches hold together is split so often for each choice."""
+
+
+@dataclass
+class LargePiece:
+    """
+    What became of a large piece.
+
+    Attributes
+    ----------
+    patches : SolvedPatches
+        Its patches.
+    cover : Cover or None
+        Its cover where all its pairs were contracted together.
+    hypotheses : list of Hypothesis
+        Its hypotheses where they were not.
+
+    """
+
+    patches: SolvedPatches
+    cover: Cover | None
+    hypotheses: list[Hypothesis]
+
+
+def solve_large(
+    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+) -> LargePiece | None:
+    """
+    Solve a large piece in patches.
+
+    Parameters
+    ----------
+    problem : Problem
+        The piece.
+    budget : CallBudget
+        What the call may take.
+    share : float
+        The fraction of the boxes and of the time left that the piece may take.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 to search in; everywhere when there are none.
+
+    Returns
+    -------
+    LargePiece or None
+        None where the neighborhoods of the piece are not rigid; patches are of no use then.
+
+    """
+    is_whole = problem.n_points <= MOST_CONTRACTED
+    share_of_patches = PATCHES_SHARE * share if is_whole else share
+    solved = PatchSolver(problem, budget, share_of_patches, within).run()
+    if solved is None:
+        return None
+    if solved.is_empty():
+        return LargePiece(solved, Cover(), [])
+    answers = PatchAnswers(problem, solved, within)
+    most = budget.options.max_hypotheses
+    if not is_whole:
+        return LargePiece(solved, None, answers.hypotheses(most, budget.is_over))
+    boxes = answers.boxes(most)
+    budget.go_on_from(solved.n_boxes())
+    if not (solved.is_one_body and solved.is_complete()):
+        return LargePiece(solved, budget.search(problem, share, boxes), [])
+    most_boxes = BOXES_PER_CHOICE * len(boxes)
+    cover = budget.search(problem, PATCHES_SHARE * share, boxes, most_boxes)
+    # The patches were examined to the end, and so is what they allow.
+    budget.accept(len(cover.pending))
+    cover.kept, cover.pending = cover.kept + cover.pending, []
+    return LargePiece(solved, cover, [])

@@ -1,0 +1,247 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The hypotheses of a whole piece from those of its patches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.patches.chains import ChainGraph
+from dg_localization.solver.patches.choices import Ambiguities
+from dg_localization.solver.patches.placing import laid_together, refined
+from dg_localization.solver.patches.solver import SolvedPatches
+from dg_localization.solver.place.placements import MARGIN
+from dg_localization.solver.place.proofs import agrees, with_known_chirality
+from dg_localization.solver.place.rigidity import is_flexible
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis
+
+MOST_NUMBERS = 10**6
+"""Hypotheses times the square of the points, up to which those of a large piece are listed."""
+
+MOST_RANKED = 150
+"""Up to so many points the rank of a placement is computed, which takes their cube of time."""
+
+
+class ChainedHypothesis(Hypothesis):
+    """
+    A hypothesis of a large piece, which keeps the bounds of known pairs only.
+
+    Those of all pairs follow from chains of known ones when they are asked for.
+
+    Parameters
+    ----------
+    graph : ChainGraph
+        The known pairs.
+    n_points : int
+        The number of points.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+    positions : ndarray, shape (n, q)
+        A placement in m.
+    proved : bool
+        Whether it meets every constraint.
+    flexible : bool
+        Whether the placements are a continuum even without measurement errors.
+
+    """
+
+    _graph: ChainGraph
+    _n_points: int
+    _within: Sequence[Bounds] | None
+
+    def __init__(
+        self,
+        graph: ChainGraph,
+        n_points: int,
+        within: Sequence[Bounds] | None,
+        positions: FloatArray,
+        proved: bool,
+        flexible: bool,
+    ) -> None:
+        # The base class is frozen.
+        values = {
+            '_graph': graph,
+            '_n_points': n_points,
+            '_within': within,
+            'positions': positions,
+            'proved': proved,
+            'flexible': flexible,
+        }
+        self.__dict__.update(values)
+
+    def bounds_among(self, points: Sequence[int]) -> Bounds:
+        """Return the bounds of all pairs of some points."""
+        lower, upper = self._graph.bounds(np.array(points, dtype=np.int64))
+        if self._within is not None:
+            index = np.ix_(points, points)
+            lower = np.maximum(lower, np.min([low[index] for low, _ in self._within], axis=0))
+            upper = np.minimum(upper, np.max([high[index] for _, high in self._within], axis=0))
+        return lower, upper
+
+    @cached_property
+    def _all(self) -> Bounds:
+        """The bounds of all pairs."""
+        return self.bounds_among(range(self._n_points))
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds of every squared distance in m^2, shape (n, n)."""
+        return self._all[0]
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds of every squared distance in m^2, shape (n, n)."""
+        return self._all[1]
+
+    @property
+    def boxes(self) -> FloatArray:
+        """The one box of its cover, shape (1, 2, n, n)."""
+        return np.stack(self._all)[None]
+
+
+class PatchAnswers:
+    """
+    What the patches of a piece make together.
+
+    Parameters
+    ----------
+    problem : Problem
+        The piece.
+    solved : SolvedPatches
+        Its patches.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+
+    """
+
+    def __init__(
+        self, problem: Problem, solved: SolvedPatches, within: Sequence[Bounds] | None
+    ) -> None:
+        self._problem = problem
+        self._solved = solved
+        self._within = within
+        self._ambiguities = Ambiguities(solved.patches, solved.known)
+
+    def boxes(self, most: int) -> list[Bounds]:
+        """
+        Return boxes of all pairs that hold every placement between them.
+
+        Parameters
+        ----------
+        most : int
+            Choices of hypotheses to tell apart; where there are more, one box holds them all.
+
+        Returns
+        -------
+        list of (ndarray, ndarray)
+            Lower and upper bounds in m^2, shapes (n, n).
+
+        """
+        rows, columns = self._solved.known.pairs.T
+        boxes = []
+        for choice in self._choices(most):
+            low, high = self._chosen(choice)
+            lower, upper = self._problem.lower.copy(), self._problem.upper.copy()
+            lower[rows, columns] = lower[columns, rows] = low
+            upper[rows, columns] = upper[columns, rows] = high
+            boxes.append((lower, upper))
+        if self._within is None:
+            return boxes
+        common = (
+            (np.maximum(lower, low), np.minimum(upper, high))
+            for lower, upper in boxes
+            for low, high in self._within
+        )
+        return [(lower, upper) for lower, upper in common if (lower <= upper).all()]
+
+    def hypotheses(self, most: int, stopped: Callable[[], bool]) -> list[Hypothesis]:
+        """
+        Return hypotheses that hold every placement between them.
+
+        Parameters
+        ----------
+        most : int
+            Choices of hypotheses to tell apart; where there are more, one hypothesis holds all.
+        stopped : callable
+            Whether there is no time left to look for placements that agree.
+
+        Returns
+        -------
+        list of Hypothesis
+            One for each choice.
+
+        """
+        n_points = self._problem.n_points
+        found: list[Hypothesis] = []
+        for choice in self._choices(min(most, max(1, MOST_NUMBERS // n_points**2))):
+            low, high = self._chosen(choice)
+            graph = ChainGraph(n_points, self._solved.known.pairs, low, high)
+            positions = self._placement(choice or self._ambiguities.first(), stopped)
+            proved = agrees(self._problem, positions)
+            flexible = self._is_flexible(positions)
+            found.append(
+                ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
+            )
+        return found
+
+    def _is_flexible(self, positions: FloatArray) -> bool:
+        """Return whether a placement can move; a piece too large for its rank is rigid."""
+        problem = self._problem
+        if problem.n_points > MOST_RANKED:
+            return False
+        return bool(is_flexible(positions, np.isfinite(problem.upper)))
+
+    def _choices(self, most: int) -> list[dict[int, int]]:
+        """Return a hypothesis for each ambiguous patch, or none chosen where there are many."""
+        choices = self._ambiguities.choices(most)
+        return [{}] if choices is None else choices
+
+    def _chosen(self, choice: Mapping[int, int]) -> Bounds:
+        """Return the bounds of the known pairs for a choice of hypotheses."""
+        known = self._solved.known
+        low, high = known.lower.copy(), known.upper.copy()
+        for patch, x in choice.items():
+            numbers, (patch_low, patch_high) = known.bounds_of(patch, x)
+            low[numbers] = np.maximum(low[numbers], patch_low)
+            high[numbers] = np.minimum(high[numbers], patch_high)
+        return low, high
+
+    def _placement(self, choice: Mapping[int, int], stopped: Callable[[], bool]) -> FloatArray:
+        """Return a placement for one hypothesis of every patch."""
+        local = []
+        for number, patch in enumerate(self._solved.patches):
+            chosen = choice.get(number, int(np.argmax(patch.left)))
+            positions = patch.hypotheses[chosen].positions
+            if positions is not None and np.isfinite(positions).all():
+                local.append((patch.points, positions))
+        problem, known = self._problem, self._solved.known
+        low, high = self._chosen(choice)
+        positions = np.full((problem.n_points, problem.dimension), np.nan)
+        if local:
+            positions = laid_together(problem.n_points, local, known.pairs, low, high)
+        lost = ~np.isfinite(positions[:, 0])
+        if lost.any():
+            # Points of patches that were not solved: anywhere, but not in one place.
+            spread = np.random.default_rng(0).standard_normal((int(lost.sum()), len(positions[0])))
+            positions[lost] = np.sqrt(high.max(initial=1.0)) * spread
+            return positions
+        # Known pairs give the shape; what has to agree are the measured ones.
+        positions = refined(positions, known.pairs, low, high, 0.0, stopped)
+        positions = refined(positions, *self._measured, MARGIN, stopped)
+        return with_known_chirality(problem, positions)
+
+    @cached_property
+    def _measured(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """The pairs that the problem bounds, and their bounds in m^2."""
+        problem = self._problem
+        bounded = np.isfinite(problem.upper) | (problem.lower > 0.0)
+        pairs = np.argwhere(np.triu(bounded, 1))
+        rows, columns = pairs.T
+        return pairs, problem.lower[rows, columns], problem.upper[rows, columns]

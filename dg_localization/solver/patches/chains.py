@@ -1,0 +1,173 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Bounds of far pairs from chains of known ones.
+
+Two points are no farther apart than any chain of known pairs between them is long, and no nearer
+than a known pair at one of them exceeds the chain from its other end. Nothing else is known of a
+pair that no patch holds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import (
+    down,
+    sqrt_down,
+    sqrt_up,
+    square_down,
+    square_up,
+    up,
+)
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.decompose.graph import Graph
+
+
+class ChainGraph:
+    """
+    Points and the bounds of known pairs of them.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs, each once.
+    lower, upper : ndarray, shape (m,)
+        Bounds of their squared distances in m^2.
+
+    """
+
+    def __init__(
+        self, n_points: int, pairs: IntArray, lower: FloatArray, upper: FloatArray
+    ) -> None:
+        self._n_points = n_points
+        both = np.concatenate([pairs, pairs[:, ::-1]])
+        order = np.lexsort((both[:, 1], both[:, 0]))
+        start = np.searchsorted(both[order, 0], np.arange(n_points + 1)).astype(np.int64)
+        self._graph = Graph(start, both[order, 1])
+        self._lower = np.concatenate([lower, lower])[order]
+        self._upper = np.concatenate([upper, upper])[order]
+
+    def bounds(self, points: IntArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Return the bounds of all pairs of some points.
+
+        Parameters
+        ----------
+        points : ndarray of int, shape (k,)
+            The points.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (k, k)
+            Lower and upper bounds of the squared distances in m^2, infinite where no chain leads.
+
+        """
+        start, neighbors = self._graph
+        needed = np.zeros(self._n_points, dtype=np.bool_)
+        needed[points] = True
+        for point in points:
+            needed[neighbors[start[point] : start[point + 1]]] = True
+        sources = np.flatnonzero(needed)
+        row_of = np.full(self._n_points, -1)
+        row_of[sources] = np.arange(len(sources))
+        lengths_m = _chain_lengths(start, neighbors, self._upper, sources)
+        args = start, neighbors, self._lower, self._upper
+        lower, upper = _bounds(*args, np.asarray(points), row_of, lengths_m)
+        return np.maximum(lower, lower.T), np.minimum(upper, upper.T)
+
+
+@kernel
+def _chain_lengths(
+    start: IntArray, neighbors: IntArray, upper: FloatArray, sources: IntArray
+) -> FloatArray:
+    """Return the length in m of the shortest chain from each source to each point, rounded up."""
+    n_points = len(start) - 1
+    lengths_m = np.full((len(sources), n_points), np.inf)
+    steps_m = np.empty(len(upper))
+    for x in range(len(upper)):
+        steps_m[x] = sqrt_up(upper[x])
+    heap_m = np.empty(len(neighbors) + 1)
+    heap = np.empty(len(neighbors) + 1, dtype=np.int64)
+    for row in range(len(sources)):
+        length_m = lengths_m[row]
+        length_m[sources[row]] = 0.0
+        heap_m[0], heap[0] = 0.0, sources[row]
+        size = 1
+        while size:
+            here_m, point = heap_m[0], heap[0]
+            size -= 1
+            _sink(heap_m, heap, size, heap_m[size], heap[size])
+            if here_m > length_m[point]:
+                continue
+            for x in range(start[point], start[point + 1]):
+                other = neighbors[x]
+                there_m = up(here_m + steps_m[x])
+                if there_m < length_m[other]:
+                    length_m[other] = there_m
+                    _rise(heap_m, heap, size, there_m, other)
+                    size += 1
+    return lengths_m
+
+
+@kernel(borrows=True)
+def _rise(heap_m: FloatArray, heap: IntArray, at: int, key_m: float, point: int) -> None:
+    """Insert a point at the end of a heap and move it up to its place."""
+    while at > 0 and heap_m[(at - 1) // 2] > key_m:
+        heap_m[at], heap[at] = heap_m[(at - 1) // 2], heap[(at - 1) // 2]
+        at = (at - 1) // 2
+    heap_m[at], heap[at] = key_m, point
+
+
+@kernel(borrows=True)
+def _sink(heap_m: FloatArray, heap: IntArray, size: int, key_m: float, point: int) -> None:
+    """Replace the first point of a heap and move the new one down to its place."""
+    at = 0
+    while 2 * at + 1 < size:
+        below = 2 * at + 1
+        if below + 1 < size and heap_m[below + 1] < heap_m[below]:
+            below += 1
+        if heap_m[below] >= key_m:
+            break
+        heap_m[at], heap[at] = heap_m[below], heap[below]
+        at = below
+    heap_m[at], heap[at] = key_m, point
+
+
+@kernel
+def _bounds(
+    start: IntArray,
+    neighbors: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    points: IntArray,
+    row_of: IntArray,
+    lengths_m: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds that chains put on all pairs of some points, in m^2."""
+    size = len(points)
+    low = np.zeros((size, size))
+    high = np.zeros((size, size))
+    for x in range(size):
+        i = points[x]
+        for y in range(size):
+            if x != y:
+                length_m = lengths_m[row_of[i], points[y]]
+                high[x, y] = square_up(length_m) if length_m < np.inf else np.inf
+        for z in range(start[i], start[i + 1]):
+            j = neighbors[z]
+            least_m = sqrt_down(lower[z])
+            for y in range(size):
+                k = points[y]
+                if k == j:
+                    low[x, y] = max(low[x, y], lower[z])
+                    high[x, y] = min(high[x, y], upper[z])
+                elif k != i:
+                    rest_m = down(least_m - lengths_m[row_of[j], k])
+                    if rest_m > 0.0:
+                        low[x, y] = max(low[x, y], square_down(rest_m))
+    return low, high

@@ -1,0 +1,239 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What patches say of the pairs that they share, and which of their hypotheses agree with it.
+
+A pair that lies in several patches has a squared distance that each of them bounds. A hypothesis
+whose bounds do not meet what all others allow is dropped, until none is left to drop (arc
+consistency).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.assemble.subproblem import Bounds, unbounded
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.decompose.graph import BoolArray, Pair
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis
+
+
+@dataclass(eq=False)
+class Patch:
+    """
+    Some points of a piece and the hypotheses that hold all their placements.
+
+    Attributes
+    ----------
+    points : tuple of int
+        The points, ascending.
+    hypotheses : list of Hypothesis
+        The hypotheses over these points.
+    pending : set of bytes
+        The bounds of the boxes among theirs that were not examined.
+    left : ndarray of bool, shape (k,)
+        The hypotheses that agree with the other patches.
+
+    """
+
+    points: Points
+    hypotheses: list[Hypothesis]
+    pending: set[bytes]
+    left: BoolArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin with all hypotheses."""
+        self.left = np.ones(len(self.hypotheses), dtype=np.bool_)
+
+    def remaining(self) -> list[Hypothesis]:
+        """Return the hypotheses that are left."""
+        return [self.hypotheses[x] for x in np.flatnonzero(self.left)]
+
+    def n_boxes(self) -> int:
+        """Return how many boxes the hypotheses that are left have."""
+        return sum(len(hypothesis.boxes) for hypothesis in self.remaining())
+
+    def n_pending(self) -> int:
+        """Return how many of these were not examined."""
+        if not self.pending:
+            return 0
+        boxes = (box for hypothesis in self.remaining() for box in hypothesis.boxes)
+        return sum(box.tobytes() in self.pending for box in boxes)
+
+
+class KnownPairs:
+    """
+    The pairs that are measured or lie in patches, and bounds of their squared distances.
+
+    Parameters
+    ----------
+    problem : Problem
+        The piece.
+    measured : sequence of pair
+        Its measured pairs.
+    patches : sequence of Patch
+        Its patches.
+
+    Attributes
+    ----------
+    pairs : ndarray of int, shape (m, 2)
+        The pairs, the smaller point first, in their order.
+    lower, upper : ndarray, shape (m,)
+        Bounds in m^2, over all hypotheses that are left.
+
+    """
+
+    def __init__(
+        self, problem: Problem, measured: Sequence[Pair], patches: Sequence[Patch]
+    ) -> None:
+        self._n_points = problem.n_points
+        self._patches = patches
+        keys = [self._keys(patch.points) for patch in patches]
+        rows, columns = np.array(measured, dtype=np.int64).T
+        self._all_keys = np.unique(np.concatenate([rows * self._n_points + columns, *keys]))
+        self.pairs = np.stack(np.divmod(self._all_keys, self._n_points), axis=1)
+        rows, columns = self.pairs.T
+        self.lower, self.upper = problem.lower[rows, columns], problem.upper[rows, columns]
+        self.numbers = [np.searchsorted(self._all_keys, of_patch) for of_patch in keys]
+        self._bounds = [_bounds_of(patch) for patch in patches]
+
+    def _keys(self, points: Points) -> IntArray:
+        """Return one number for each pair of some points."""
+        members = np.array(points)
+        rows, columns = np.triu_indices(len(points), 1)
+        return np.asarray(members[rows] * self._n_points + members[columns])
+
+    def narrow(self) -> int | None:
+        """Drop hypotheses until all agree; return a patch that is left without any."""
+        for number, patch in enumerate(self._patches):
+            if not patch.left.any():
+                return number
+        if not self._patches:
+            return None
+        counts = [len(patch.hypotheses) for patch in self._patches]
+        left = np.concatenate([patch.left for patch in self._patches])
+        empty = _narrow(
+            np.concatenate(self.numbers),
+            _offsets([len(numbers) for numbers in self.numbers]),
+            np.concatenate([bounds.reshape(2, -1) for bounds in self._bounds], axis=1),
+            _offsets(counts),
+            left,
+            self.lower,
+            self.upper,
+        )
+        for patch, of_patch in zip(self._patches, np.split(left, np.cumsum(counts)), strict=False):
+            patch.left = of_patch
+        return int(empty) if empty >= 0 else None
+
+    def bounds_of(self, patch: int, hypothesis: int) -> tuple[IntArray, FloatArray]:
+        """Return the numbers of a patch's pairs, and their bounds in one of its hypotheses."""
+        return self.numbers[patch], self._bounds[patch][:, hypothesis]
+
+    def bounds_of_shared(self, first: int, second: int) -> tuple[FloatArray, FloatArray]:
+        """
+        Return what two patches say of the pairs that both have.
+
+        Parameters
+        ----------
+        first, second : int
+            The patches.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (2, k, m)
+            For each the bounds in m^2 of its k hypotheses for the m shared pairs.
+
+        """
+        _, of_first, of_second = np.intersect1d(
+            self.numbers[first], self.numbers[second], assume_unique=True, return_indices=True
+        )
+        return self._bounds[first][:, :, of_first], self._bounds[second][:, :, of_second]
+
+    def among(self, points: Points) -> Bounds:
+        """Return the bounds of all pairs of some points; what no patch holds is unbounded."""
+        lower, upper = unbounded(len(points))
+        np.fill_diagonal(upper, 0.0)
+        rows, columns = np.triu_indices(len(points), 1)
+        keys = self._keys(points)
+        places = np.minimum(np.searchsorted(self._all_keys, keys), len(self._all_keys) - 1)
+        held = self._all_keys[places] == keys
+        rows, columns, places = rows[held], columns[held], places[held]
+        lower[rows, columns] = lower[columns, rows] = self.lower[places]
+        upper[rows, columns] = upper[columns, rows] = self.upper[places]
+        return lower, upper
+
+
+def _bounds_of(patch: Patch) -> FloatArray:
+    """Return the bounds in m^2 of the pairs of a patch by hypothesis, shape (2, k, m)."""
+    rows, columns = np.triu_indices(len(patch.points), 1)
+    ends = [(h.lower[rows, columns], h.upper[rows, columns]) for h in patch.hypotheses]
+    return np.array(ends).reshape(-1, 2, len(rows)).transpose(1, 0, 2)
+
+
+def _offsets(counts: Sequence[int]) -> IntArray:
+    """Return where each of several runs begins, and where the last one ends."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+@kernel
+def _narrow(
+    numbers: IntArray,
+    pair_offsets: IntArray,
+    bounds: FloatArray,
+    hypothesis_offsets: IntArray,
+    left: BoolArray,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> int:
+    """
+    Drop hypotheses and narrow the bounds of pairs until nothing changes.
+
+    Patch p has the pairs ``numbers[pair_offsets[p]:pair_offsets[p + 1]]``; the bounds of its
+    hypotheses for them follow each other. Returns a patch that is left without any, or -1.
+    """
+    changed = True
+    while changed:
+        changed = False
+        start = 0
+        for patch in range(len(pair_offsets) - 1):
+            first_pair = pair_offsets[patch]
+            n_pairs = pair_offsets[patch + 1] - first_pair
+            is_left = False
+            first, last = hypothesis_offsets[patch], hypothesis_offsets[patch + 1]
+            for x in range(first, last):
+                at = start + (x - first) * n_pairs
+                for y in range(n_pairs):
+                    number = numbers[first_pair + y]
+                    if left[x] and (
+                        bounds[0, at + y] > upper[number] or bounds[1, at + y] < lower[number]
+                    ):
+                        left[x] = False
+                        changed = True
+                is_left = is_left or left[x]
+            if not is_left:
+                return patch
+            for y in range(n_pairs):
+                low, high = np.inf, -np.inf
+                for x in range(first, last):
+                    if left[x]:
+                        at = start + (x - first) * n_pairs + y
+                        low = min(low, bounds[0, at])
+                        high = max(high, bounds[1, at])
+                number = numbers[first_pair + y]
+                if low > lower[number]:
+                    lower[number] = low
+                    changed = True
+                if high < upper[number]:
+                    upper[number] = high
+                    changed = True
+                if lower[number] > upper[number]:
+                    return patch
+            start += (last - first) * n_pairs
+    return -1

@@ -1,0 +1,251 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Which points make a patch: small rigid neighborhoods that cover every measured pair.
+
+Everything here works on the graph of known pairs alone. It decides how much work there is and how
+much the patches tell, never what is true: any set of points may be solved as a problem of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+
+import numpy as np
+
+from dg_localization.solver.decompose.graph import Pair
+from dg_localization.solver.decompose.rigid_components import Points, rigid_components
+
+PATCH_POINTS = 8
+"""Most points of a patch: larger ones took longer, and left as much open."""
+
+SEAM_POINTS = 12
+"""Most shared points of a patch that joins bodies of patches."""
+
+SEAM_HOPS = 3
+"""Points of a body that are farther apart, counted in known pairs, do not hold a seam."""
+
+MOST_FILLED = 20
+FILLED_AT_ONCE = 4
+"""A patch that joins bodies is filled up to so many points, a few more at a time."""
+
+
+class Neighborhoods:
+    """
+    Neighborhoods in a graph.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : iterable of pair
+        The pairs whose distance is known.
+    dimension : int
+        The dimension q of the space.
+
+    """
+
+    def __init__(self, n_points: int, pairs: Iterable[Pair], dimension: int) -> None:
+        self._dimension = dimension
+        self.neighbors: list[set[int]] = [set() for _ in range(n_points)]
+        for i, j in pairs:
+            self.neighbors[i].add(j)
+            self.neighbors[j].add(i)
+
+    def grown(self, seed: Iterable[int], most: int) -> set[int]:
+        """Return a set of points with those that have most known pairs to it, up to so many."""
+        inside = set(seed)
+        n_links: dict[int, int] = {}
+
+        def count_links(point: int) -> None:
+            for other in self.neighbors[point] - inside:
+                n_links[other] = n_links.get(other, 0) + 1
+
+        for point in inside:
+            count_links(point)
+        while len(inside) < most and n_links:
+            # Of equal ones those with few neighbors, which are hard to hold otherwise.
+            best = max(n_links, key=lambda p: (n_links[p], -len(self.neighbors[p]), -p))
+            if n_links.pop(best) < self._dimension:
+                break
+            inside.add(best)
+            count_links(best)
+        return inside
+
+    def rigid_part(self, points: Collection[int], wanted: Collection[int]) -> Points:
+        """Return the largest rigid part of some points that holds the wanted ones, or nothing."""
+        ordered = sorted(points)
+        local = {point: x for x, point in enumerate(ordered)}
+        inner = [
+            (local[i], local[j])
+            for i in ordered
+            for j in self.neighbors[i]
+            if i < j and j in local
+        ]
+        pairs = np.array(inner, dtype=np.int64).reshape(-1, 2)
+        parts = rigid_components(len(ordered), pairs, self._dimension)
+        needed = {local[point] for point in wanted}
+        held = [part for part in parts if needed.issubset(part)]
+        return tuple(ordered[x] for x in max(held, key=len, default=()))
+
+    def within_hops(self, start: int, body: set[int], most: int) -> set[int]:
+        """Return the points of a body that so many known pairs, or fewer, lead to."""
+        seen = front = {start}
+        for _ in range(most):
+            front = set().union(*(self.neighbors[point] for point in front)) & body - seen
+            seen = seen | front
+        return seen
+
+    def paths(self, start: int, ends: Collection[int], body: set[int]) -> set[int]:
+        """Return the points on a shortest path of known pairs in a body to each of some ends."""
+        before = {start: start}
+        front = [start]
+        while front:
+            reached = []
+            for point in front:
+                for other in self.neighbors[point]:
+                    if other in body and other not in before:
+                        before[other] = point
+                        reached.append(other)
+            front = reached
+        on_paths = set()
+        for end in ends:
+            point = end if end in before else start
+            while point != start:
+                on_paths.add(point)
+                point = before[point]
+        return on_paths
+
+    def pairs_among(self, points: Points) -> list[Pair]:
+        """Return the known pairs among some points."""
+        inside = set(points)
+        return [(i, j) for i in points for j in self.neighbors[i] & inside if i < j]
+
+
+def covering_patches(
+    graph: Neighborhoods, pairs: Sequence[Pair], seeds: Sequence[Points], most: int
+) -> list[Points]:
+    """
+    Return patches that cover every known pair.
+
+    Parameters
+    ----------
+    graph : Neighborhoods
+        The graph of known pairs.
+    pairs : sequence of pair
+        Its pairs.
+    seeds : sequence of tuple of int
+        Sets of points that should lie in one patch, such as those that a chirality names.
+    most : int
+        Most points of a patch.
+
+    Returns
+    -------
+    list of tuple of int
+        The points of each patch, ascending: at least two.
+
+    """
+    patches: list[Points] = []
+    covered: set[Pair] = set()
+    for seed in dict.fromkeys(seeds):
+        if any(set(seed).issubset(patch) for patch in patches):
+            continue
+        patch = graph.rigid_part(graph.grown(seed, most), seed)
+        if patch:
+            patches.append(patch)
+            covered.update(graph.pairs_among(patch))
+    for pair in pairs:
+        if pair not in covered:
+            patch = graph.rigid_part(graph.grown(pair, most), pair)
+            patches.append(patch)
+            covered.update(graph.pairs_among(patch))
+    return patches
+
+
+def bodies_of(patches: Sequence[Points], dimension: int) -> list[set[int]]:
+    """
+    Return what patches that share more than q points make together, the largest first.
+
+    Patches that share q points only may be mirrored in them, unless a third one says otherwise.
+    """
+    bodies: dict[int, set[int]] = {}
+    bodies_of_point: dict[int, set[int]] = {}
+    for number, patch in enumerate(patches):
+        body = set(patch)
+        waiting = set(body)
+        while waiting:
+            common: dict[int, int] = {}
+            for point in waiting:
+                for other in bodies_of_point.get(point, ()):
+                    common[other] = len(body & bodies[other])
+            joined = [other for other, count in common.items() if count > dimension]
+            before = set(body)
+            for other in joined:
+                for point in bodies.pop(other):
+                    bodies_of_point[point].discard(other)
+                    body.add(point)
+            waiting = body - before
+        bodies[number] = body
+        for point in body:
+            bodies_of_point.setdefault(point, set()).add(number)
+    return sorted(bodies.values(), key=lambda body: (-len(body), min(body)))
+
+
+def seam_patches(known: Neighborhoods, bodies: Sequence[set[int]], dimension: int) -> list[Points]:
+    """
+    Return patches across the seams between bodies.
+
+    The points that several bodies share hold the bodies together; with all distances within a
+    body taken as known they are a problem of the same kind, and a small one. Its patches are
+    filled up with points of the bodies between them, until known pairs hold them rigid.
+
+    Parameters
+    ----------
+    known : Neighborhoods
+        The graph of all pairs that lie in a patch.
+    bodies : sequence of set of int
+        What the patches make together.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    list of tuple of int
+        The points of each patch, ascending.
+
+    """
+    n_points = len(known.neighbors)
+    n_bodies = np.zeros(n_points, dtype=np.int64)
+    for body in bodies:
+        n_bodies[list(body)] += 1
+    shared = set(np.flatnonzero(n_bodies > 1).tolist())
+    pairs: dict[Pair, None] = {}
+    for body in bodies:
+        for point in sorted(body & shared):
+            near = known.within_hops(point, body, SEAM_HOPS) & shared
+            pairs.update(dict.fromkeys((point, other) for other in near if other > point))
+    graph = Neighborhoods(n_points, pairs, dimension)
+    found = []
+    for patch in covering_patches(graph, list(pairs), (), SEAM_POINTS):
+        if len(patch) > dimension and not any(body.issuperset(patch) for body in bodies):
+            filled = _filled(known, patch, [body for body in bodies if body & set(patch)])
+            if filled:
+                found.append(filled)
+    return found
+
+
+def _filled(known: Neighborhoods, patch: Points, bodies: Sequence[set[int]]) -> Points:
+    """Return a patch with points of the bodies between its own, nothing where it takes many."""
+    points = set(patch)
+    for body in bodies:
+        inside = sorted(body & set(patch))
+        for point in inside:
+            points |= known.paths(point, inside, body)
+    if len(points) > MOST_FILLED:
+        return ()
+    for most in range(len(points), MOST_FILLED + 1, FILLED_AT_ONCE):
+        rigid = known.rigid_part(known.grown(points, most), patch)
+        if rigid:
+            return rigid
+    return ()

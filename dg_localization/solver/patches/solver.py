@@ -1,0 +1,230 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A large rigid piece, solved in patches.
+
+Small rigid neighborhoods cover all measured pairs and overlap. Each is solved as a problem of its
+own; what all of them say of a shared pair narrows it, and hypotheses that contradict their
+neighbors are dropped. Further patches cross the seams between those that are held together, and
+look again at those that several hypotheses are left of. Every placement of the piece is a
+placement of each patch, so that nothing is lost, whatever the patches are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.subproblem import (
+    Bounds,
+    Constraint,
+    Orientations,
+    points_of,
+    restricted,
+    unbounded,
+)
+from dg_localization.solver.box import UPPER
+from dg_localization.solver.decompose.graph import Pair
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.patches.choices import Ambiguities
+from dg_localization.solver.patches.known_pairs import KnownPairs, Patch
+from dg_localization.solver.patches.neighborhoods import (
+    PATCH_POINTS,
+    Neighborhoods,
+    bodies_of,
+    covering_patches,
+    seam_patches,
+)
+from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.problem import Problem
+
+MOST_WHOLE = 16
+"""A piece of more points is solved in patches, in the plane."""
+
+MOST_PATCH_BOXES = 200
+MOST_SEAM_BOXES = 40
+MOST_REVIEW_BOXES = 12
+"""One patch may take so many boxes; those that come later are given up where they take more."""
+
+REVIEW_POINTS = 14
+"""Most points of a patch that looks again at what another one leaves open."""
+
+
+@dataclass
+class SolvedPatches:
+    """
+    The patches of a piece.
+
+    Attributes
+    ----------
+    patches : list of Patch
+        The patches; where one is left without a hypothesis, it is the only one.
+    known : KnownPairs
+        Their pairs, narrowed.
+    is_one_body : bool
+        Whether the patches hold all points of the piece together.
+    n_unsolved : int
+        How many patches were not solved for want of time.
+
+    """
+
+    patches: list[Patch]
+    known: KnownPairs
+    is_one_body: bool = False
+    n_unsolved: int = 0
+
+    def is_empty(self) -> bool:
+        """Return whether a patch is left without a hypothesis: there is no placement."""
+        return len(self.patches) == 1 and not self.patches[0].left.any()
+
+    def is_complete(self) -> bool:
+        """Return whether all patches were examined to the end."""
+        return self.n_pending() == 0
+
+    def n_boxes(self) -> int:
+        """Return how many boxes the patches have; one that was not solved has one."""
+        return sum(patch.n_boxes() for patch in self.patches) + self.n_unsolved
+
+    def n_pending(self) -> int:
+        """Return how many of these were not examined to the end."""
+        return sum(patch.n_pending() for patch in self.patches) + self.n_unsolved
+
+
+class PatchSolver:
+    """
+    Solves a piece in patches.
+
+    Parameters
+    ----------
+    problem : Problem
+        The piece.
+    budget : CallBudget
+        What the call may take.
+    share : float
+        The fraction of the time left that the patches may take.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        budget: CallBudget,
+        share: float,
+        within: Sequence[Bounds] | None,
+    ) -> None:
+        self._problem = problem
+        self._budget = budget
+        self._within = within
+        self._orientations = Orientations(problem)
+        self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
+        rows, columns = np.nonzero(np.triu(np.isfinite(problem.upper), 1))
+        self._pairs: list[Pair] = list(zip(rows.tolist(), columns.tolist(), strict=True))
+        self._tried: set[Points] = set()
+        self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
+
+    def run(self) -> SolvedPatches | None:
+        """Return the solved patches, None where no neighborhood is rigid."""
+        q = self._problem.dimension
+        if q != 2:
+            # In space few neighborhoods of so few points are rigid.
+            return None
+        constraints: list[Constraint] = [*self._problem.sides, *self._problem.chiralities]
+        seeds = [tuple(sorted(points_of(constraint))) for constraint in constraints]
+        chosen = covering_patches(self._measured, self._pairs, seeds, PATCH_POINTS)
+        if max(map(len, chosen), default=0) <= q + 1:
+            return None
+        patches = list(self._solved(chosen, None, MOST_PATCH_BOXES))
+        n_unsolved = len(chosen) - len(patches)
+        known, empty = self._narrowed(patches)
+        while empty is None and not self._is_over():
+            new = list(self._further(known, patches))
+            if not new:
+                break
+            patches += new
+            known, empty = self._narrowed(patches)
+        if empty is not None:
+            return SolvedPatches([empty], known)
+        is_one_body = self._hold_together(self._bodies(patches))
+        return SolvedPatches(patches, known, is_one_body, n_unsolved)
+
+    def _is_over(self) -> bool:
+        """Return whether there is no time left for another patch."""
+        return self._budget.is_over() or self._budget.seconds() > self._end_s
+
+    def _solved(
+        self, chosen: Iterable[Points], known: KnownPairs | None, most_boxes: int
+    ) -> Iterator[Patch]:
+        """Solve patches within what is known of their pairs, while there is time."""
+        for points in chosen:
+            if self._is_over():
+                return
+            problem = self._part(points, known)
+            if problem is None:
+                yield Patch(points, [], set())
+                continue
+            index = np.ix_(points, points)
+            within = self._within and [(low[index], high[index]) for low, high in self._within]
+            cover = self._budget.search(problem, 1.0, within, most_boxes)
+            hypotheses = list(hypotheses_of(problem, cover.kept + cover.pending))
+            pending = {box[: UPPER + 1].tobytes() for box in cover.pending}
+            yield Patch(points, hypotheses, pending)
+
+    def _part(self, points: Points, known: KnownPairs | None) -> Problem | None:
+        """Return the problem of a patch, None where the bounds of a pair contradict each other."""
+        bounds = known.among(points) if known else unbounded(len(points))
+        constraints = self._orientations.among(points)
+        return restricted(self._problem, points, bounds, constraints)
+
+    def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
+        """Return the pairs of all patches, and a patch that is left without a hypothesis."""
+        known = KnownPairs(self._problem, self._pairs, patches)
+        while True:
+            number = known.narrow()
+            if number is not None:
+                patches[number].left[:] = False
+                return known, patches[number]
+            if not Ambiguities(patches, known).drop_unmatched():
+                return known, None
+
+    def _bodies(self, patches: Sequence[Patch]) -> list[set[int]]:
+        """Return what the patches make together, the largest first."""
+        return bodies_of([patch.points for patch in patches], self._problem.dimension)
+
+    def _further(self, known: KnownPairs, patches: Sequence[Patch]) -> Iterator[Patch]:
+        """Return more patches about what is open."""
+        q = self._problem.dimension
+        graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
+        bodies = self._bodies(patches)
+        seams = [] if self._hold_together(bodies) else seam_patches(graph, bodies, q)
+        reviews = [self._review(patch, graph) for patch in patches if patch.left.sum() > 1]
+        for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
+            new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
+            self._tried.update(new)
+            for patch in self._solved(filter(None, new), known, most_boxes):
+                # One that takes many boxes is worth nothing, and nothing depends on it.
+                if not patch.pending:
+                    yield patch
+
+    def _hold_together(self, bodies: Sequence[set[int]]) -> bool:
+        """Return whether one body has all points."""
+        return bool(bodies) and len(bodies[0]) == self._problem.n_points
+
+    def _review(self, patch: Patch, graph: Neighborhoods) -> Points:
+        """Return a patch and all that its most open point measures, or nothing."""
+        point = _most_open(patch)
+        seed = self._measured.neighbors[point].union(patch.points)
+        if not len(patch.points) < len(seed) <= REVIEW_POINTS:
+            return ()
+        return graph.rigid_part(graph.grown(seed, REVIEW_POINTS), patch.points)
+
+
+def _most_open(patch: Patch) -> int:
+    """Return the point whose distances differ most between the hypotheses of a patch."""
+    lengths = np.array([np.sqrt(h.lower) + np.sqrt(h.upper) for h in patch.remaining()])
+    return patch.points[int(np.argmax(np.ptp(lengths, axis=0).sum(axis=0)))]
