@@ -59,6 +59,7 @@ class Recording:
     truth: FloatArray
     commands: FloatArray
     sightings: FloatArray
+    all_sightings: FloatArray
     landmarks: dict[int, FloatArray]
 
     @classmethod
@@ -74,6 +75,7 @@ class Recording:
             np.loadtxt(folder / f'Robot{robot}_Groundtruth.dat'),
             np.loadtxt(folder / f'Robot{robot}_Odometry.dat'),
             seen[np.isin(seen[:, 1], list(landmarks))],
+            seen[seen[:, 1] > 0],
             landmarks,
         )
 
@@ -299,6 +301,8 @@ class SimulatedRobot:
 
     positions_m: FloatArray
     yaws_rad: FloatArray
+    stated_m: FloatArray
+    stated_rad: FloatArray
     path: OdometryPath
 
     @classmethod
@@ -315,7 +319,8 @@ class SimulatedRobot:
         error = OdometryErrorModel(translation_per_m=odometry, rotation_per_rad=odometry)
         stamps = np.arange(count + 1) * STEP_S
         path = OdometryPath(stamps, stated_m, [rotation(yaw) for yaw in stated_rad], error)
-        return cls(place_m + positions @ rotation(yaw_rad).T, yaw_rad + yaws, path)
+        places = place_m + positions @ rotation(yaw_rad).T
+        return cls(places, yaw_rad + yaws, stated_m, stated_rad, path)
 
 
 def two_robots(

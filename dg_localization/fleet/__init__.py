@@ -17,6 +17,7 @@ from dg_localization.fleet.config import (
 )
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
+from dg_localization.fleet.odometry import OdometryErrorModel
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import (
     Conflict,
@@ -46,6 +47,7 @@ __all__ = [
     'LinkOverride',
     'LinkState',
     'Localizer',
+    'OdometryErrorModel',
     'Placement',
     'RangeErrorModel',
     'Rejection',

@@ -16,39 +16,9 @@ from functools import cached_property
 import math
 from types import MappingProxyType
 
+from dg_localization.fleet.checks import ConfigError, require_integer, require_number
+from dg_localization.fleet.odometry import OdometryErrorModel
 from dg_localization.solver.options import SolverOptions
-
-
-class ConfigError(ValueError):
-    """A setting has a value it cannot have."""
-
-
-def _require_number(
-    name: str,
-    value: float,
-    *,
-    at_least: float = -math.inf,
-    at_most: float = math.inf,
-    finite: bool = True,
-) -> None:
-    """Raise `ConfigError` unless `value` is a number within the limits."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if number and at_least <= value <= at_most and (math.isfinite(value) or not finite):
-        return
-    kind = 'a finite number' if finite else 'a number'
-    limits = []
-    if at_least > -math.inf:
-        limits.append(f'>= {at_least:g}')
-    if at_most < math.inf:
-        limits.append(f'<= {at_most:g}')
-    wanted = ' '.join([kind, ' and '.join(limits)]).strip()
-    raise ConfigError(f'{name}: {value!r} is not allowed, it must be {wanted}')
-
-
-def _require_integer(name: str, value: int, at_least: int) -> None:
-    """Raise `ConfigError` unless `value` is an integer of at least `at_least`."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
-        raise ConfigError(f'{name}: {value!r} is not allowed, it must be an integer >= {at_least}')
 
 
 @dataclass(frozen=True)
@@ -94,10 +64,10 @@ class RangeErrorModel:
 
     def __post_init__(self) -> None:
         for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
-            _require_number(f'range.{name}', getattr(self, name))
-        _require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
+            require_number(f'range.{name}', getattr(self, name))
+        require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
         if self.expected_error_m is not None:
-            _require_number('range.expected_error_m', self.expected_error_m)
+            require_number('range.expected_error_m', self.expected_error_m)
         for low, high in (
             ('min_error_m', 'max_error_m'),
             ('min_error_relative', 'max_error_relative'),
@@ -148,7 +118,7 @@ class LinkOverride:
         for part, least in (('half_width', 0.0), ('expected_error', -math.pi)):
             value = getattr(self, f'bearing_{part}_rad')
             if value is not None:
-                _require_number(
+                require_number(
                     f'{name}.bearing_{part}_rad', value, at_least=least, at_most=math.pi
                 )
 
@@ -177,9 +147,9 @@ class Anchor:
 
     def __post_init__(self) -> None:
         for value in self.coordinates_m:
-            _require_number('anchor.coordinates_m', value)
+            require_number('anchor.coordinates_m', value)
         object.__setattr__(self, 'coordinates_m', tuple(float(v) for v in self.coordinates_m))
-        _require_number('anchor.bound_m', self.bound_m, at_least=0.0)
+        require_number('anchor.bound_m', self.bound_m, at_least=0.0)
 
 
 @dataclass(frozen=True)
@@ -225,6 +195,15 @@ class FleetConfig:
     odometry_relative_error : float
         Greatest error of odometry between two of its stamps, as a fraction of the path and of the
         turn at full speed in that time.
+    odometry_error : OdometryErrorModel
+        Greatest errors of odometry along its path, which carry what is remembered to now.
+    memory_s : float
+        How long measurements between points with odometry, and with anchors, are remembered; 0
+        remembers nothing.
+    memory_max_seconds : float
+        How long an estimate may spend on what is remembered; infinity sets no limit.
+    window_outliers : int
+        So many of the measurements of any two bodies in that time may be wrong.
     max_hypotheses : int
         How many placements an estimate lists.
     max_outliers : int
@@ -260,6 +239,16 @@ class FleetConfig:
     max_turn_rate_rad_s: float = 1.0
     min_separation_m: float = 0.0
     odometry_relative_error: float = 0.05
+    odometry_error: OdometryErrorModel = OdometryErrorModel(
+        translation_per_m=0.1,
+        rotation_per_m=0.02,
+        rotation_per_rad=0.1,
+        constant_m=0.02,
+        constant_rad=0.02,
+    )
+    memory_s: float = 30.0
+    memory_max_seconds: float = 0.1
+    window_outliers: int = 0
     max_hypotheses: int = 64
     max_outliers: int = 0
     max_conflict_solves: int = 200
@@ -322,24 +311,24 @@ class FleetConfig:
         """Raise `ConfigError` on a number out of its range."""
         if self.dimension not in (2, 3):
             raise ConfigError(f'dimension: {self.dimension!r} is not allowed, it must be 2 or 3')
-        for name in ('max_age_s', 'max_future_s', 'max_turn_rate_rad_s'):
-            _require_number(name, getattr(self, name), at_least=0.0)
-        _require_number(
-            'max_conflict_seconds', self.max_conflict_seconds, at_least=0.0, finite=False
-        )
-        _require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
+        for name in ('max_age_s', 'max_future_s', 'max_turn_rate_rad_s', 'memory_s'):
+            require_number(name, getattr(self, name), at_least=0.0)
+        for name in ('max_conflict_seconds', 'memory_max_seconds'):
+            require_number(name, getattr(self, name), at_least=0.0, finite=False)
+        require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
         for robot, speed in self.robot_max_speed_m_s.items():
-            _require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
-        _require_number(
+            require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
+        require_number(
             'bearing_half_width_rad', self.bearing_half_width_rad, at_least=0.0, at_most=math.pi
         )
-        _require_number('bearing_expected_error_rad', self.bearing_expected_error_rad)
-        _require_number('min_separation_m', self.min_separation_m, at_least=0.0)
-        _require_number('odometry_relative_error', self.odometry_relative_error, at_least=0.0)
-        _require_integer('max_repeats', self.max_repeats, 1)
-        _require_integer('max_hypotheses', self.max_hypotheses, 1)
-        _require_integer('max_outliers', self.max_outliers, 0)
-        _require_integer('max_conflict_solves', self.max_conflict_solves, 0)
+        require_number('bearing_expected_error_rad', self.bearing_expected_error_rad)
+        require_number('min_separation_m', self.min_separation_m, at_least=0.0)
+        require_number('odometry_relative_error', self.odometry_relative_error, at_least=0.0)
+        require_integer('max_repeats', self.max_repeats, 1)
+        require_integer('max_hypotheses', self.max_hypotheses, 1)
+        require_integer('max_outliers', self.max_outliers, 0)
+        require_integer('window_outliers', self.window_outliers, 0)
+        require_integer('max_conflict_solves', self.max_conflict_solves, 0)
 
     def _check_anchors(self) -> None:
         """Raise `ConfigError` on an anchor without a name or of another dimension."""

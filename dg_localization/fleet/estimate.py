@@ -11,6 +11,7 @@ from enum import StrEnum
 import numpy as np
 
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
+from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.solver.result import Statistics, Verdict
 
 
@@ -75,7 +76,7 @@ class Placement:
     orientations_xyzw : numpy.ndarray, shape (n, 4)
         Unit quaternions from body to fixed frame; NaN where the heading is unknown.
     heading_known : numpy.ndarray of bool, shape (n,)
-        Whether the bearings of a robot fix its heading.
+        Whether the bearings of a robot, or the window, fix its heading.
     heading_half_width_rad : numpy.ndarray, shape (n,)
         Greatest angle between the orientation and the true one; pi where it is unknown.
     proved : bool
@@ -97,6 +98,10 @@ class Placement:
         Of each position (m) and of a small rotation about the axes of the fixed frame (rad), by
         least squares: for readings whose errors are independent and anywhere in their bounds. It
         holds no guarantee. NaN where no position is known; None when it was not computed.
+    lower_m, upper_m : numpy.ndarray, shape (n, n)
+        Bounds of the distances between the robots.
+    number : int
+        The same as long as the hypothesis lives; 0 for one that was not followed.
 
     """
 
@@ -110,8 +115,11 @@ class Placement:
     mirrored: bool
     landmarks_m: np.ndarray
     landmark_enclosure_m: np.ndarray
+    lower_m: np.ndarray
+    upper_m: np.ndarray
     dropped: tuple[LinkKey, ...] = ()
     covariances: np.ndarray | None = None
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -178,6 +186,10 @@ class Estimate:
         The points that the measurements hold rigid together: each group can only move as a whole.
     would_fix : tuple of str
         Measurements that would join two of these groups, as short sentences.
+    ruled_out : tuple of str
+        What of the moment the window has ruled out, as short sentences.
+    forgotten : tuple of Forgotten
+        What of the window contradicts itself or the moment, and does not count any more.
 
     """
 
@@ -197,6 +209,8 @@ class Estimate:
     groups: tuple[Group, ...] = ()
     rigid_groups: tuple[tuple[str, ...], ...] = ()
     would_fix: tuple[str, ...] = ()
+    ruled_out: tuple[str, ...] = ()
+    forgotten: tuple[Forgotten, ...] = ()
 
     @property
     def frame_change(self) -> str:

@@ -17,6 +17,9 @@ from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
+from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.narrowing import narrow_answer
+from dg_localization.fleet.window.recollection import recall
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
@@ -32,19 +35,37 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     """Return every placement that agrees with a snapshot, or the reason why there is none."""
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
-    constraints = constrain(snapshot)
+    recalled = recall(snapshot, cancel)
+    remembered = recalled.pose_sets.distances(snapshot)
+    constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
+    if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.covers:
+        recalled = recalled.without_pose_sets()
+        constraints = constrain(snapshot)
+        found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         return _explained(snapshot, constraints, found.statistics, cancel)
-    if plans.main is None:
-        reason = '; '.join([plans.reason, *_group_texts(found)])
-        return replace(
-            _without_placements(snapshot, None, reason),
-            groups=found.groups,
-            rigid_groups=found.rigidity.pieces,
-            would_fix=_would_fix(snapshot.config, found),
-        )
-    return _with_placements(snapshot, found, plans)
+    narrowed = narrow_answer(found, plans, recalled)
+    estimate = _answered(snapshot, narrowed.answer, plans)
+    return replace(
+        estimate,
+        reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out)]),
+        ruled_out=narrowed.ruled_out,
+        forgotten=narrowed.forgotten,
+    )
+
+
+def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
+    """Return the estimate of an answer without contradictions."""
+    if plans.main is not None:
+        return _with_placements(snapshot, found, plans)
+    reason = '; '.join([plans.reason, *_group_texts(found)])
+    return replace(
+        _without_placements(snapshot, None, reason),
+        groups=found.groups,
+        rigid_groups=found.rigidity.pieces,
+        would_fix=_would_fix(snapshot.config, found),
+    )
 
 
 def _solve(
@@ -172,21 +193,33 @@ def _explained(
     """Return the estimate when no placement agrees with all measurements."""
     config = snapshot.config
     explanation = _explanation(snapshot, cancel)
+    forgotten = _forget_guilty(snapshot, explanation.conflicts)
     corrections = explanation.corrections if explanation.complete else ()
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
     plans = plan_frames(snapshot, constraints, alternatives)
     if not plans or plans[0].main is None:
         why = plans[0].reason if plans else ''
         reason = _contradiction_reason(config, explanation, why)
-        return _without_placements(
+        nothing = _without_placements(
             snapshot, Verdict.INFEASIBLE, reason, statistics, explanation.conflicts
         )
+        return replace(nothing, forgotten=forgotten)
     answers = [
         answer(snapshot, alternative, planned, config.solver, dropped, cancel)
         for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
     ]
     union = _union(answers, statistics)
-    return _with_placements(snapshot, union, plans[0], explanation.conflicts)
+    estimate = _with_placements(snapshot, union, plans[0], explanation.conflicts)
+    return replace(estimate, forgotten=forgotten)
+
+
+def _forget_guilty(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[Forgotten, ...]:
+    """Return what to forget where links contradict each other: some of them is wrong."""
+    guilty = {key for conflict in conflicts for key in conflict} or snapshot.keys
+    ends = frozenset((key.observer, key.target) for key in guilty)
+    if ends.isdisjoint(snapshot.window.observations):
+        return ()
+    return (Forgotten(ends, snapshot.stamp_s, 'contradicting links are not remembered'),)
 
 
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:

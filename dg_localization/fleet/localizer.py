@@ -17,6 +17,7 @@ from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, Rejection
+from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 
@@ -41,6 +42,7 @@ class Localizer:
         self._store = MeasurementStore(config)
         self._anchors = anchor_geometry(config)
         self._frame: FixedFrame | None = None
+        self._follower = Follower()
 
     @property
     def config(self) -> FleetConfig:
@@ -50,6 +52,7 @@ class Localizer:
     def reset(self) -> None:
         """Forget all measurements and counts."""
         self._store = MeasurementStore(self._config)
+        self._follower = self._follower.started_anew()
 
     @default_environment()
     def add_range(
@@ -179,7 +182,8 @@ class Localizer:
     @default_environment()
     def snapshot(self, now_s: float) -> Snapshot:
         """Return what the measurements say at `now_s`; later ones do not change it."""
-        return take_snapshot(self._store, self._config, self._anchors, float(now_s))
+        forgotten = self._follower.forgotten
+        return take_snapshot(self._store, self._config, self._anchors, float(now_s), forgotten)
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
         """
@@ -198,8 +202,12 @@ class Localizer:
         Estimate
 
         """
+        follower = self._follower
         estimate = estimate_snapshot(snapshot, cancel)
-        if estimate.frame is None or (cancel is not None and cancel.is_set()):
+        if cancel is not None and cancel.is_set():
+            return estimate
+        estimate = follower.follow(snapshot, estimate)
+        if estimate.frame is None:
             return estimate
         previous, self._frame = self._frame, estimate.frame
         changed = previous is not None and previous != estimate.frame

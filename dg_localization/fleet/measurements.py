@@ -36,6 +36,7 @@ from dg_localization.fleet.vocabulary import (
     Rejection,
     RejectionReason,
 )
+from dg_localization.fleet.window.memory import Memory
 
 PeerMeasurement: TypeAlias = tuple[str, float | ArrayLike]
 """The target, and its distance in m or the ray to it."""
@@ -71,6 +72,11 @@ class MeasurementStore:
     ----------
     config : FleetConfig
 
+    Attributes
+    ----------
+    memory : Memory
+        What ranges and bearings said lately.
+
     """
 
     def __init__(self, config: FleetConfig) -> None:
@@ -78,6 +84,7 @@ class MeasurementStore:
         self._points = frozenset(config.points)
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
+        self.memory = Memory(config)
 
     def add_range(
         self,
@@ -98,7 +105,7 @@ class MeasurementStore:
         if isinstance(bounds, Rejection):
             return self._reject(key, bounds)
         likeliest_m = likeliest_distance_m(model, range_m)
-        self._keep(DistanceReading(key, stamp_s, *bounds, likeliest_m))
+        self._keep(DistanceReading(key, stamp_s, *bounds, likeliest_m), now_s)
         return None
 
     def add_bearing(
@@ -112,7 +119,7 @@ class MeasurementStore:
         if isinstance(direction, Rejection):
             return self._reject(key, direction)
         half_width_rad = self._config.bearing_half_width_of(key.observer, key.target)
-        self._keep(RayReading(key, stamp_s, direction, half_width_rad))
+        self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
 
     def add_odometry(
@@ -203,7 +210,8 @@ class MeasurementStore:
     def _track(self, robot: str) -> OdometryTrack:
         """Return the odometry of `robot`, made on first use."""
         if robot not in self._tracks:
-            keep_s = self._config.max_age_s + self._config.max_future_s
+            kept_s = max(self._config.max_age_s, self._config.memory_s)
+            keep_s = kept_s + self._config.max_future_s
             self._tracks[robot] = OdometryTrack(
                 self._config.speed_m_s(robot),
                 self._config.max_turn_rate_rad_s,
@@ -212,11 +220,12 @@ class MeasurementStore:
             )
         return self._tracks[robot]
 
-    def _keep(self, reading: DistanceReading | RayReading) -> None:
-        """Store a reading and count it."""
+    def _keep(self, reading: DistanceReading | RayReading, now_s: float) -> None:
+        """Store and remember a reading, and count it."""
         source = self._input(reading.key)
         source.keep(reading, self._config.max_repeats)
         source.count_accepted(reading.stamp_s)
+        self.memory.add(reading, now_s)
 
     def _reject(self, key: LinkKey, rejection: Rejection) -> Rejection:
         """Count a rejection on its input and return it."""

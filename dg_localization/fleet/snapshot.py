@@ -10,7 +10,7 @@ its stamp: what counts is the angle between two rays, and rays of one image turn
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 import math
@@ -21,6 +21,7 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
+from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Window
 from dg_localization.interval.bounds import sum_down, sum_up
 
 LEAST_HALF_WIDTH_M = 1e-6
@@ -47,6 +48,8 @@ class Snapshot:
     anchors : AnchorGeometry
     links : tuple of LinkState
         Every range and bearing link that has ever delivered.
+    window : Window
+        What is remembered of the last `memory_s`.
 
     """
 
@@ -57,6 +60,7 @@ class Snapshot:
     motion: Motion
     anchors: AnchorGeometry
     links: tuple[LinkState, ...]
+    window: Window = NO_WINDOW
 
     @property
     def keys(self) -> tuple[LinkKey, ...]:
@@ -65,9 +69,13 @@ class Snapshot:
 
 
 def take_snapshot(
-    store: MeasurementStore, config: FleetConfig, anchors: AnchorGeometry, now_s: float
+    store: MeasurementStore,
+    config: FleetConfig,
+    anchors: AnchorGeometry,
+    now_s: float,
+    forgotten: Mapping[Ends, float],
 ) -> Snapshot:
-    """Return what the measurements of `store` say at `now_s`."""
+    """Return what the measurements of `store` say at `now_s`; see `Memory.view`."""
     motion = Motion(
         max_speed_m_s={point: config.speed_m_s(point) for point in config.points},
         max_turn_rate_rad_s=config.max_turn_rate_rad_s,
@@ -93,7 +101,16 @@ def take_snapshot(
             rays.append(replace(ray, displacement_m=moved_m))
         age_s = now_s - store.newest_stamp_s(key)
         links.append(LinkState(key, lower_m, upper_m, age_s, stale=not readings))
-    return Snapshot(config, now_s, tuple(distances), tuple(rays), motion, anchors, tuple(links))
+    return Snapshot(
+        config,
+        now_s,
+        tuple(distances),
+        tuple(rays),
+        motion,
+        anchors,
+        tuple(links),
+        store.memory.view(now_s, forgotten),
+    )
 
 
 def _distance_at(

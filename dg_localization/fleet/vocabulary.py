@@ -45,6 +45,11 @@ class LinkKey:
     observer: str
     target: str
 
+    @property
+    def ends(self) -> tuple[str, str]:
+        """The observer and the target."""
+        return self.observer, self.target
+
     def __str__(self) -> str:
         arrow = f'{self.observer}->{self.target}' if self.target else self.observer
         return f'{self.kind} {arrow}'

@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations
+import math
 
 import numpy as np
 
-from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.config import Anchor, FleetConfig
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.interval.kernels import COMPILED, compile_progress, why_not_kept, why_slow
 from dg_localization.solver.solve import load_kernels
@@ -29,6 +31,8 @@ def warm_up() -> None:
     load_kernels()
     for dimension in (2, 3):
         _estimate_small_fleet(dimension)
+    for anchors in ({}, {'a': Anchor((0.0, 0.0)), 'b': Anchor((3.0, 0.0))}):
+        _estimate_moving_fleet(anchors)
 
 
 def warm_up_status() -> str:
@@ -66,6 +70,23 @@ def _estimate_small_fleet(dimension: int) -> None:
         ray[:dimension] = positions_m[j] - positions_m[i]
         localizer.add_bearing(groups[1][i], groups[1][j], ray, STAMP_S, STAMP_S)
     localizer.step(STAMP_S)
+
+
+def _estimate_moving_fleet(anchors: Mapping[str, Anchor]) -> None:
+    """Estimate two robots with odometry from what they measured before they moved."""
+    robots = ('first', 'second')
+    localizer = Localizer(FleetConfig(robots=robots, anchors=anchors))
+    for tick in range(3):
+        now_s = STAMP_S + 0.5 * tick
+        for x_m, robot in enumerate(robots):
+            place_m = (float(x_m), 1.0 + 0.1 * tick, 0.0)
+            localizer.add_odometry(robot, place_m, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+            for name, anchor in anchors.items():
+                range_m = math.dist(place_m[:2], anchor.coordinates_m)
+                localizer.add_range(robot, name, range_m, now_s, now_s)
+        localizer.add_range(*robots, 1.0, now_s, now_s)
+        localizer.add_bearing(*robots, (1.0, 0.0, 0.0), now_s, now_s)
+        localizer.step(now_s)
 
 
 def _two_simplices_m(dimension: int) -> np.ndarray:

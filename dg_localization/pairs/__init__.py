@@ -9,7 +9,12 @@ Set inversion over a window of readings that odometry carries to now. Knows no f
 
 from dg_localization.pairs.consistency import count_agreeing
 from dg_localization.pairs.cover import Cover, Hull
-from dg_localization.pairs.headings import HeadingOptions, Headings, narrow_headings
+from dg_localization.pairs.headings import (
+    HeadingOptions,
+    Headings,
+    heading_cells,
+    narrow_headings,
+)
 from dg_localization.pairs.readings import NO_RAY_RAD, PairReadings, PastPoses
 from dg_localization.pairs.search import PairOptions, cover_poses
 
@@ -24,5 +29,6 @@ __all__ = [
     'PastPoses',
     'count_agreeing',
     'cover_poses',
+    'heading_cells',
     'narrow_headings',
 ]

@@ -54,11 +54,15 @@ def _cut_pose(
     work: tuple,
 ) -> bool:
     """Cut a box of poses (2, 4) by all readings; return whether anything is left."""
+    count = listed.shape[0]
+    left = listed
     for _passes in range(MOST_PASSES):
-        count = listed.shape[0]
-        _, ruled_out = read_all(box, table, listed, undecided, count, max_outliers, work)
+        # What allows all of a box allows all of its parts.
+        count, ruled_out = read_all(box, table, left, undecided, count, max_outliers, work)
         if ruled_out > max_outliers:
             return False
+        if max_outliers == 0:
+            left = undecided[:count]
         share = cut_to(box, work[4], max_outliers - ruled_out)
         if share == 0.0:
             return False

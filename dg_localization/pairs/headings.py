@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, down, up
@@ -104,6 +105,34 @@ class Headings:
         return arc_around(cells * width, angle_up((cells + 1) * width))
 
 
+def heading_cells(lower_rad: ArrayLike, upper_rad: ArrayLike, cells: int) -> np.ndarray:
+    """
+    Return the cells of the full turn that arcs have anything in common with.
+
+    Parameters
+    ----------
+    lower_rad, upper_rad : array_like, shape (m,)
+        Each arc runs counterclockwise from the first to the second.
+    cells : int
+
+    Returns
+    -------
+    numpy.ndarray of bool, shape (cells,)
+
+    """
+    # In cells, to far more than division rounds: an arc that ends on an edge meets both sides.
+    slack = 1e-6
+    first = np.floor(np.asarray(lower_rad, dtype=float) / TURN * cells - slack)
+    last = np.floor(np.asarray(upper_rad, dtype=float) / TURN * cells + slack)
+    first, last = np.atleast_1d(first).astype(int), np.atleast_1d(last).astype(int)
+    # How many arcs begin less those that end, around the turn twice.
+    changes = np.zeros(2 * cells + 1, int)
+    np.add.at(changes, first % cells, 1)
+    np.add.at(changes, first % cells + np.minimum(last - first + 1, cells), -1)
+    met = np.cumsum(changes[:-1]) > 0
+    return np.asarray(met[:cells] | met[cells:])
+
+
 class _Impossible(Exception):
     """A pair of bodies has no headings left."""
 
@@ -119,6 +148,7 @@ def narrow_headings(
     readings: Mapping[Pair, PairReadings],
     options: HeadingOptions | None = None,
     *,
+    known: np.ndarray | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Headings:
     """
@@ -132,6 +162,8 @@ def narrow_headings(
     readings : mapping of (int, int) to PairReadings
         What two bodies, A and B of the readings, measured of each other in the window.
     options : HeadingOptions, optional
+    known : numpy.ndarray of bool, shape (n, cells), optional
+        The headings that are possible by what else is known (`heading_cells`).
     stopped : callable, optional
         Asked between bounded steps; once it is true the headings are returned as they are.
 
@@ -142,7 +174,9 @@ def narrow_headings(
 
     """
     options = options or HeadingOptions()
-    search = _Search(lower_m, upper_m, readings, options, stopped)
+    if known is None:
+        known = np.ones((len(lower_m), options.cells), bool)
+    search = _Search(lower_m, upper_m, readings, options, known, stopped)
     try:
         finished = search.run()
     except _Impossible as impossible:
@@ -160,12 +194,13 @@ class _Search:
         upper_m: np.ndarray,
         readings: Mapping[Pair, PairReadings],
         options: HeadingOptions,
+        known: np.ndarray,
         stopped: Callable[[], bool],
     ) -> None:
         self.lower_m = np.array(lower_m, dtype=float)
         self.upper_m = np.array(upper_m, dtype=float)
-        self.allowed = np.ones((len(self.lower_m), COARSEST), bool)
-        self._options, self._stopped = options, stopped
+        self._options, self._known, self._stopped = options, known, stopped
+        self.allowed = self._known_cells(COARSEST)
         self._readings = {pair: part.table() for pair, part in readings.items()}
         shape = (COARSEST, COARSEST)
         self._tables = {pair: np.ones(shape, bool) for pair in readings}
@@ -184,6 +219,10 @@ class _Search:
                 return True
             self._halve_cells()
 
+    def _known_cells(self, cells: int) -> np.ndarray:
+        """Return what is known of the headings, shape (n, cells)."""
+        return np.asarray(self._known.reshape(len(self._known), cells, -1).any(axis=2))
+
     def _try_pairs(self) -> bool:
         """Let the readings of every pair rule out headings; return whether there was time."""
         for pair, rows in self._readings.items():
@@ -191,6 +230,7 @@ class _Search:
             if not np.all(np.isfinite(between)):
                 continue
             found = np.stack([np.full(3, math.inf), np.full(3, -math.inf)])
+            self._make_consistent(pair)
             for cell in map(int, np.flatnonzero(self.allowed[pair[0]])):
                 if self._stopped():
                     return False
@@ -249,6 +289,7 @@ class _Search:
     def _halve_cells(self) -> None:
         """Halve all cells."""
         self.allowed = np.repeat(self.allowed, 2, axis=1)
+        self.allowed &= self._known_cells(self.allowed.shape[1])
         self._tables = {
             pair: np.repeat(np.repeat(table, 2, axis=0), 2, axis=1)
             for pair, table in self._tables.items()

@@ -13,8 +13,9 @@ pytest.importorskip('numba', reason='numba is not installed')
 
 CODE = """
 import sys
+import numpy as np
 from numba.core.dispatcher import Dispatcher
-from dg_localization.fleet import FleetConfig, Localizer, warm_up
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, warm_up
 from dg_localization.simulation import moving_fleet as simulation
 
 def compiled():
@@ -34,9 +35,24 @@ for cameras in (False, True):
     for b in sensors.bearings(state) if cameras else ():
         localizer.add_bearing(b.observer, b.target, b.ray, 1.0, 1.0)
     assert localizer.step(1.0).placements
+config = FleetConfig(robots=simulation.ROBOTS[:3], anchors=ANCHORS, window_outliers=OUTLIERS)
+localizer = Localizer(config)
+for step in range(10):
+    now_s = 1.0 + 0.2 * step
+    for i, robot in enumerate(config.robots):
+        orientation = [0.0, 0.0, np.sin(0.05 * step), np.cos(0.05 * step)]
+        localizer.add_odometry(robot, [0.1 * step, 0.0, 0.0], orientation, now_s, now_s)
+        localizer.add_range(robot, config.robots[i - 1], 3.0, now_s, now_s)
+        for k, anchor in enumerate(config.anchors):
+            localizer.add_range(robot, anchor, 3.0 + 0.2 * i + 0.1 * k, now_s, now_s)
+            localizer.add_bearing(robot, anchor, [1.0, 0.1 * k, 0.0], now_s, now_s)
+    localizer.step(now_s)
 assert before and compiled() == before, (before, compiled())
 """
 
 
-def test_nothing_is_left_to_compile():
-    subprocess.run([sys.executable, '-c', CODE], check=True, timeout=250.0)
+@pytest.mark.parametrize('anchors', ['{}', "{'a': Anchor((0, 0)), 'b': Anchor((4, 0))}"])
+@pytest.mark.parametrize('outliers', ['0', '1'])
+def test_nothing_is_left_to_compile(anchors, outliers):
+    code = CODE.replace('ANCHORS', anchors).replace('OUTLIERS', outliers)
+    subprocess.run([sys.executable, '-c', code], check=True, timeout=250.0)

@@ -69,6 +69,8 @@ def placement(shift_m=0.0, dimension=2, **changes):
         mirrored=False,
         landmarks_m=np.zeros((0, dimension)),
         landmark_enclosure_m=np.zeros((0, 2, dimension)),
+        lower_m=np.zeros((2, 2)),
+        upper_m=np.full((2, 2), np.inf),
     )
     return replace(made, **changes)
 

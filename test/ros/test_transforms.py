@@ -60,6 +60,8 @@ def estimate(frame=ANCHORED, n_hypotheses=1, yaws_rad=(0.5 * math.pi, 0.0), know
         mirrored=False,
         landmarks_m=np.zeros((0, 2)),
         landmark_enclosure_m=np.zeros((0, 2, 2)),
+        lower_m=np.zeros((2, 2)),
+        upper_m=np.full((2, 2), np.inf),
     )
     placements = (placed,) * n_hypotheses
     return Estimate(STAMP_S, ('a', 'b'), None, '', placements, n_hypotheses, frame=frame)

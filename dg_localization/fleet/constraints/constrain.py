@@ -9,7 +9,7 @@ Every step only intersects with something the true fleet satisfies, rounded outw
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.angles import Angles, angles_of
 from dg_localization.fleet.constraints.chirality import planar_chiralities, spatial_chiralities
-from dg_localization.fleet.constraints.distances import given_distances
+from dg_localization.fleet.constraints.distances import PairBounds, given_distances
 from dg_localization.fleet.constraints.graph import connected_to
 from dg_localization.fleet.constraints.rays import RayBundle, include_displacement
 from dg_localization.fleet.constraints.triangulation import triangulate
@@ -102,7 +102,11 @@ class Constraints:
         )
 
 
-def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> Constraints:
+def constrain(
+    snapshot: Snapshot,
+    dropped: frozenset[LinkKey] = frozenset(),
+    remembered: Iterable[PairBounds] = (),
+) -> Constraints:
     """
     Return what a snapshot says about the points, some links left out.
 
@@ -111,6 +115,8 @@ def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> 
     snapshot : Snapshot
     dropped : frozenset of LinkKey
         Links that do not count.
+    remembered : iterable of (int, int, float, float)
+        Pairs of points with bounds of their squared distance in m^2, from a window.
 
     Returns
     -------
@@ -119,7 +125,7 @@ def constrain(snapshot: Snapshot, dropped: frozenset[LinkKey] = frozenset()) -> 
     """
     config = snapshot.config
     rows = {name: row for row, name in enumerate(config.points)}
-    lower, upper = given_distances(snapshot, dropped, rows)
+    lower, upper = given_distances(snapshot, dropped, rows, remembered)
     bundles = _bundles(snapshot, dropped, rows, lower)
     pairs = {observer: bundle.pairs() for observer, bundle in bundles.items()}
     chiralities = list(snapshot.anchors.chiralities)

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from itertools import combinations
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, combinations
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,15 @@ from dg_localization.interval.bounds import squared_distance
 
 FloatArray = NDArray[np.float64]
 
+PairBounds: TypeAlias = tuple[int, int, float, float]
+"""Two points with bounds of their squared distance in m^2."""
+
 
 def given_distances(
-    snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
+    snapshot: Snapshot,
+    dropped: frozenset[LinkKey],
+    rows: Mapping[str, int],
+    remembered: Iterable[PairBounds] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """
     Return bounds of all squared distances, from everything but the rays.
@@ -32,6 +39,8 @@ def given_distances(
         Links that do not count.
     rows : mapping of str to int
         The row of each point.
+    remembered : iterable of PairBounds
+        From a window.
 
     Returns
     -------
@@ -42,7 +51,8 @@ def given_distances(
     lower = np.zeros((len(rows), len(rows)))
     upper = np.full((len(rows), len(rows)), np.inf)
     np.fill_diagonal(upper, 0.0)
-    for i, j, s_lower_m2, s_upper_m2 in _bounds_of_pairs(snapshot, dropped, rows):
+    given = chain(_bounds_of_pairs(snapshot, dropped, rows), remembered)
+    for i, j, s_lower_m2, s_upper_m2 in given:
         intersect_pair(lower, upper, i, j, s_lower_m2, s_upper_m2)
     return lower, upper
 
@@ -57,7 +67,7 @@ def intersect_pair(
 
 def _bounds_of_pairs(
     snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
-) -> Iterator[tuple[int, int, float, float]]:
+) -> Iterator[PairBounds]:
     """Yield pairs of points with bounds of their squared distance."""
     for reading in snapshot.distances:
         if reading.key not in dropped:

@@ -36,6 +36,8 @@ class PlacedPoints:
         By index into the points of the fleet, as far as they are known.
     covariances : numpy.ndarray, shape (k, 6, 6)
         Of positions and rotations.
+    distances : Interval, shape (k, k)
+        In m.
 
     """
 
@@ -44,6 +46,7 @@ class PlacedPoints:
     enclosure: Interval
     headings: Mapping[int, Heading]
     covariances: FloatArray
+    distances: Interval
 
 
 def assemble(
@@ -71,6 +74,11 @@ def assemble(
         if point < n_robots:
             orientations[point] = heading.orientation_xyzw
             half_widths[point] = heading.half_width_rad
+    apart = np.zeros((2, n_points, n_points))
+    apart[1] = np.inf
+    among = np.ix_(points, points)
+    apart[0][among], apart[1][among] = placed.distances.lower, placed.distances.upper
+    np.fill_diagonal(apart[1], 0.0)
     return Placement(
         positions_m=positions[:n_robots],
         enclosure_m=boxes[:n_robots],
@@ -82,6 +90,8 @@ def assemble(
         mirrored=mirrored,
         landmarks_m=positions[n_robots:],
         landmark_enclosure_m=boxes[n_robots:],
+        lower_m=apart[0, :n_robots, :n_robots],
+        upper_m=apart[1, :n_robots, :n_robots],
         dropped=tuple(sorted(dropped)),
         covariances=covariances[:n_robots],
     )

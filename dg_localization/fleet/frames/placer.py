@@ -153,7 +153,12 @@ class Placer:
         return assemble(
             self._config,
             PlacedPoints(
-                self._plan.points, best.positions_m, enclosure, headings, best.covariances
+                self._plan.points,
+                best.positions_m,
+                enclosure,
+                headings,
+                best.covariances,
+                Interval(hypothesis.lower, hypothesis.upper).sqrt(),
             ),
             proved=best.proved,
             flexible=hypothesis.flexible,

@@ -87,6 +87,7 @@ def _task_of(node: Node) -> Task:
             settings,
             fleet=replace(
                 fleet,
+                memory_max_seconds=math.inf,
                 solver=replace(fleet.solver, max_seconds=math.inf),
                 max_conflict_seconds=math.inf,
             ),

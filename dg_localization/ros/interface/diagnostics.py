@@ -184,6 +184,8 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
     if estimate.rigid_groups:
         texts = (', '.join(group) for group in estimate.rigid_groups)
         values['rigid_groups'] = shortened('; '.join(texts))
+    if estimate.ruled_out:
+        values['ruled_out'] = shortened('; '.join(estimate.ruled_out))
     if estimate.would_fix:
         values['would_fix'] = shortened('; '.join(estimate.would_fix))
     if estimate.statistics is not None:

@@ -21,6 +21,8 @@ def doubts_of_placements(estimate: Estimate) -> Iterator[str]:
         yield 'flexible: robots could move without any measurement changing'
     if estimate.verdict is Verdict.OUT_OF_BUDGET:
         yield 'out of budget: the hypotheses hold every placement, but may be too many or too wide'
+    for forgotten in estimate.forgotten:
+        yield f'forgotten: {forgotten.text}'
 
 
 def doubts_of_width(

@@ -29,6 +29,7 @@ from dg_localization.ros.interface.links import (
     Template,
     parse_link,
 )
+from dg_localization.ros.interface.parameters.odometry import odometry_error
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
     declare,
@@ -307,6 +308,10 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         max_turn_rate_rad_s=values['max_turn_rate'],
         min_separation_m=values['min_separation'],
         odometry_relative_error=values['odometry.relative_error'],
+        odometry_error=odometry_error(values),
+        memory_s=values['memory.seconds'],
+        memory_max_seconds=values['memory.max_seconds'],
+        window_outliers=values['window_outliers'],
         max_hypotheses=values['max_hypotheses'],
         max_outliers=values['max_outliers'],
         max_conflict_solves=values['conflicts.max_solves'],

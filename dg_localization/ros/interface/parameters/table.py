@@ -8,6 +8,7 @@ import math
 
 from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.links import LINKS
+from dg_localization.ros.interface.parameters.odometry import MEMORY, ODOMETRY
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
@@ -242,22 +243,6 @@ BEARINGS = Section(
     ),
 )
 
-ODOMETRY = Section(
-    'Odometry',
-    'Messages of type nav_msgs/Odometry. They are optional and keep older measurements sharp.',
-    (
-        Spec('odometry.topic', STRING, '{robot}/odom', 'template of the topics; empty for none'),
-        Spec(
-            'odometry.relative_error',
-            DOUBLE,
-            0.05,
-            'greatest error of odometry as a fraction of the distance and the angle at full speed',
-            at_least=0.0,
-            details='These are what is possible at full speed between two stamps.',
-        ),
-    ),
-)
-
 PEERS = Section(
     'Peers',
     'All that one robot measures in one message of type sensor_msgs/PointCloud2, for fleets of so '
@@ -344,6 +329,7 @@ SECTIONS = (
     RANGES,
     BEARINGS,
     ODOMETRY,
+    MEMORY,
     PEERS,
     LINKS,
     ANCHORS,

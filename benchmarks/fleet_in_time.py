@@ -1,0 +1,322 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Fleets over time: what ranges and odometry tell of robots that move; figures of docs/pairs.md.
+
+    python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
+    python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
+
+Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
+there are no cameras and no anchors. MRCLAM: five robots among 15 landmarks, which serve as
+anchors.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+import math
+from pathlib import Path
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.pairs import (
+    BEARING_ERROR_RAD,
+    EXCERPT,
+    LIMITS,
+    RANGE_ERROR as SEEN_RANGE_ERROR,
+    ROBOTS,
+    STEP_S,
+    Recording,
+    SimulatedRobot,
+    odometry_error,
+    rotation,
+)
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
+from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.solver.options import SolverOptions
+
+FloatArray = NDArray[np.float64]
+
+START_S = 1000.0
+RANGE_ERROR = 0.03
+ODOMETRY_ERROR = 0.05
+EVERY = 2
+"""A range at every second sample of the odometry."""
+ARC_RAD = 1.0
+"""A heading counts as bounded in less than this."""
+
+
+@dataclass
+class SimulatedFleet:
+    """Robots that drive about, and what they measure, given to a localizer step by step."""
+
+    members: list[SimulatedRobot]
+    localizer: Localizer
+    rng: np.random.Generator
+
+    @classmethod
+    def draw(cls, seed: int, robots: int, seconds: float, memory_s: float) -> SimulatedFleet:
+        """Return a fleet of a seed."""
+        rng = np.random.default_rng([seed, robots])
+        members = [SimulatedRobot.drive(rng, seconds, ODOMETRY_ERROR) for _robot in range(robots)]
+        config = FleetConfig(
+            robots=tuple(f'r{i}' for i in range(robots)),
+            range_error=RangeErrorModel(
+                min_error_relative=-RANGE_ERROR, max_error_relative=RANGE_ERROR
+            ),
+            max_speed_m_s=0.9,
+            max_turn_rate_rad_s=0.9,
+            odometry_error=OdometryErrorModel(
+                translation_per_m=ODOMETRY_ERROR, rotation_per_rad=ODOMETRY_ERROR
+            ),
+            memory_s=memory_s,
+            memory_max_seconds=math.inf,
+            solver=SolverOptions(max_seconds=1.0),
+        )
+        return cls(members, Localizer(config), rng)
+
+    def feed(self, step: int) -> float:
+        """Give the localizer what is measured at a step; return its time."""
+        now_s = START_S + step * STEP_S
+        names = self.localizer.config.robots
+        for name, member in zip(names, self.members, strict=True):
+            position, yaw = member.stated_m[step], float(member.stated_rad[step])
+            orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
+            self.localizer.add_odometry(name, position, orientation, now_s, now_s)
+        if step % EVERY == 0:
+            for (a, first), (b, second) in combinations(zip(names, self.members, strict=True), 2):
+                apart = np.linalg.norm(second.positions_m[step] - first.positions_m[step])
+                reading = apart / (1.0 + self.rng.uniform(-RANGE_ERROR, RANGE_ERROR))
+                self.localizer.add_range(a, b, float(reading), now_s, now_s)
+        return now_s
+
+    def truth(self, step: int, frame: FixedFrame) -> tuple[FloatArray, FloatArray]:
+        """Return positions (n, 2) and yaws (n,) in the frame of an estimate."""
+        names = self.localizer.config.robots
+        places = np.array([member.positions_m[step] for member in self.members])
+        yaws = np.array([member.yaws_rad[step] for member in self.members])
+        origin, towards = (names.index(name) for name in frame.points)
+        edge = places[towards] - places[origin]
+        angle = math.atan2(edge[1], edge[0])
+        return ((places - places[origin]) @ rotation(angle))[:, :2], yaws - angle
+
+
+def holds(placement: Placement, places_m: FloatArray, yaws_rad: FloatArray) -> bool:
+    """Return whether a truth lies in a placement."""
+    low, high = placement.enclosure_m[:, 0] - 1e-9, placement.enclosure_m[:, 1] + 1e-9
+    if not np.all((low <= places_m) & (places_m <= high)):
+        return False
+    for row in np.flatnonzero(placement.heading_known):
+        z, w = placement.orientations_xyzw[row, 2:]
+        off = math.remainder(2.0 * math.atan2(z, w) - yaws_rad[row], 2.0 * math.pi)
+        if abs(off) > placement.heading_half_width_rad[row] + 1e-9:
+            return False
+    return True
+
+
+@dataclass(frozen=True)
+class Event:
+    """A line of MRCLAM: odometry, or what a camera saw."""
+
+    stamp_s: float
+    robot: str
+    target: str
+    values: tuple[float, ...]
+
+
+class Excerpt:
+    """Five robots among landmarks, and where they truly were."""
+
+    def __init__(self, folder: Path) -> None:
+        self.robots = [Recording.load(folder / EXCERPT, robot) for robot in ROBOTS]
+        self.names = tuple(f'r{robot}' for robot in ROBOTS)
+        landmarks = self.robots[0].landmarks
+        self.anchors = {f'm{number}': Anchor(tuple(xy), 0.01) for number, xy in landmarks.items()}
+        events = [event for index in range(len(self.names)) for event in self._events(index)]
+        self.events = sorted(events, key=lambda event: event.stamp_s)
+
+    def _events(self, index: int) -> Iterator[Event]:
+        """Yield what a robot measured."""
+        robot, name = self.robots[index], self.names[index]
+        for stamp_s, (x, y, _), yaw in zip(*robot.track, strict=True):
+            yield Event(float(stamp_s), name, '', (float(x), float(y), float(yaw)))
+        for stamp_s, subject, range_m, bearing in robot.all_sightings:
+            target = f'r{subject:.0f}' if subject in ROBOTS else f'm{subject:.0f}'
+            if target != name:
+                yield Event(stamp_s - LATE_S, name, target, (range_m, bearing))
+
+    def truth(self, time_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return positions (n, 2) and yaws (n,)."""
+        poses = [robot.pose(time_s) for robot in self.robots]
+        return np.array([pose[0][:2] for pose in poses]), np.array([pose[1] for pose in poses])
+
+    def feed(self, localizer: Localizer, event: Event) -> None:
+        """Give one event to a localizer."""
+        now_s = event.stamp_s
+        if not event.target:
+            x, y, yaw = event.values
+            orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
+            localizer.add_odometry(event.robot, [x, y, 0.0], orientation, now_s, now_s)
+            return
+        range_m, bearing = event.values
+        ray = [math.cos(bearing), math.sin(bearing), 0.0]
+        localizer.add_range(event.robot, event.target, range_m, now_s, now_s)
+        localizer.add_bearing(event.robot, event.target, ray, now_s, now_s)
+
+
+LATE_S = 0.05
+"""Stamps of sightings are late by about this."""
+
+
+def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
+    """Print the figures of the four-minute excerpt as a row of a table."""
+    excerpt = Excerpt(folder)
+    config = FleetConfig(
+        robots=excerpt.names,
+        anchors=excerpt.anchors,
+        max_age_s=2.0,
+        range_error=RangeErrorModel(
+            min_error_relative=-SEEN_RANGE_ERROR, max_error_relative=SEEN_RANGE_ERROR
+        ),
+        bearing_half_width_rad=BEARING_ERROR_RAD,
+        max_speed_m_s=LIMITS.speed_m_s,
+        max_turn_rate_rad_s=LIMITS.turn_rate_rad_s,
+        odometry_error=odometry_error(0.2),
+        memory_s=memory_s,
+        memory_max_seconds=math.inf,
+        window_outliers=outliers,
+        max_outliers=1,
+        solver=SolverOptions(resolution=0.1, max_boxes=200),
+    )
+    localizer = Localizer(config)
+    pending = iter(excerpt.events)
+    event = next(pending, None)
+    start_s = excerpt.events[0].stamp_s
+    inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
+    for now_s in np.arange(start_s + 20.0, excerpt.events[-1].stamp_s, tick_s):
+        while event is not None and event.stamp_s <= now_s:
+            excerpt.feed(localizer, event)
+            event = next(pending, None)
+        start = time.process_time()
+        estimate = localizer.step(float(now_s))
+        spent.append(1000.0 * (time.process_time() - start))
+        forgotten += bool(estimate.forgotten)
+        places, yaws = excerpt.truth(float(now_s))
+        held = [holds(placement, places, yaws) for placement in estimate.placements]
+        inside.append(any(held))
+        if estimate.placements:
+            best = estimate.placements[0]
+            wide = np.ptp(best.enclosure_m, axis=1).max(axis=1)
+            widths += list(wide[np.isfinite(wide)])
+            infinite += list(~np.isfinite(wide))
+            errors = np.linalg.norm(best.positions_m - places, axis=1)
+            off += list(errors[np.isfinite(errors)])
+    cells = [f'{np.median(v):.2f} (95 %: {np.percentile(v, 95):.2f})' for v in (widths, off)]
+    fast, slow = np.percentile(spent, [50, 95])
+    print(
+        f'| {memory_s:.0f} | {outliers} | {sum(inside)} of {len(inside)} | '
+        f'{np.mean(infinite):.1%} | {cells[0]} | {cells[1]} | {fast:.0f} ({slow:.0f}) | '
+        f'{forgotten} |'
+    )
+
+
+@dataclass
+class Runs:
+    """Figures of many simulated fleets."""
+
+    answers: int = 0
+    inside: int = 0
+    single: int = 0
+    headed: int = 0
+    settled: int = 0
+    runs: int = 0
+    widths_rad: list[float] = field(default_factory=list)
+    milliseconds: list[float] = field(default_factory=list)
+
+    def run(self, fleet: SimulatedFleet, seconds: float, tick_s: float) -> None:
+        """Localize a fleet for some seconds."""
+        steps = round(seconds / STEP_S)
+        estimate = None
+        for step in range(steps + 1):
+            now_s = fleet.feed(step)
+            if step == 0 or step % round(tick_s / STEP_S):
+                continue
+            start = time.process_time()
+            estimate = fleet.localizer.step(now_s)
+            self.milliseconds.append(1000.0 * (time.process_time() - start))
+            assert estimate.frame is not None
+            truth = fleet.truth(step, estimate.frame)
+            self.answers += 1
+            self.inside += any(holds(place, *truth) for place in estimate.placements)
+        assert estimate is not None
+        single = estimate.n_hypotheses == 1
+        self.runs += 1
+        self.single += single
+        self.settled += single and _median_arc_rad(estimate) < ARC_RAD
+        arcs = 2.0 * estimate.placements[0].heading_half_width_rad
+        self.widths_rad += list(np.minimum(arcs, 2.0 * math.pi))
+        self.headed += single and bool(np.all(arcs < math.pi))
+
+    def row(self, robots: int, seconds: float) -> str:
+        """Return the figures as a row of a table."""
+        runs = self.runs
+        low, middle, high = np.percentile(self.widths_rad, [5, 50, 95])
+        fast, slow = np.percentile(self.milliseconds, [50, 95])
+        counts = [f'{count} of {runs}' for count in (self.single, self.headed, self.settled)]
+        return (
+            f'| {robots} | {seconds:.0f} | {self.inside} of {self.answers} | '
+            f'{" | ".join(counts)} | {middle:.2f} ({low:.2f} to {high:.2f}) | '
+            f'{fast:.0f} ({slow:.0f}) |'
+        )
+
+
+def _median_arc_rad(estimate: Estimate) -> float:
+    return float(np.median(2.0 * estimate.placements[0].heading_half_width_rad))
+
+
+def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: float) -> None:
+    """Print the table of simulated fleets."""
+    print(
+        '| robots | seconds | truth inside | one hypothesis | with all headings '
+        '| headings below 1 rad in the median | heading width (rad) | ms (95 %) |'
+    )
+    for count in robots:
+        figures = Runs()
+        for seed in range(runs):
+            fleet = SimulatedFleet.draw(seed, count, seconds, memory_s)
+            figures.run(fleet, seconds, 1.0)
+        print(figures.row(count, seconds), flush=True)
+
+
+def main() -> None:
+    """Read the command line and print what was asked for."""
+    name = 'python -m benchmarks.fleet_in_time'
+    parser = argparse.ArgumentParser(prog=name, description=__doc__)
+    parser.add_argument('study', choices=['simulated', 'mrclam'])
+    parser.add_argument('--runs', type=int, default=10)
+    parser.add_argument('--robots', type=int, nargs='+', default=[2, 3, 4, 6])
+    parser.add_argument('--seconds', type=float, default=15.0)
+    parser.add_argument('--memory', type=float, default=30.0, metavar='SECONDS')
+    parser.add_argument('--data', type=Path, default=Path('../shared/data/mrclam'))
+    parser.add_argument('--outliers', type=int, default=0)
+    parser.add_argument('--every', type=float, default=5.0, metavar='SECONDS')
+    arguments = parser.parse_args()
+    if arguments.study == 'simulated':
+        report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
+    else:
+        print(
+            '| memory (s) | outliers | truth inside | infinite | width (m) | point off by (m) '
+            '| ms (95 %) | forgot |'
+        )
+        report_mrclam(arguments.data, arguments.outliers, arguments.memory, arguments.every)
+
+
+if __name__ == '__main__':
+    main()

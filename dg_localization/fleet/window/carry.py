@@ -1,0 +1,201 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Observations of a window, carried to the time of a snapshot by the odometry of both ends.
+
+The bodies are the robots, by their indices, and the world with all anchors. A robot without
+odometry is left out: how far it may have moved soon says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import LinkKey, OdometryReading
+from dg_localization.fleet.window.memory import Observation
+from dg_localization.interval.arrays import Interval
+from dg_localization.pairs import NO_RAY_RAD, PairReadings, PastPoses
+
+WORLD = -1
+"""The body of the anchors."""
+
+Pair = tuple[int, int]
+"""Two bodies, the smaller index first: the world before any robot."""
+
+AHEAD = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class _Row:
+    """An observation with what its ends are: a point of the world where the first body is it."""
+
+    observation: Observation
+    seen_by_second: bool
+    anchor: int | None
+
+
+class CarriedWindow:
+    """
+    What the pairs of bodies observed of each other, seen from where both are now.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        In the plane.
+
+    """
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        self._snapshot = snapshot
+        self._rows: dict[Pair, list[_Row]] = {}
+        index = {name: i for i, name in enumerate(snapshot.config.points)}
+        for (observer, target), observations in snapshot.window.observations.items():
+            self._add(index[observer], index[target], observations)
+        self._poses = {body: self._past_poses(body) for body in self._bodies}
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """The pairs that observed anything."""
+        return tuple(sorted(self._rows))
+
+    @cached_property
+    def links(self) -> frozenset[LinkKey]:
+        """The links of the moment between bodies that observed each other in the window."""
+        points = self._snapshot.config.points
+        index = {name: i for i, name in enumerate(points)}
+        return frozenset(
+            key
+            for key in self._snapshot.keys
+            if self._pair_of(index[key.observer], index[key.target]) in self._rows
+        )
+
+    def span_s(self, pair: Pair) -> float:
+        """Return the age of the oldest observation of a pair."""
+        return self._snapshot.stamp_s - min(self._stamps_of(pair))
+
+    def stamps_s(self, pair: Pair) -> NDArray[np.float64]:
+        """Return the times of the observations of a pair, newest first."""
+        return np.array(self._stamps_of(pair))
+
+    def readings(self, pair: Pair, most: int | None = None) -> PairReadings:
+        """Return the observations of a pair, newest first; at most `most`, spread in time."""
+        first, second = pair
+        rows = self._rows[pair]
+        if most is not None and len(rows) > most:
+            rows = [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]
+        stamps = np.array([row.observation.stamp_s for row in rows])
+        poses = self._of(second, stamps)
+        other = PastPoses.at_rest(len(rows)) if first == WORLD else self._of(first, stamps)
+        by_second = np.array([row.seen_by_second for row in rows])
+        rays = np.array(
+            [AHEAD if o.direction is None else o.direction for o in (r.observation for r in rows)]
+        )
+        errors = np.array([self._ray_error_rad(row) for row in rows])
+        seen, seen_errors = poses.rays_now(rays, errors)
+        if first != WORLD:
+            others_rays, others_errors = other.rays_now(rays, errors)
+            seen = np.where(by_second[:, None], seen, others_rays)
+            seen_errors = np.where(by_second, seen_errors, others_errors)
+        return PairReadings.of(
+            self._places(rows) if first == WORLD else other.position_m,
+            poses.position_m,
+            Interval(
+                np.array([row.observation.lower_m for row in rows]),
+                np.array([row.observation.upper_m for row in rows]),
+            ),
+            seen,
+            seen_errors,
+            by_second,
+        )
+
+    def _add(self, observer: int, target: int, observations: tuple[Observation, ...]) -> None:
+        """Add what one point observed of another, if the motion of both is known."""
+        pair = self._pair_of(observer, target)
+        if pair is None:
+            return
+        first, second = self._body_of(observer), self._body_of(target)
+        anchor = observer if first == WORLD else target if second == WORLD else None
+        rows = self._rows.setdefault(pair, [])
+        rows += [_Row(seen, first == pair[1], anchor) for seen in observations]
+        rows.sort(key=lambda row: -row.observation.stamp_s)
+
+    def _pair_of(self, observer: int, target: int) -> Pair | None:
+        """Return the bodies of two points; None where both are one, or a motion is not known."""
+        first, second = self._body_of(observer), self._body_of(target)
+        if first is None or second is None or first == second:
+            return None
+        return min(first, second), max(first, second)
+
+    def _body_of(self, point: int) -> int | None:
+        """Return the body of a point; None for a robot whose motion is not known."""
+        name = self._snapshot.config.points[point]
+        if name in self._snapshot.config.anchors:
+            return WORLD
+        return point if self._snapshot.motion.odometry.get(name) else None
+
+    @cached_property
+    def _bodies(self) -> tuple[int, ...]:
+        """The robots that observed or were observed."""
+        return tuple(sorted({body for pair in self._rows for body in pair} - {WORLD}))
+
+    def _stamps_of(self, pair: Pair) -> list[float]:
+        return [row.observation.stamp_s for row in self._rows[pair]]
+
+    def _past_poses(self, robot: int) -> tuple[NDArray[np.float64], PastPoses]:
+        """Return the times of all observations of a robot, ascending, and where it was then."""
+        stamps = np.unique(
+            [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
+        )
+        config = self._snapshot.config
+        name = config.robots[robot]
+        track = self._snapshot.motion.odometry[name]
+        path = OdometryPath(
+            [reading.stamp_s for reading in track],
+            np.array([reading.position_m for reading in track]) * [1.0, 1.0, 0.0],
+            _level_rotations(track),
+            config.odometry_error,
+            MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
+        )
+        return stamps, path.past_poses(stamps, self._snapshot.stamp_s)
+
+    def _of(self, robot: int, stamps: NDArray[np.float64]) -> PastPoses:
+        """Return where a robot was at some of these times."""
+        known, poses = self._poses[robot]
+        index = np.searchsorted(known, stamps)
+        return PastPoses(poses.position_m[index], poses.yaw_rad[index])
+
+    def _ray_error_rad(self, row: _Row) -> float:
+        """Return the error of a ray; how an anchor is turned is not known."""
+        if row.observation.direction is None or (
+            row.anchor is not None and not row.seen_by_second
+        ):
+            return NO_RAY_RAD
+        return row.observation.half_width_rad
+
+    def _places(self, rows: list[_Row]) -> Interval:
+        """Return the places of the anchors of some rows, shape (m, 3)."""
+        boxes = self._snapshot.anchors.boxes
+        lower, upper = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
+        for number, row in enumerate(rows):
+            if row.anchor is not None:
+                box = boxes[row.anchor]
+                lower[number, :2], upper[number, :2] = box.lower, box.upper
+        return Interval(lower, upper)
+
+
+def _level_rotations(track: tuple[OdometryReading, ...]) -> NDArray[np.float64]:
+    """Return the rotations of a track without roll and pitch, shape (n, 3, 3)."""
+    rotations = np.array([reading.rotation for reading in track])
+    yaws = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
+    level = np.zeros_like(rotations)
+    level[:, 0, 0] = level[:, 1, 1] = np.cos(yaws)
+    level[:, 1, 0], level[:, 0, 1] = np.sin(yaws), -np.sin(yaws)
+    level[:, 2, 2] = 1.0
+    return level

@@ -1,0 +1,80 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""From one estimate to the next: hypotheses keep their numbers, what is forgotten stays so."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from dg_localization.fleet.estimate import Estimate, Placement
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.forgetting import also_forgotten
+from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.numbering import matches
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """The placements of an estimate, numbered, and what they were found from."""
+
+    placements: tuple[Placement, ...]
+    stamp_s: float
+
+
+class Follower:
+    """
+    Follows hypotheses, in the thread of the estimates.
+
+    Parameters
+    ----------
+    first_number : int
+        Of the next hypothesis that is new.
+
+    """
+
+    def __init__(self, first_number: int = 1) -> None:
+        self._next_number = first_number
+        self._last = _Followed((), 0.0)
+        self._forgotten: Mapping[Ends, float] = {}
+
+    @property
+    def forgotten(self) -> Mapping[Ends, float]:
+        """Up to when observations between two points do not count."""
+        return self._forgotten
+
+    def started_anew(self) -> Follower:
+        """Return one that knows no hypothesis; numbers are not used again."""
+        return Follower(self._next_number)
+
+    def follow(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
+        """Return an estimate with the numbers of its hypotheses."""
+        self._forgotten = also_forgotten(self._forgotten, estimate.forgotten)
+        listed = [
+            *estimate.placements,
+            *(placement for group in estimate.groups for placement in group.placements),
+        ]
+        before = self._last
+        pairs = matches(snapshot, before.stamp_s, before.placements, listed)
+        numbered = []
+        for row, placement in enumerate(listed):
+            number = self._next_number
+            if row in pairs:
+                number = before.placements[pairs[row]].number
+            else:
+                self._next_number += 1
+            numbered.append(replace(placement, number=number))
+        self._last = _Followed(tuple(numbered), snapshot.stamp_s)
+        return _with_placements(estimate, numbered)
+
+
+def _with_placements(estimate: Estimate, placements: list[Placement]) -> Estimate:
+    """Return an estimate with other placements, those of its groups last."""
+    rest = iter(placements)
+    main = tuple(next(rest) for _ in estimate.placements)
+    groups = tuple(
+        replace(group, placements=tuple(next(rest) for _ in group.placements))
+        for group in estimate.groups
+    )
+    return replace(estimate, placements=main, groups=groups)

@@ -1,0 +1,151 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The memory: observations of the last seconds, thinned to a bounded number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import math
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.vocabulary import DistanceReading, RayReading
+
+MOST_OBSERVATIONS = 150
+"""Of one observer and one target: more of them tell little more."""
+
+Ends: TypeAlias = tuple[str, str]
+"""The names of an observer and its target."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """
+    What one sensor said of one target at one time.
+
+    Parameters
+    ----------
+    stamp_s : float
+    lower_m, upper_m : float
+        Bounds of the distance.
+    direction : numpy.ndarray, shape (3,), or None
+        Unit vector in the body frame of the observer.
+    half_width_rad : float
+        Greatest angle between the direction and the true one.
+
+    """
+
+    stamp_s: float
+    lower_m: float = 0.0
+    upper_m: float = math.inf
+    direction: np.ndarray | None = None
+    half_width_rad: float = math.inf
+
+    def joined(self, reading: DistanceReading | RayReading) -> Observation:
+        """Return the observation with a reading of the same time."""
+        if isinstance(reading, DistanceReading):
+            return replace(
+                self,
+                lower_m=max(self.lower_m, reading.lower_m),
+                upper_m=min(self.upper_m, reading.upper_m),
+            )
+        if reading.half_width_rad >= self.half_width_rad:
+            return self
+        return replace(self, direction=reading.direction, half_width_rad=reading.half_width_rad)
+
+
+@dataclass(frozen=True)
+class Window:
+    """
+    The observations of the last seconds, as they were when a snapshot was taken.
+
+    Parameters
+    ----------
+    observations : mapping of (str, str) to tuple of Observation
+        By observer and target.
+
+    """
+
+    observations: Mapping[Ends, tuple[Observation, ...]] = field(
+        default_factory=lambda: MappingProxyType({})
+    )
+
+
+NO_WINDOW = Window()
+
+
+class Memory:
+    """
+    Keeps observations for `FleetConfig.memory_s`, the first of each short time slot.
+
+    To leave an observation out is always sound.
+
+    Parameters
+    ----------
+    config : FleetConfig
+
+    """
+
+    def __init__(self, config: FleetConfig) -> None:
+        self._memory_s = config.memory_s
+        self._max_future_s = config.max_future_s
+        self._slot_s = config.memory_s / MOST_OBSERVATIONS
+        self._observations: dict[Ends, dict[int, Observation]] = {}
+        self._newest_s = -math.inf
+
+    def add(self, reading: DistanceReading | RayReading, now_s: float) -> None:
+        """Keep a reading that was accepted at `now_s`, unless its time slot is taken."""
+        if self._memory_s <= 0.0:
+            return
+        if self._newest_s > now_s + self._max_future_s:
+            # Time has jumped back: what is kept is of another time.
+            self.clear()
+        if isinstance(reading, DistanceReading) and reading.lower_m > reading.upper_m:
+            return
+        self._newest_s = max(self._newest_s, reading.stamp_s)
+        kept = self._observations.setdefault(reading.key.ends, {})
+        slot = math.floor(reading.stamp_s / self._slot_s)
+        before = kept.get(slot, Observation(reading.stamp_s))
+        if before.stamp_s == reading.stamp_s:
+            observation = before.joined(reading)
+            if observation.lower_m <= observation.upper_m:
+                kept[slot] = observation
+        oldest = math.floor((now_s - self._memory_s) / self._slot_s)
+        if len(kept) > MOST_OBSERVATIONS:
+            for outdated in [slot for slot in kept if slot < oldest]:
+                del kept[outdated]
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._observations.clear()
+        self._newest_s = -math.inf
+
+    def view(self, now_s: float, forgotten: Mapping[Ends, float]) -> Window:
+        """
+        Return what is remembered at a time.
+
+        Parameters
+        ----------
+        now_s : float
+        forgotten : mapping of (str, str) to float
+            Stamps up to which the observations between two points, in either order, do not count.
+
+        """
+        if self._memory_s <= 0.0:
+            return NO_WINDOW
+        found = {}
+        for ends, kept in self._observations.items():
+            after_s = max(
+                now_s - self._memory_s,
+                forgotten.get(ends, -math.inf),
+                forgotten.get(ends[::-1], -math.inf),
+            )
+            chosen = tuple(seen for seen in kept.values() if after_s < seen.stamp_s <= now_s)
+            if chosen:
+                found[ends] = chosen
+        return Window(MappingProxyType(found))

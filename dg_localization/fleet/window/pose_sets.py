@@ -1,0 +1,133 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Pose sets in use: where robots are among the anchors, and how far from each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dg_localization.fleet.constraints.distances import PairBounds
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.allowance import Allowance
+from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
+from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.interval.arrays import Interval, squared_norm
+from dg_localization.pairs import Cover, PairOptions, count_agreeing, cover_poses
+
+RESOLUTION_M = 0.1
+MOST_BOXES = 1000
+
+
+@dataclass(frozen=True)
+class PoseSets:
+    """
+    Where robots are, by a window.
+
+    Parameters
+    ----------
+    covers : mapping of int to Cover
+        By robot, in the frame of the anchors; those that bound its position.
+    relative : mapping of (int, int) to Cover
+        By pair of robots, in the frame of the first.
+
+    """
+
+    covers: Mapping[int, Cover] = field(default_factory=dict)
+    relative: Mapping[Pair, Cover] = field(default_factory=dict)
+
+    def distances(self, snapshot: Snapshot) -> Iterator[PairBounds]:
+        """Yield pairs of points with bounds of their squared distance in m^2."""
+        for robot, cover in self.covers.items():
+            for anchor, box in snapshot.anchors.boxes.items():
+                yield robot, anchor, *_squared_distance_m2(cover, box)
+        for pair, cover in self.relative.items():
+            yield *pair, *_squared_distance_m2(cover, Interval.point(np.zeros(2)))
+
+
+NO_POSE_SETS = PoseSets()
+
+
+def place_robots(
+    snapshot: Snapshot, carried: CarriedWindow, allowance: Allowance
+) -> tuple[PoseSets, tuple[Forgotten, ...]]:
+    """
+    Return the pose sets of all robots that observed anchors in a window.
+
+    Where outliers are tolerated, the pose sets of robots that observed each other are made, too:
+    no single reading can be trusted then. They add nothing else.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    carried : CarriedWindow
+    allowance : Allowance
+        Divided among the sets.
+
+    Returns
+    -------
+    PoseSets
+    tuple of Forgotten
+        What contradicts itself.
+
+    """
+    options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
+    anchored = bool(snapshot.anchors.cores)
+    robots_too = options.max_outliers > 0
+    pairs = [pair for pair in carried.pairs if (anchored if pair[0] == WORLD else robots_too)]
+    covers: dict[Pair, Cover] = {}
+    forgotten = []
+    for number, pair in enumerate(pairs):
+        stopped = allowance.part(len(pairs) - number)
+        cover = cover_poses(carried.readings(pair), options, stopped=stopped)
+        if cover.empty:
+            forgotten.append(_what_contradicts(snapshot, carried, pair, options, stopped))
+        elif cover.bounded:
+            covers[pair] = cover
+    pose_sets = PoseSets(
+        {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
+        {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},
+    )
+    return pose_sets, tuple(forgotten)
+
+
+def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
+    """Return bounds of the squared distance of all poses of a cover from a place (x, y)."""
+    squared = squared_norm(Interval(cover.boxes[:, 0, :2], cover.boxes[:, 1, :2]) - place)
+    return max(0.0, float(squared.lower.min())), float(squared.upper.max())
+
+
+def _what_contradicts(
+    snapshot: Snapshot,
+    carried: CarriedWindow,
+    pair: Pair,
+    options: PairOptions,
+    stopped: Callable[[], bool],
+) -> Forgotten:
+    """Return which old observations of a pair contradict newer ones."""
+    agreeing = count_agreeing(carried.readings(pair), options, stopped=stopped)
+    stamps = carried.stamps_s(pair)
+    before_s = float(stamps[min(agreeing, len(stamps) - 1)])
+    robots = snapshot.config.robots
+    first, second = pair
+    others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)
+    name = 'the anchors' if first == WORLD else robots[first]
+    return Forgotten(
+        ends=frozenset((robots[second], other) for other in others),
+        before_s=before_s,
+        text=f'what {robots[second]} and {name} measured of each other more than '
+        f'{snapshot.stamp_s - before_s:.1f} s ago contradicts what they measured since',
+    )
+
+
+def poses_within(cover: Cover, lower_m: np.ndarray, upper_m: np.ndarray) -> Cover:
+    """Return the part of a cover with positions (x, y) in a box."""
+    lower, upper = cover.boxes[:, 0], cover.boxes[:, 1]
+    meets = np.all((lower[:, :2] <= upper_m) & (lower_m <= upper[:, :2]), axis=1)
+    boxes = cover.boxes[meets]
+    boxes[:, 0, :2] = np.maximum(boxes[:, 0, :2], lower_m)
+    boxes[:, 1, :2] = np.minimum(boxes[:, 1, :2], upper_m)
+    return Cover(boxes, cover.refined)

@@ -1,0 +1,176 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Shape first, then headings: what a window tells of a placement of the moment.
+
+The placement bounds the places of the robots in some frame. Old observations, carried to now, then
+leave few headings, or none: such a placement is impossible, as a mirror image mostly is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.window.carry import WORLD, Pair
+from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
+from dg_localization.interval.angles import angle_up
+from dg_localization.interval.arrays import Interval, squared_norm
+from dg_localization.pairs import (
+    HeadingOptions,
+    Headings,
+    PairReadings,
+    heading_cells,
+    narrow_headings,
+)
+
+FloatArray = NDArray[np.float64]
+
+COARSE_CELLS = 32
+FINE_CELLS = 128
+"""Cells of the full turn: few to rule out what is impossible, more to bound what is left."""
+
+KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
+"""A heading in less than a half turn counts as known."""
+
+
+@dataclass(frozen=True)
+class Narrowed:
+    """
+    What is left of a placement.
+
+    Parameters
+    ----------
+    placement : Placement or None
+        None where no headings are left.
+    ruled_out_by : tuple of int, or None
+        The bodies whose observations showed it.
+
+    """
+
+    placement: Placement | None
+    ruled_out_by: Pair | None = None
+
+
+def narrow_placement(
+    placement: Placement,
+    frame: FrameKind,
+    reference: int,
+    readings: Mapping[Pair, PairReadings],
+    pose_sets: PoseSets,
+    options: HeadingOptions,
+    stopped: Callable[[], bool],
+) -> Narrowed:
+    """
+    Return what a window leaves of a placement.
+
+    Parameters
+    ----------
+    placement : Placement
+        Of the moment, in the plane.
+    frame : FrameKind
+        Of its coordinates.
+    reference : int
+        The robot whose body frame that is, where it is one.
+    readings : mapping of (int, int) to PairReadings
+        What pairs of robots observed of each other.
+    pose_sets : PoseSets
+        Of robots among anchors, where these make the frame.
+    options : HeadingOptions
+    stopped : callable
+        Once it is true, what is found so far is returned.
+
+    Returns
+    -------
+    Narrowed
+
+    """
+    enclosure = placement.enclosure_m.copy()
+    known = _known_headings(placement, frame, reference, options.cells)
+    if frame is FrameKind.ANCHORS:
+        for robot, cover in pose_sets.covers.items():
+            part = poses_within(cover, *enclosure[robot])
+            if part.empty:
+                return Narrowed(None, (WORLD, robot))
+            known[robot] &= heading_cells(part.boxes[:, 0, 3], part.boxes[:, 1, 3], options.cells)
+            if not known[robot].any():
+                return Narrowed(None, (WORLD, robot))
+            enclosure[robot] = part.hull.lower_m[:2], part.hull.upper_m[:2]
+    lower, upper = np.zeros((2, len(enclosure), 3))
+    lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
+    settled = pose_sets.covers if frame is FrameKind.ANCHORS else {}
+    # Two robots that are known among the anchors tell each other little, and it takes long.
+    useful = {pair: part for pair, part in readings.items() if not settled.keys() >= {*pair}}
+    found = narrow_headings(lower, upper, useful, options, known=known, stopped=stopped)
+    if not found.possible:
+        return Narrowed(None, found.ruled_out_by)
+    enclosure[:, 0], enclosure[:, 1] = found.lower_m[:, :2], found.upper_m[:, :2]
+    return Narrowed(_with_headings(_with_enclosure(placement, enclosure), found))
+
+
+def _known_headings(
+    placement: Placement, frame: FrameKind, reference: int, cells: int
+) -> NDArray[np.bool_]:
+    """Return the cells that may hold each heading by the rays of the moment."""
+    known = np.ones((len(placement.heading_known), cells), bool)
+    for robot in np.flatnonzero(placement.heading_known):
+        yaw = _yaw_rad(placement.orientations_xyzw[robot])
+        half = angle_up(float(placement.heading_half_width_rad[robot]))
+        known[robot] = heading_cells(yaw - half, yaw + half, cells)
+    if frame is FrameKind.HEADING:
+        known[reference] = heading_cells(0.0, 0.0, cells)
+    return known
+
+
+def _yaw_rad(orientation_xyzw: FloatArray) -> float:
+    return 2.0 * math.atan2(float(orientation_xyzw[2]), float(orientation_xyzw[3]))
+
+
+def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
+    """Return a placement in a narrower enclosure."""
+    positions = np.clip(placement.positions_m, enclosure_m[:, 0], enclosure_m[:, 1])
+    moved = bool(np.any((positions != placement.positions_m) & np.isfinite(positions)))
+    boxes = Interval(enclosure_m[:, 0], enclosure_m[:, 1])
+    apart = squared_norm(boxes[:, None] - boxes[None]).sqrt()
+    lower = np.maximum(placement.lower_m, apart.lower)
+    upper = np.minimum(placement.upper_m, apart.upper)
+    np.fill_diagonal(upper, 0.0)
+    return replace(
+        placement,
+        positions_m=positions,
+        enclosure_m=enclosure_m,
+        lower_m=lower,
+        upper_m=upper,
+        proved=placement.proved and not moved,
+    )
+
+
+def _with_headings(placement: Placement, found: Headings) -> Placement:
+    """Return a placement with the headings that are found, where the rays tell less."""
+    orientations = placement.orientations_xyzw.copy()
+    half_widths = placement.heading_half_width_rad.copy()
+    covariances = None if placement.covariances is None else placement.covariances.copy()
+    for robot in range(len(orientations)):
+        low, high = found.arc_rad(robot)
+        middle = 0.5 * (low + high)
+        half = angle_up(max(high - middle, middle - low))
+        if half < min(KNOWN_HALF_WIDTH_RAD, half_widths[robot]):
+            orientations[robot] = [0.0, 0.0, math.sin(0.5 * middle), math.cos(0.5 * middle)]
+            half_widths[robot] = half
+            if covariances is not None:
+                # Least squares knows nothing of the window: the bound takes its place.
+                covariances[robot, 3:] = covariances[robot, :, 3:] = 0.0
+                covariances[robot, 5, 5] = half * half
+    return replace(
+        placement,
+        orientations_xyzw=orientations,
+        heading_known=~np.isnan(orientations[:, 0]),
+        heading_half_width_rad=half_widths,
+        covariances=covariances,
+    )

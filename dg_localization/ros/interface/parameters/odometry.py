@@ -1,0 +1,134 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The parameters of odometry, and of what it makes of older measurements."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from dg_localization.fleet import OdometryErrorModel
+from dg_localization.ros.interface.parameters.spec import DOUBLE, INTEGER, STRING, Section, Spec
+
+ODOMETRY = Section(
+    'Odometry',
+    'Messages of type nav_msgs/Odometry. They are optional and keep older measurements sharp. The '
+    'bounds per m and per rad are those of each step between two messages; seen from now they add '
+    'up along the way.',
+    (
+        Spec('odometry.topic', STRING, '{robot}/odom', 'template of the topics; empty for none'),
+        Spec(
+            'odometry.relative_error',
+            DOUBLE,
+            0.05,
+            'greatest error of odometry as a fraction of the distance and the angle at full speed',
+            at_least=0.0,
+            details='These are what is possible at full speed between two stamps. It serves '
+            'measurements younger than max_age.',
+        ),
+        Spec(
+            'odometry.translation_per_m',
+            DOUBLE,
+            0.1,
+            'greatest error of the position per meter of the way',
+            'm/m',
+            0.0,
+        ),
+        Spec(
+            'odometry.translation_per_rad',
+            DOUBLE,
+            0.0,
+            'greatest error of the position per radian turned',
+            'm/rad',
+            0.0,
+        ),
+        Spec(
+            'odometry.rotation_per_m',
+            DOUBLE,
+            0.02,
+            'greatest error of the heading per meter of the way',
+            'rad/m',
+            0.0,
+        ),
+        Spec(
+            'odometry.rotation_per_rad',
+            DOUBLE,
+            0.1,
+            'greatest error of the heading per radian turned',
+            'rad/rad',
+            0.0,
+        ),
+        Spec(
+            'odometry.constant_translation',
+            DOUBLE,
+            0.02,
+            'greatest error of the position however short the way',
+            'm',
+            0.0,
+        ),
+        Spec(
+            'odometry.constant_rotation',
+            DOUBLE,
+            0.02,
+            'greatest error of the heading however short the way',
+            'rad',
+            0.0,
+        ),
+        Spec(
+            'odometry.latency',
+            DOUBLE,
+            0.0,
+            'how far the stamp of a pose may be from the time when it was true',
+            's',
+            0.0,
+        ),
+    ),
+)
+
+MEMORY = Section(
+    'Memory',
+    'What robots with odometry measured of each other, and of anchors, is remembered in the '
+    'plane. It rules out mirror images and other hypotheses, bounds headings, and keeps robots '
+    'placed that measure nothing for a moment.',
+    (
+        Spec(
+            'memory.seconds',
+            DOUBLE,
+            30.0,
+            'how long measurements are remembered; 0 remembers nothing',
+            's',
+            0.0,
+        ),
+        Spec(
+            'memory.max_seconds',
+            DOUBLE,
+            0.1,
+            'longest time that an estimate spends on them',
+            's',
+            0.0,
+            details='When it is over the answer is wider, never wrong.',
+        ),
+        Spec(
+            'window_outliers',
+            INTEGER,
+            0,
+            'so many measurements of any two robots, or of a robot and the anchors, may be wrong '
+            'in that time',
+            at_least=0,
+            details='The truth is in the answer then, whether they contradict anything or not. '
+            'Answers are wider.',
+        ),
+    ),
+)
+
+
+def odometry_error(values: Mapping[str, Any]) -> OdometryErrorModel:
+    """Return the bounds that checked values of the parameters stand for."""
+    return OdometryErrorModel(
+        translation_per_m=values['odometry.translation_per_m'],
+        translation_per_rad=values['odometry.translation_per_rad'],
+        rotation_per_m=values['odometry.rotation_per_m'],
+        rotation_per_rad=values['odometry.rotation_per_rad'],
+        constant_m=values['odometry.constant_translation'],
+        constant_rad=values['odometry.constant_rotation'],
+        latency_s=values['odometry.latency'],
+    )

@@ -1,0 +1,246 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Fleets that drive about in the plane, what they measure, and what is true at any time."""
+
+import bisect
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from dg_localization import SolverOptions
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.odometry import OdometryErrorModel
+
+SAMPLE_S = 0.1
+MAX_AGE_S = 0.5
+TOLERANCE = 1e-7
+
+
+def wrapped(angle):
+    return math.remainder(angle, 2.0 * math.pi)
+
+
+@dataclass
+class Drive:
+    """The true and the stated poses (x, y, yaw) of a robot at each sample."""
+
+    true: np.ndarray
+    stated: np.ndarray
+
+    def pose(self, time_s):
+        """Return the true pose at a time since the start, on straight lines between samples."""
+        low = min(int(time_s / SAMPLE_S), len(self.true) - 2)
+        share = time_s / SAMPLE_S - low
+        return self.true[low] + share * (self.true[low + 1] - self.true[low])
+
+    def kick(self, sample, step_m):
+        """Move the robot at a sample, unnoticed by its odometry."""
+        self.true[sample:, :2] += step_m
+
+
+def draw_drive(rng, count, error, worst):
+    """Drive about; every step of the odometry errs by its bound if `worst`, by less otherwise."""
+    goal_turn = rng.uniform(-0.8, 0.8)
+    true = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-3.0, 3.0)])
+    stated = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-3.0, 3.0)])
+    speed = rng.uniform(0.0, 0.7)
+    sign, aim = rng.choice([-1.0, 1.0]), rng.uniform(-math.pi, math.pi)
+    poses = ([true], [stated])
+    for _sample in range(count):
+        if rng.random() < 0.05:
+            goal_turn, speed = rng.uniform(-0.8, 0.8), rng.uniform(0.0, 0.7)
+        way, turn = speed * SAMPLE_S, goal_turn * SAMPLE_S
+        share = 0.999 if worst else rng.random()
+        off = share * (error.translation_per_m * way + error.translation_per_rad * abs(turn))
+        angle = aim if worst else rng.uniform(-math.pi, math.pi)
+        step = np.array([way + off * math.cos(angle), off * math.sin(angle)])
+        most = error.rotation_per_m * way + error.rotation_per_rad * abs(turn)
+        off_turn = most * (0.999 * sign if worst else rng.uniform(-1.0, 1.0))
+        c, s = math.cos(true[2]), math.sin(true[2])
+        true = true + [c * step[0] - s * step[1], s * step[0] + c * step[1], turn + off_turn]
+        c, s = math.cos(stated[2]), math.sin(stated[2])
+        stated = stated + [c * way, s * way, turn]
+        poses[0].append(true)
+        poses[1].append(stated)
+    return Drive(np.array(poses[0]), np.array(poses[1]))
+
+
+@dataclass
+class History:
+    """A fleet with everything it will measure, as calls in the order of their arrival."""
+
+    config: FleetConfig
+    drives: list
+    start_s: float
+    rng: np.random.Generator
+    extreme: bool
+    calls: list = field(default_factory=list)
+
+    @classmethod
+    def draw(cls, seed, robots, anchors, seconds, **settings):
+        """Draw a history of a seed."""
+        rng = np.random.default_rng(seed)
+        error = OdometryErrorModel(
+            translation_per_m=rng.choice([0.0, 0.05, 0.2]),
+            translation_per_rad=rng.choice([0.0, 0.02]),
+            rotation_per_m=rng.choice([0.0, 0.05]),
+            rotation_per_rad=rng.choice([0.0, 0.05, 0.2]),
+        )
+        worst = bool(rng.random() < 0.5)
+        count = round(seconds / SAMPLE_S) + 1
+        drives = [draw_drive(rng, count, error, worst) for _robot in range(robots)]
+        high = float(rng.choice([0.01, 0.05, 0.1]))
+        config = FleetConfig(
+            robots=tuple(f'r{i}' for i in range(robots)),
+            anchors={f'a{i}': Anchor(tuple(rng.uniform(-5.0, 5.0, 2))) for i in range(anchors)},
+            max_age_s=MAX_AGE_S,
+            range_error=RangeErrorModel(
+                min_error_relative=-high, max_error_relative=high * 0.5, max_error_m=0.02
+            ),
+            bearing_half_width_rad=float(rng.choice([0.02, 0.1])),
+            max_speed_m_s=1.0,
+            max_turn_rate_rad_s=1.3,
+            odometry_relative_error=0.5,
+            odometry_error=error,
+            memory_max_seconds=math.inf,
+            max_hypotheses=1000,
+            solver=SolverOptions(resolution=0.2, max_boxes=60),
+            **settings,
+        )
+        start_s = float(rng.choice([1.0, 1.7e9]))
+        history = cls(config, drives, start_s, rng, worst)
+        history.measure(seconds, cameras=bool(rng.random() < 0.4))
+        return history
+
+    def measure(self, seconds, cameras):
+        """List what is measured; each call is (arrival, call of a localizer)."""
+        for robot, drive in enumerate(self.drives):
+            if self.rng.random() < 0.9:
+                self.calls += [self._odometry(robot, drive, k) for k in range(len(drive.true))]
+        places = len(self.config.points)
+        pairs = [(i, j) for i in range(places) for j in range(places) if i != j]
+        pairs = [pair for pair in pairs if min(pair) < len(self.drives)]
+        for observer, target in pairs:
+            if self.rng.random() < 0.3:
+                continue
+            every_s = float(self.rng.choice([0.25, 0.6]))
+            offset_s = self.rng.uniform(0.0, every_s)
+            for time_s in np.arange(offset_s, seconds, every_s):
+                self.calls.append(self._range(observer, target, time_s))
+                if cameras and observer < len(self.drives):
+                    self.calls.append(self._ray(observer, target, time_s))
+        self.calls.sort(key=lambda call: call[0])
+
+    def _arrival_s(self, time_s):
+        return self.start_s + time_s + self.rng.choice([0.0, 0.05, 0.3])
+
+    def _odometry(self, robot, drive, sample):
+        x, y, yaw = drive.stated[sample]
+        stamp_s = self.start_s + sample * SAMPLE_S
+        orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
+        name = self.config.robots[robot]
+
+        def call(localizer, now_s):
+            return localizer.add_odometry(name, [x, y, 0.0], orientation, stamp_s, now_s)
+
+        return stamp_s, call
+
+    def _range(self, observer, target, time_s):
+        names = self.config.points[observer], self.config.points[target]
+        share = self.rng.choice([0.001, 0.999]) if self.extreme else self.rng.uniform()
+
+        def call(localizer, now_s):
+            distance = np.linalg.norm(self.place(target, time_s) - self.place(observer, time_s))
+            model = self.config.range_error
+            absolute = share * model.max_error_m
+            relative = model.min_error_relative + share * (
+                model.max_error_relative - model.min_error_relative
+            )
+            reading = float((distance + absolute) / (1.0 - relative))
+            return localizer.add_range(*names, reading, self.start_s + time_s, now_s)
+
+        return self._arrival_s(time_s), call
+
+    def _ray(self, observer, target, time_s):
+        names = self.config.points[observer], self.config.points[target]
+        half = self.config.bearing_half_width_rad
+        off = half * (
+            0.999 * self.rng.choice([-1, 1]) if self.extreme else self.rng.uniform(-1, 1)
+        )
+
+        def call(localizer, now_s):
+            gap = self.place(target, time_s) - self.place(observer, time_s)
+            angle = math.atan2(gap[1], gap[0]) - self.drives[observer].pose(time_s)[2] + off
+            ray = [math.cos(angle), math.sin(angle), 0.0]
+            return localizer.add_bearing(*names, ray, self.start_s + time_s, now_s)
+
+        return self._arrival_s(time_s), call
+
+    def place(self, point, time_s):
+        """Return where a point truly is, some seconds after the start."""
+        if point < len(self.drives):
+            return self.drives[point].pose(time_s)[:2]
+        return np.array(self.config.anchors[self.config.points[point]].coordinates_m)
+
+    def truth(self, time_s, frame):
+        """Return positions (n, 2) and yaws (n,) of the robots in a frame."""
+        points = self.config.points
+        places = np.array([self.place(i, time_s) for i in range(len(points))])
+        yaws = np.array([drive.pose(time_s)[2] for drive in self.drives])
+        if frame.kind == 'anchors':
+            return places[: len(yaws)], yaws
+        rows = [points.index(name) for name in frame.points]
+        angle = 0.0
+        if frame.kind == 'heading':
+            angle = yaws[rows[0]]
+        elif len(rows) > 1:
+            edge = places[rows[1]] - places[rows[0]]
+            angle = math.atan2(edge[1], edge[0])
+        c, s = math.cos(angle), math.sin(angle)
+        local = (places - places[rows[0]]) @ np.array([[c, -s], [s, c]])
+        return local[: len(yaws)], yaws - angle
+
+    def play(self, localizer, ticks_s, between=lambda localizer, time_s: localizer):
+        """Yield the times since the start and the estimates of a localizer."""
+        arrivals = [call[0] for call in self.calls]
+        done = 0
+        for time_s in ticks_s:
+            now_s = self.start_s + time_s
+            due = bisect.bisect_right(arrivals, now_s)
+            for arrival_s, call in self.calls[done:due]:
+                assert call(localizer, arrival_s) is None
+            done = due
+            localizer = between(localizer, time_s)
+            yield time_s, localizer.step(now_s)
+
+
+def localizer_of(history):
+    return Localizer(history.config)
+
+
+def holds(placement, places, yaws):
+    """Return whether a truth lies in a placement: places, headings and distances."""
+    low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+    if not np.all((low - TOLERANCE <= places) & (places <= high + TOLERANCE)):
+        return False
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    if np.any((apart < placement.lower_m - TOLERANCE) | (apart > placement.upper_m + TOLERANCE)):
+        return False
+    for row in np.flatnonzero(placement.heading_known):
+        z, w = placement.orientations_xyzw[row, 2:]
+        off = abs(wrapped(2.0 * math.atan2(z, w) - yaws[row]))
+        if off > placement.heading_half_width_rad[row] + TOLERANCE:
+            return False
+    return True
+
+
+def truth_is_inside(history, time_s, estimate):
+    """Return whether the truth lies in an estimate and in each of its groups."""
+    answers = [(estimate.frame, estimate.placements)] if estimate.placements else []
+    answers += [(group.frame, group.placements) for group in estimate.groups]
+    return all(
+        any(holds(placement, *history.truth(time_s, frame)) for placement in placements)
+        for frame, placements in answers
+    )

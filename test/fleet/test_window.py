@@ -1,0 +1,279 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What robots measured before they moved: mirror images go, headings come, contradictions pass."""
+
+from itertools import combinations
+import math
+from threading import Event
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
+
+START_S = 100.0
+TICK_S = 0.25
+CENTERS = np.array([[0.0, 0.0], [4.0, 0.5], [1.5, 3.5], [-2.5, 2.0]])
+RADII_M = np.array([0.8, -0.6, 1.0, 0.5])
+RATES = np.array([0.5, 0.8, 0.6, -0.7])
+"""Of the turn; the sign of a radius and of its rate tell whether a robot drives forward."""
+ERROR = OdometryErrorModel(translation_per_m=0.02, rotation_per_rad=0.02)
+
+
+class Circling:
+    """Robots that drive in circles, and a localizer that hears them."""
+
+    def __init__(self, robots, **settings):
+        defaults = {
+            'range_error': RangeErrorModel(min_error_relative=-0.02, max_error_relative=0.02),
+            'odometry_error': ERROR,
+            'max_age_s': 0.1,
+            'memory_max_seconds': math.inf,
+            'solver': SolverOptions(max_boxes=200),
+        }
+        self.names = tuple(f'r{i}' for i in range(robots))
+        self.config = FleetConfig(robots=self.names, **{**defaults, **settings})
+        self.localizer = Localizer(self.config)
+        self.time_s = 0.0
+        self.shift_m = np.zeros((robots, 2))
+
+    @property
+    def now_s(self):
+        return START_S + self.time_s
+
+    def poses(self):
+        """Return true positions (n, 2) and yaws (n,)."""
+        n = len(self.names)
+        angles = RATES[:n] * self.time_s + np.arange(n)
+        around = RADII_M[:n, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        forward = np.sign(RADII_M[:n] * RATES[:n])
+        yaws = angles + forward * 0.5 * math.pi
+        return CENTERS[:n] + around + self.shift_m, yaws
+
+    def measure(self, *, ranges=True, anchors=True):
+        """Measure everything once; odometry does not see a shift."""
+        places, yaws = self.poses()
+        apart = self.names
+        for name, place, yaw, shift in zip(self.names, places, yaws, self.shift_m, strict=True):
+            orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
+            stated = [*(place - shift), 0.0]
+            add = self.localizer.add_odometry
+            assert add(name, stated, orientation, self.now_s, self.now_s) is None
+        for i, j in combinations(range(len(apart)), 2) if ranges else ():
+            self._range(self.names[i], self.names[j], places[j] - places[i])
+        for name, anchor in self.config.anchors.items() if anchors else ():
+            for robot, place in zip(self.names, places, strict=True):
+                self._range(robot, name, anchor.coordinates_m - place)
+
+    def _range(self, observer, target, gap):
+        reading = float(np.linalg.norm(gap))
+        self.localizer.add_range(observer, target, reading, self.now_s, self.now_s)
+
+    def drive(self, seconds, **measured):
+        """Drive on, measuring; yield an estimate every second."""
+        for tick in range(round(seconds / TICK_S)):
+            self.time_s += TICK_S
+            self.measure(**measured)
+            if tick % 4 == 3:
+                yield self.localizer.step(self.now_s)
+
+    def truth(self, estimate):
+        """Return positions and yaws in the frame of an estimate."""
+        places, yaws = self.poses()
+        if estimate.frame.kind == 'anchors':
+            return places, yaws
+        origin, towards = (self.names.index(name) for name in estimate.frame.points)
+        x, y = places[towards] - places[origin]
+        turn = math.atan2(y, x)
+        c, s = math.cos(turn), math.sin(turn)
+        return (places - places[origin]) @ np.array([[c, -s], [s, c]]), yaws - turn
+
+    def holds(self, placement, estimate):
+        places, yaws = self.truth(estimate)
+        low, high = placement.enclosure_m[:, 0] - 1e-9, placement.enclosure_m[:, 1] + 1e-9
+        known = placement.heading_known
+        z, w = placement.orientations_xyzw[known, 2:].T
+        off = 2.0 * np.arctan2(z, w) - yaws[known]
+        off = np.abs(np.remainder(off + math.pi, 2.0 * math.pi) - math.pi)
+        return bool(
+            np.all((low <= places) & (places <= high))
+            and np.all(off <= placement.heading_half_width_rad[known] + 1e-9)
+        )
+
+
+@pytest.mark.parametrize('robots', [3, 4])
+def test_robots_that_move_lose_their_mirror_image_and_get_headings(robots):
+    fleet = Circling(robots)
+    numbers, ruled_out = [], []
+    for estimate in fleet.drive(15.0):
+        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        numbers.append(next(p.number for p in estimate.placements if fleet.holds(p, estimate)))
+        ruled_out += estimate.ruled_out
+    assert estimate.n_hypotheses == 1
+    assert not estimate.placements[0].mirrored
+    assert estimate.placements[0].heading_known.all()
+    assert np.all(estimate.placements[0].heading_half_width_rad < 1.0)
+    assert set(numbers) == {numbers[0]}
+    assert any('mirror image ruled out by r' in text for text in ruled_out)
+    assert 'mirror image ruled out by' in estimate.reason
+
+
+def test_distances_of_a_placement_are_bounded():
+    fleet = Circling(3)
+    for estimate in fleet.drive(8.0):
+        places, _ = fleet.poses()
+        apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+        for placement in estimate.placements:
+            assert np.all(
+                (placement.lower_m <= apart + 1e-9) & (apart - 1e-9 <= placement.upper_m)
+            )
+            assert np.all(placement.upper_m - placement.lower_m <= 0.041 * apart + 1e-9)
+
+
+def test_without_memory_the_mirror_image_stays():
+    fleet = Circling(3, memory_s=0.0)
+    for estimate in fleet.drive(10.0):
+        assert estimate.n_hypotheses == 2
+        assert not estimate.placements[0].heading_known.any()
+        assert [placement.number for placement in estimate.placements] == [1, 2]
+
+
+def test_without_odometry_there_is_no_memory():
+    fleet = Circling(3)
+    fleet.localizer.add_odometry = lambda *_: None
+    for estimate in fleet.drive(10.0):
+        assert estimate.n_hypotheses == 2
+
+
+def test_in_space_nothing_is_remembered_yet():
+    localizer = Localizer(FleetConfig(robots=('a', 'b'), dimension=3))
+    for now_s in (1.0, 2.0):
+        for robot in 'ab':
+            localizer.add_odometry(robot, [0.0, now_s, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+        localizer.add_range('a', 'b', 3.0, now_s, now_s)
+        assert localizer.step(now_s).placements
+
+
+ANCHORS = {'west': Anchor((-4.0, 0.0)), 'east': Anchor((6.0, 1.0)), 'north': Anchor((0.0, 7.0))}
+
+
+def test_robots_among_anchors_get_headings_and_stay_placed_without_measurements():
+    fleet = Circling(2, anchors=ANCHORS)
+    for estimate in fleet.drive(10.0):
+        assert fleet.holds(estimate.placements[0], estimate)
+    assert estimate.n_hypotheses == 1
+    assert estimate.placements[0].heading_known.all()
+    before_m = np.ptp(estimate.placements[0].enclosure_m, axis=1).max()
+    # Ranges between the robots go on.
+    for estimate in fleet.drive(4.0, anchors=False):
+        (placement,) = estimate.placements
+        assert fleet.holds(placement, estimate)
+        assert estimate.frame.kind == 'anchors'
+    assert before_m < np.ptp(placement.enclosure_m, axis=1).max() < 4.0 * before_m
+
+
+def test_a_robot_that_was_carried_away_is_forgotten_and_found_again():
+    fleet = Circling(2, anchors=ANCHORS, memory_s=10.0)
+    for estimate in fleet.drive(10.0):
+        assert not estimate.forgotten
+    fleet.shift_m[0] = [1.5, -1.0]
+    texts = []
+    for estimate in fleet.drive(12.0):
+        assert estimate.verdict is Verdict.COVERED
+        assert fleet.holds(estimate.placements[0], estimate)
+        texts.append([forgotten.text for forgotten in estimate.forgotten])
+    assert texts[0] and 'r0' in texts[0][0] and 'contradicts' in texts[0][0]
+    assert not any(texts[2:])
+    assert estimate.placements[0].heading_known.all()
+
+
+def test_what_the_moment_says_is_answered_when_the_window_contradicts_it():
+    fleet = Circling(3)
+    assert all(not estimate.forgotten for estimate in fleet.drive(10.0))
+    fleet.shift_m[:] = [[3.0, 1.0], [-1.0, 3.0], [0.0, 0.0]]
+    forgotten = []
+    for estimate in fleet.drive(6.0):
+        assert estimate.verdict is Verdict.COVERED
+        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        forgotten += estimate.forgotten
+    assert any('contradicts what is measured now' in item.text for item in forgotten)
+    assert not estimate.forgotten
+
+
+def test_one_wrong_range_is_tolerated_where_an_outlier_is():
+    fleet = Circling(2, anchors=ANCHORS, window_outliers=1)
+    for second, estimate in enumerate(fleet.drive(15.0)):
+        assert not estimate.forgotten
+        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        if second == 8:
+            now_s = fleet.now_s + 0.1
+            assert fleet.localizer.add_range('r0', 'west', 0.7, now_s, now_s) is None
+
+
+def test_a_cancelled_estimate_is_that_of_the_moment():
+    fleet = Circling(3)
+    list(fleet.drive(10.0))
+    cancel = Event()
+    cancel.set()
+    estimate = fleet.localizer.estimate(fleet.localizer.snapshot(fleet.now_s), cancel)
+    assert estimate.placements
+    assert not estimate.placements[0].heading_known.any()
+
+
+def test_no_time_for_the_window_leaves_the_answer_of_the_moment():
+    fleet = Circling(3, memory_max_seconds=0.0, anchors=ANCHORS)
+    for estimate in fleet.drive(6.0):
+        assert fleet.holds(estimate.placements[0], estimate)
+
+
+def test_a_reset_forgets_and_numbers_are_not_used_again():
+    fleet = Circling(3)
+    *_, before = fleet.drive(10.0)
+    assert before.n_hypotheses == 1
+    fleet.localizer.reset()
+    after = next(fleet.drive(1.0))
+    assert after.n_hypotheses == 2
+    numbers = {placement.number for placement in after.placements}
+    assert min(numbers) > before.placements[0].number
+
+
+def test_a_jump_back_in_time_forgets():
+    fleet = Circling(3)
+    list(fleet.drive(5.0))
+    window = fleet.localizer.snapshot(fleet.now_s).window
+    assert len(window.observations['r0', 'r1']) == 20
+    fleet.time_s -= 4.0
+    fleet.localizer.add_range('r0', 'r1', 3.0, fleet.now_s, fleet.now_s)
+    window = fleet.localizer.snapshot(fleet.now_s).window
+    assert [len(seen) for seen in window.observations.values()] == [1]
+
+
+def test_the_memory_is_bounded():
+    localizer = Localizer(FleetConfig(robots=('a', 'b'), memory_s=2.0))
+    for step in range(5000):
+        now_s = 1.0 + 0.005 * step
+        localizer.add_range('a', 'b', 3.0, now_s, now_s)
+        localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], now_s, now_s)
+    (seen,) = localizer.snapshot(now_s).window.observations.values()
+    assert 140 <= len(seen) <= 151
+    # A range and a ray of one time are one observation.
+    assert all(item.upper_m < 4.0 and item.direction is not None for item in seen)
+    assert all(now_s - 2.0 < item.stamp_s <= now_s for item in seen)
+
+
+def test_later_measurements_do_not_change_a_snapshot():
+    fleet = Circling(2)
+    list(fleet.drive(2.0))
+    snapshot = fleet.localizer.snapshot(fleet.now_s)
+    before = len(snapshot.window.observations['r0', 'r1'])
+    list(fleet.drive(2.0))
+    fleet.localizer.reset()
+    assert len(snapshot.window.observations['r0', 'r1']) == before == 8
