@@ -53,12 +53,12 @@ def type_name(message):
     return f'{module}/msg/{type(message).__name__}'
 
 
-def record(path, seconds=20.0, change=lambda topic, message: message, **values):
+def record(bag, seconds=20.0, change=lambda topic, message: message, **values):
     """Write a bag of a simulated fleet; `change` may spoil a message or return None."""
     fleet = simulated_fleet(
         {**{spec.name: spec.default for spec in PARAMETERS}, 'path': 'loops', **values}
     )
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer = Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3)
     connections = {}
     with writer:
         for step in range(round(seconds * 10)):
@@ -81,7 +81,7 @@ def record(path, seconds=20.0, change=lambda topic, message: message, **values):
                     START_S * 10**9 + step * 10**8,
                     serialize_message(message),
                 )
-    return path
+    return bag
 
 
 @pytest.fixture
