@@ -9,7 +9,9 @@ JOBS ?= 2
 
 # Where ROS 2 Jazzy is sourced its packages are used; elsewhere they come as wheels.
 ros = $(or $(ROS_DISTRO),wheels)
-extras = bags,bench,lint,plots,progress,speed,test
+# Packages that have no wheels.
+built = empy
+extras = bags bench lint plots progress speed test
 ready = $(VENV)/.ready-$(ros)
 run = $(VENV)/bin/python
 
@@ -18,7 +20,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format parameters bench clean
+.PHONY: help venv demo test lint format parameters requirements bench clean
 # Each recipe is one script that ends at its first error.
 .ONESHELL:
 .SHELLFLAGS = -ec
@@ -28,9 +30,11 @@ help: ## Print this list
 
 venv: $(ready) ## Set up the virtual environment (needs the network the first time only)
 
-# Wheels are kept in a folder inside pip's cache and are tried first, so that another clone on the
-# same machine needs no network. (pip's own HTTP cache asks the package index again each time.)
-$(ready): setup.py setup.cfg
+# Packages are those of requirements/, by version and hash, and wheels except for `built`: nothing of
+# a download is run before its hash is checked. They are kept in a folder inside pip's cache and are
+# tried first, so that another clone on the same machine needs no network. (pip's own HTTP cache asks
+# the package index again each time.)
+$(ready): setup.py setup.cfg $(wildcard requirements/*.txt)
 	@fail() { printf '%s\n' "$$@" >&2; exit 1; }
 	command -v $(PYTHON) >/dev/null ||
 	    fail 'PYTHON=$(PYTHON): not found; install python3 and python3-venv.'
@@ -40,12 +44,12 @@ $(ready): setup.py setup.cfg
 	    fail 'VENV=$(VENV) exists and is no virtual environment.'
 	case $(ros) in
 	wheels)
-	    options= extras=ros,$(extras) ;;
+	    options= ;;
 	jazzy)
 	    $(PYTHON) -c 'import rclpy' || fail \
 	        "ROS 2 Jazzy is sourced, but PYTHON=$(PYTHON) ($$($(PYTHON) -V)) cannot import rclpy." \
 	        'Use the Python it was built for (PYTHON=/usr/bin/python3) or a shell without ROS.'
-	    options=--system-site-packages extras=$(extras) ;;
+	    options=--system-site-packages ;;
 	*)
 	    fail 'ROS_DISTRO=$(ros) is sourced; this package is for jazzy.' \
 	        'Use a shell where ROS 2 Jazzy, or no ROS at all, is sourced.' ;;
@@ -57,23 +61,24 @@ $(ready): setup.py setup.cfg
 	cache=$$($(run) -m pip cache dir 2>/dev/null) || cache=$${XDG_CACHE_HOME:-$$HOME/.cache}/pip
 	wheels=$$cache/dg_localization/$(ros)-$$version
 	mkdir -p "$$wheels"
-	# The sourced ROS was compiled against the system's numpy: no newer one may hide it.
-	constraints=$(VENV)/constraints.txt
-	[ $(ros) != jazzy ] ||
-	    $(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' >$$constraints
-	touch $$constraints
-	install() {
-	    $(run) -m pip install -q --no-index --find-links "$$wheels" -c $$constraints "$$@"
+	pip() {
+	    command=$$1; shift
+	    $(run) -m pip $$command -q --no-deps --no-build-isolation --require-hashes "$$@"
 	}
-	fetch() {
-	    echo "Fetching packages into $$wheels"
-	    $(run) -m pip wheel -w "$$wheels" --find-links "$$wheels" -c $$constraints "$$@" ||
-	        fail 'Packages could not be fetched: the first set-up needs the network.'
-	    rm -f "$$wheels"/dg_localization-*
+	provide() {
+	    file=requirements/$$1.txt
+	    pip install --no-index --find-links "$$wheels" -r $$file 2>/dev/null || {
+	        echo "Fetching packages into $$wheels"
+	        rm -f $(built:%="$$wheels"/%-*.whl)
+	        pip download -d "$$wheels" --find-links "$$wheels" \
+	            --only-binary=:all: --no-binary=$(built) -r $$file ||
+	            fail 'Packages could not be fetched: the first set-up needs the network.'
+	        pip install --no-index --find-links "$$wheels" -r $$file
+	    }
 	}
-	provide() { install "$$@" 2>/dev/null || { fetch "$$@"; install "$$@"; }; }
-	provide setuptools wheel
-	provide --no-build-isolation --editable ".[$$extras]"
+	provide build
+	provide $(ros)
+	$(run) -m pip install -q --no-index --no-deps --no-build-isolation --editable .
 	touch $@
 	echo 'Ready: $(VENV)'
 
@@ -94,6 +99,22 @@ format: $(ready) ## Let ruff lay out the code
 
 parameters: $(ready) ## Write config/localizer.yaml and docs/parameters.md from the table
 	@$(run) -m dg_localization.ros.interface.parameters
+
+# On a machine with ROS 2 Jazzy numpy is that of the system, which ROS was compiled against.
+requirements: ## Pin the newest packages that setup.py allows (needs the network)
+	@tools=$$(mktemp -d)
+	trap 'rm -rf "$$tools"' EXIT
+	$(PYTHON) -m venv "$$tools"
+	"$$tools/bin/python" -m pip install -q uv
+	pin() { out=requirements/$$1.txt; shift
+	    "$$tools/bin/uv" pip compile -q --universal --generate-hashes --upgrade \
+	        --custom-compile-command 'make requirements' --python-version 3.11 \
+	        -o $$out "$$@"; }
+	common="setup.py $(extras:%=--extra %)"
+	pin build requirements/build.in
+	pin wheels $$common --extra ros
+	pin jazzy $$common -c requirements/jazzy.in --no-emit-package numpy
+	pin colcon setup.py --extra colcon --no-emit-package numpy
 
 bench: $(ready) ## Compare with other methods
 	@$(run) -m pip install -q --no-build-isolation --editable '.[compare]'

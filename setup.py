@@ -81,6 +81,7 @@ setup(
             'replay = dg_localization.ros.executables:replay',
             'localize_bag = dg_localization.ros.executables:localize_bag',
             'fit_bounds = dg_localization.ros.executables:fit_bounds',
+            'security_policy = dg_localization.ros.executables:security_policy',
         ],
     },
 )

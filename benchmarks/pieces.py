@@ -4,10 +4,10 @@
 """
 Fleets that fall into pieces, with the time that their answers take.
 
-Random fleets of neighbors in range with UWB bounds, ten seeds each; two rigid fours that share a
-robot; strips of rigid fours::
+Random fleets of neighbors in range, ten seeds each: with UWB bounds, with relative errors in the
+plane and in space; two rigid fours that share a robot; strips of rigid fours::
 
-    python -m benchmarks.pieces [--seconds 1.0] [--seeds 10]
+    python -m benchmarks.pieces [uwb] [plane] [space] [chains] [--seeds 10]
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from itertools import combinations
 import math
 import time
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,54 @@ SPACING_M = 5.0
 SHORTEST_ERROR_M, LONGEST_ERROR_M = -0.05, 1.3
 """By how much a UWB radio reads too long."""
 
-SIZES, DEGREES = (10, 15, 20, 30), (4, 5, 6, 8)
+
+class Row(NamedTuple):
+    """Fleets of one kind, and the time that each of them may take."""
+
+    n_points: int
+    degree: int
+    dimension: int
+    seconds: float
+    relative_error: float | None
+    """None for the errors of UWB radios."""
+
+    def __str__(self) -> str:
+        error = '' if self.relative_error is None else f', ±{100 * self.relative_error:g} %'
+        return f'n = {self.n_points}, degree {self.degree}{error}'
+
+    def problem(self, seed: int) -> Problem:
+        """Return one of the fleets."""
+        if self.relative_error is None:
+            return uwb_fleet(self.n_points, self.degree, seed, self.dimension)
+        positions, pairs = neighbors(self.n_points, self.degree, self.dimension, seed)
+        true_m = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
+        # A reading errs at random, and its bounds are around it.
+        errors = np.random.default_rng([seed, 2]).uniform(-1.0, 1.0, len(pairs))
+        read_m = true_m / (1.0 + self.relative_error * errors)
+        ranges = {
+            (i, j): known_to(self.relative_error, distance**2)
+            for (i, j), distance in zip(pairs.tolist(), read_m.tolist(), strict=True)
+        }
+        return problem_of(ranges, self.n_points, self.dimension)
+
+
+TABLES = {
+    'uwb': [Row(n, degree, 2, 1.0, None) for n in (10, 15, 20, 30) for degree in (4, 5, 6, 8)],
+    'plane': [
+        *(
+            Row(20, degree, 2, 1.0, e)
+            for e in (0.001, 0.01, 0.03, 0.1)
+            for degree in (4, 6, 8, 10)
+        ),
+        *(Row(50, degree, 2, 2.0, e) for e in (0.001, 0.01, 0.03, 0.1) for degree in (6, 8, 10)),
+    ],
+    'space': [
+        Row(n, degree, 3, seconds, 0.01)
+        for n, seconds in ((10, 1.0), (20, 1.0), (30, 3.0))
+        for degree in (6, 8, 10, 12)
+        if degree < n - 1
+    ],
+}
 
 
 def neighbors(n_points: int, degree: int, dimension: int, seed: int) -> tuple[FloatArray, NDArray]:
@@ -90,27 +138,26 @@ def _timed(problem: Problem, options: SolverOptions) -> tuple[float, Verdict, in
     return milliseconds, result.verdict, len(result.pieces), result.n_hypotheses
 
 
-def fleets(seconds: float, n_seeds: int) -> None:
+def fleets(rows: Iterable[Row], n_seeds: int) -> None:
     """Print how many fleets run out of time, and how long they take."""
-    options = SolverOptions(max_boxes=10**9, max_seconds=seconds)
-    print('| fleet | out of budget | median | longest | pieces |\n|---|---|---|---|---|')
-    for n_points in SIZES:
-        for degree in DEGREES:
-            problems = [uwb_fleet(n_points, degree, seed) for seed in range(n_seeds)]
-            answers = [_timed(problem, options) for problem in problems]
-            taken_ms = sorted(answer[0] for answer in answers)
-            out = [seed for seed, a in enumerate(answers) if a[1] is Verdict.OUT_OF_BUDGET]
-            pieces = np.median([answer[2] for answer in answers])
-            print(
-                f'| n = {n_points}, degree {degree} | {len(out)} of {n_seeds} {out or ""} '
-                f'| {np.median(taken_ms):.1f} ms | {taken_ms[-1]:.0f} ms | {pieces:.0f} |',
-                flush=True,
-            )
+    print('| fleet | time | out of budget | median | longest | pieces |')
+    print('|---|---|---|---|---|---|')
+    for row in rows:
+        options = SolverOptions(max_boxes=10**9, max_seconds=row.seconds)
+        answers = [_timed(row.problem(seed), options) for seed in range(n_seeds)]
+        taken_ms = sorted(answer[0] for answer in answers)
+        out = [seed for seed, a in enumerate(answers) if a[1] is Verdict.OUT_OF_BUDGET]
+        pieces = np.median([answer[2] for answer in answers])
+        print(
+            f'| {row} | {row.seconds:g} s | {len(out)} of {n_seeds} {out or ""} '
+            f'| {np.median(taken_ms):.1f} ms | {taken_ms[-1]:.0f} ms | {pieces:.0f} |',
+            flush=True,
+        )
 
 
 def chains() -> None:
     """Print what known chains of pieces take."""
-    print('\n| chain | time | pieces | hypotheses |\n|---|---|---|---|')
+    print('| chain | time | pieces | hypotheses |\n|---|---|---|---|')
     cases = {'two fours, hinged': two_fours()}
     cases |= {f'strip of {length} fours': strip(length) for length in (10, 20, 40)}
     for name, problem in cases.items():
@@ -121,14 +168,19 @@ def chains() -> None:
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    parser.add_argument('--seconds', type=float, default=1.0, help='the time of one fleet')
+    every = [*TABLES, 'chains']
+    parser.add_argument('tables', nargs='*', choices=[*every, []], help='all of them if none')
     parser.add_argument('--seeds', type=int, default=10, help='fleets of each kind')
     arguments = parser.parse_args()
     solve(two_fours())
-    fleets(arguments.seconds, arguments.seeds)
-    chains()
+    for name in arguments.tables or every:
+        print(f'\n{name}\n')
+        if name == 'chains':
+            chains()
+        else:
+            fleets(TABLES[name], arguments.seeds)
 
 
 if __name__ == '__main__':

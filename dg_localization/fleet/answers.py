@@ -126,7 +126,7 @@ def _answer_group(
     for hypothesis in result.hypotheses:
         if len(placements) >= most_placements:
             break
-        placements += placer.placements(hypothesis)
+        placements += placer.placements(hypothesis, alone=result.n_hypotheses == 1)
         n_seen += 1
     else:
         # The solver built no more than these, and left out those that it found to be empty.

@@ -74,6 +74,8 @@ class RangeErrorModel:
     beyond_max_is_far : bool
         Whether a reading of +inf (REP-117: nothing within ``max_range``) proves that the target
         is farther than ``max_range``. It does not when readings simply get lost.
+    expected_error_m : float, optional
+        The likeliest error in m, for the best point; None where it is not known.
 
     Raises
     ------
@@ -88,11 +90,14 @@ class RangeErrorModel:
     max_error_relative: float = 0.03
     sigma_factor: float = 0.0
     beyond_max_is_far: bool = False
+    expected_error_m: float | None = None
 
     def __post_init__(self) -> None:
         for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
             _require_number(f'range.{name}', getattr(self, name))
         _require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
+        if self.expected_error_m is not None:
+            _require_number('range.expected_error_m', self.expected_error_m)
         for low, high in (
             ('min_error_m', 'max_error_m'),
             ('min_error_relative', 'max_error_relative'),
@@ -122,6 +127,8 @@ class LinkOverride:
         Replaces the model of the fleet for ranges of this link.
     bearing_half_width_rad : float, optional
         Replaces the half width of the fleet for bearings of this link.
+    bearing_expected_error_rad : float, optional
+        Replaces the likeliest error of the fleet for bearings of this link.
 
     Raises
     ------
@@ -134,15 +141,16 @@ class LinkOverride:
     target: str
     range_error: RangeErrorModel | None = None
     bearing_half_width_rad: float | None = None
+    bearing_expected_error_rad: float | None = None
 
     def __post_init__(self) -> None:
-        if self.bearing_half_width_rad is not None:
-            _require_number(
-                f'links[{self.observer}->{self.target}].bearing_half_width_rad',
-                self.bearing_half_width_rad,
-                at_least=0.0,
-                at_most=math.pi,
-            )
+        name = f'links[{self.observer}->{self.target}]'
+        for part, least in (('half_width', 0.0), ('expected_error', -math.pi)):
+            value = getattr(self, f'bearing_{part}_rad')
+            if value is not None:
+                _require_number(
+                    f'{name}.bearing_{part}_rad', value, at_least=least, at_most=math.pi
+                )
 
 
 @dataclass(frozen=True)
@@ -198,6 +206,8 @@ class FleetConfig:
         Error bounds of every range that no override names.
     bearing_half_width_rad : float
         Greatest angle between a measured ray and the true direction.
+    bearing_expected_error_rad : float
+        The likeliest error of a ray about the vertical axis, counterclockwise, for the best point.
     links : tuple of LinkOverride
         Links with error bounds of their own.
     anchors : mapping of str to Anchor
@@ -242,6 +252,7 @@ class FleetConfig:
     max_repeats: int = 8
     range_error: RangeErrorModel = RangeErrorModel()
     bearing_half_width_rad: float = 0.05
+    bearing_expected_error_rad: float = 0.0
     links: tuple[LinkOverride, ...] = ()
     anchors: Mapping[str, Anchor] = field(default_factory=dict)
     max_speed_m_s: float = 1.0
@@ -322,6 +333,7 @@ class FleetConfig:
         _require_number(
             'bearing_half_width_rad', self.bearing_half_width_rad, at_least=0.0, at_most=math.pi
         )
+        _require_number('bearing_expected_error_rad', self.bearing_expected_error_rad)
         _require_number('min_separation_m', self.min_separation_m, at_least=0.0)
         _require_number('odometry_relative_error', self.odometry_relative_error, at_least=0.0)
         _require_integer('max_repeats', self.max_repeats, 1)
@@ -372,3 +384,10 @@ class FleetConfig:
         if override is None or override.bearing_half_width_rad is None:
             return self.bearing_half_width_rad
         return override.bearing_half_width_rad
+
+    def bearing_expected_error_of(self, observer: str, target: str) -> float:
+        """Return the likeliest error in rad of a ray of this link."""
+        override = self._overrides.get((observer, target))
+        if override is None or override.bearing_expected_error_rad is None:
+            return self.bearing_expected_error_rad
+        return override.bearing_expected_error_rad

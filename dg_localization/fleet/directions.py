@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +44,12 @@ def best_rotation(
 
     """
     scaled = end if weights is None else end * weights[:, None]
+    if start.shape[1] == 2:
+        along = float((scaled * start).sum())
+        across = float(start[:, 0] @ scaled[:, 1] - start[:, 1] @ scaled[:, 0])
+        length = math.hypot(along, across)
+        c, s = (along / length, across / length) if length else (1.0, 0.0)
+        return np.array([[c, -s], [s, c]])
     left, _, right = np.linalg.svd(scaled.T @ start)
     signs = np.ones(start.shape[1])
     signs[-1] = np.linalg.det(left @ right)

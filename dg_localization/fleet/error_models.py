@@ -47,6 +47,24 @@ def distance_bounds_m(
     return max(0.0, sum_down(range_m, -high_m)), sum_up(range_m, -low_m)
 
 
+def likeliest_distance_m(model: RangeErrorModel, range_m: float) -> float:
+    """
+    Return the likeliest distance of a reading; NaN when it is infinite.
+
+    Bounds that are not symmetric have to hold a tail, and most errors are far from its end. Where
+    the model does not state the likeliest error, it is taken to be in the middle between the
+    least one in size and the middle of the bounds.
+    """
+    if math.isinf(range_m):
+        return math.nan
+    error_m = model.expected_error_m
+    if error_m is None:
+        low_m = model.min_error_m + model.min_error_relative * range_m
+        high_m = model.max_error_m + model.max_error_relative * range_m
+        error_m = 0.5 * (min(max(0.0, low_m), high_m) + 0.5 * (low_m + high_m))
+    return max(0.0, range_m - error_m)
+
+
 def interpret_range(
     model: RangeErrorModel,
     range_m: float,

@@ -68,7 +68,7 @@ class Placement:
     Parameters
     ----------
     positions_m : numpy.ndarray, shape (n, q)
-        A placement in the fixed frame; NaN where no position is known.
+        The best point, a placement in the fixed frame; NaN where no position is known.
     enclosure_m : numpy.ndarray, shape (n, 2, q)
         Lower and upper coordinates, rounded outward, of all placements this one represents;
         infinite where the measurements do not bound them.
@@ -79,7 +79,9 @@ class Placement:
     heading_half_width_rad : numpy.ndarray, shape (n,)
         Greatest angle between the orientation and the true one; pi where it is unknown.
     proved : bool
-        Whether the placement was checked to meet every constraint of the solver.
+        Whether the placement was checked to meet every constraint of the solver, with outward
+        rounding. Where bounds are as narrow as rounding errors the check is that before the
+        rotation into the fixed frame.
     flexible : bool
         Whether robots could move without any measurement changing.
     mirrored : bool
@@ -91,6 +93,10 @@ class Placement:
         Positions of the anchors that are not robots.
     landmark_enclosure_m : numpy.ndarray, shape (m, 2, q)
         Their enclosures.
+    covariances : numpy.ndarray, shape (n, 6, 6), or None
+        Of each position (m) and of a small rotation about the axes of the fixed frame (rad), by
+        least squares: for readings whose errors are independent and anywhere in their bounds. It
+        holds no guarantee. NaN where no position is known; None when it was not computed.
 
     """
 
@@ -105,6 +111,7 @@ class Placement:
     landmarks_m: np.ndarray
     landmark_enclosure_m: np.ndarray
     dropped: tuple[LinkKey, ...] = ()
+    covariances: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.error_models import interpret_range, interpret_ray
+from dg_localization.fleet.error_models import (
+    interpret_range,
+    interpret_ray,
+    likeliest_distance_m,
+)
 from dg_localization.fleet.motion import OdometryTrack, rotation_of_quaternion
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
@@ -93,7 +97,8 @@ class MeasurementStore:
         bounds = interpret_range(model, range_m, min_range_m, max_range_m, variance_m2)
         if isinstance(bounds, Rejection):
             return self._reject(key, bounds)
-        self._keep(DistanceReading(key, stamp_s, *bounds))
+        likeliest_m = likeliest_distance_m(model, range_m)
+        self._keep(DistanceReading(key, stamp_s, *bounds, likeliest_m))
         return None
 
     def add_bearing(

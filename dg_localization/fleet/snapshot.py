@@ -23,6 +23,9 @@ from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
 from dg_localization.interval.bounds import sum_down, sum_up
 
+LEAST_HALF_WIDTH_M = 1e-6
+"""A reading without error must not outweigh all others beyond the digits of a number."""
+
 Displacement: TypeAlias = Callable[[str, float], float]
 """How far a point can have moved since a time in s, in m."""
 
@@ -98,11 +101,18 @@ def _distance_at(
 ) -> DistanceReading:
     """Return the intersection of all readings of a link, each widened by the motion since."""
     lower_m, upper_m = 0.0, math.inf
+    likeliest_m, total_weight = 0.0, 0.0
     for reading in readings:
         moved_m = _displacement_of_ends_m(key, reading.stamp_s, displacement_m)
         lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))
         upper_m = min(upper_m, sum_up(reading.upper_m, moved_m))
-    return DistanceReading(key, now_s, lower_m, upper_m)
+        if math.isfinite(reading.likeliest_m):
+            half_width_m = 0.5 * (reading.upper_m - reading.lower_m) + moved_m
+            weight = 1.0 / max(half_width_m, LEAST_HALF_WIDTH_M) ** 2
+            likeliest_m += weight * reading.likeliest_m
+            total_weight += weight
+    likeliest_m = likeliest_m / total_weight if total_weight else math.nan
+    return DistanceReading(key, now_s, lower_m, upper_m, likeliest_m)
 
 
 def _displacement_of_ends_m(key: LinkKey, stamp_s: float, displacement_m: Displacement) -> float:

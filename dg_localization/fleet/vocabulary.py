@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -66,6 +67,8 @@ class DistanceReading:
         The time at which the bounds hold.
     lower_m, upper_m : float
         Rounded outward. ``lower_m > upper_m`` when no distance agrees with what was measured.
+    likeliest_m : float
+        The likeliest distance; NaN when the reading says only what it is not.
 
     """
 
@@ -73,6 +76,7 @@ class DistanceReading:
     stamp_s: float
     lower_m: float
     upper_m: float
+    likeliest_m: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

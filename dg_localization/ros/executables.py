@@ -67,6 +67,11 @@ def fit_bounds(args: Sequence[str] | None = None) -> int:
     return _run('bags.fit_bounds', args, interrupted=EXIT_INTERRUPTED)
 
 
+def security_policy(args: Sequence[str] | None = None) -> int:
+    """Run `security_policy`; return the exit code."""
+    return _run('security_policy', args, interrupted=EXIT_INTERRUPTED)
+
+
 def demo(args: Sequence[str] | None = None) -> int:
     """Run the demonstration; return the exit code."""
     return _run('demo.run', args, interrupted=EXIT_INTERRUPTED)
@@ -74,7 +79,15 @@ def demo(args: Sequence[str] | None = None) -> int:
 
 EXECUTABLES = {
     function.__name__: function
-    for function in (localizer, simulate_fleet, replay, localize_bag, fit_bounds, demo)
+    for function in (
+        localizer,
+        simulate_fleet,
+        replay,
+        localize_bag,
+        fit_bounds,
+        security_policy,
+        demo,
+    )
 }
 
 

@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.util import find_spec
 import json
 import math
 import os
@@ -13,6 +14,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -30,6 +32,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import PointCloud2, Range  # noqa: E402
+from std_msgs.msg import ByteMultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -400,6 +403,18 @@ def make_node(bench):
     for node in made:
         bench.executor.remove_node(node)
         node.destroy_node()
+
+
+@pytest.fixture
+def transform_class(monkeypatch):
+    """Return the class of the message; without tf2_msgs one to send the same bytes with."""
+    if find_spec('tf2_msgs') is None:
+        for name in ('tf2_msgs', 'tf2_msgs.msg'):
+            monkeypatch.setitem(sys.modules, name, ModuleType(name))
+        monkeypatch.setattr(
+            sys.modules['tf2_msgs.msg'], 'TFMessage', ByteMultiArray, raising=False
+        )
+    return sys.modules['tf2_msgs.msg'].TFMessage
 
 
 @pytest.fixture(scope='session')

@@ -38,7 +38,12 @@ from dg_localization.ros.interface.markers import (  # noqa: E402
     scene,
 )
 from dg_localization.ros.interface.outputs import estimate_messages  # noqa: E402
-from dg_localization.ros.interface.poses import feasible_poses, unique_pose  # noqa: E402
+from dg_localization.ros.interface.poses import (  # noqa: E402
+    CovarianceKind,
+    PoseCovariance,
+    feasible_poses,
+    unique_pose,
+)
 from msg_adapters import Level, Shape  # noqa: E402
 
 ROBOTS = ('a', 'b')
@@ -150,6 +155,28 @@ def test_covariance_holds_the_squares_of_the_farthest_sides():
     pose = unique_pose(estimate(placement()), 0, 'map')
     assert np.diag(pose.covariance) == pytest.approx([0.04, 0.04, 1e-6, 1e-6, 1e-6, 0.01])
     assert np.count_nonzero(pose.covariance) == 6
+
+
+def estimated_covariances():
+    matrix = np.diag([0.04, 0.0001, 0.0, 0.0, 0.0, 0.02])
+    matrix[0, 5] = matrix[5, 0] = 0.01
+    return np.array([matrix, matrix])
+
+
+def test_covariance_of_an_estimate_is_that_of_the_fit_with_a_floor():
+    made = estimate(placement(covariances=estimated_covariances()))
+    by_estimate = PoseCovariance(CovarianceKind.ESTIMATE, floor_m=0.05)
+    pose = unique_pose(made, 0, 'map', by_estimate)
+    assert np.diag(pose.covariance) == pytest.approx([0.04, 0.0025, 1e-6, 1e-6, 1e-6, 0.02])
+    assert pose.covariance[0, 5] == pose.covariance[5, 0] == 0.01
+    assert np.linalg.eigvalsh(pose.covariance).min() > 0.0
+    # The heading of the other robot is not known.
+    pose = unique_pose(made, 1, 'map', by_estimate)
+    assert pose.covariance[5, 5] == 1e6 and pose.covariance[0, 5] == 0.0
+    # An estimate of somebody else, without covariances, has its bounds.
+    bounds = unique_pose(estimate(placement()), 0, 'map')
+    pose = unique_pose(estimate(placement()), 0, 'map', by_estimate)
+    assert (pose.covariance == bounds.covariance).all()
 
 
 def test_robot_that_the_frame_is_attached_to_is_not_certain_to_a_filter():
@@ -266,6 +293,20 @@ def test_no_placement_clears_the_view():
 def test_fleet_status(made, level, text):
     found = status('fleet', made)
     assert found.level is level and text in found.message
+
+
+def test_only_narrow_enclosures_are_called_localized():
+    wide = placement(enclosure_m=np.array([[[0.0] * 2, [0.5] * 2], [[0.0] * 2, [3.0, 6.16]]]))
+    found = status('fleet', estimate(wide), localized_width_m=1.0)
+    assert (found.level, found.message) == (Level.WARN, 'one hypothesis, 6.2 m wide')
+    found = status('robot b', estimate(wide), localized_width_m=1.0)
+    assert (found.level, found.message) == (Level.WARN, 'one hypothesis, 6.2 m wide')
+    for part, width_m in (('robot a', 1.0), ('robot b', 7.0), ('fleet', 7.0)):
+        found = status(part, estimate(wide), localized_width_m=width_m)
+        assert found.level is Level.OK and found.message.startswith('localized')
+    # How wide each of several hypotheses is does not settle which is true.
+    found = status('fleet', estimate(wide, wide), localized_width_m=1.0)
+    assert found.message == 'ambiguous: 2 hypotheses'
 
 
 def test_rate_that_is_not_met_is_a_warning_with_both_numbers():

@@ -33,6 +33,7 @@ sys.exit(getattr(executables, sys.argv[1])())
         ('replay', 0),
         ('localize_bag', 130),
         ('fit_bounds', 130),
+        ('security_policy', 130),
     ],
 )
 def test_signal_during_the_imports_ends_the_process_cleanly(name, code, number):
@@ -61,7 +62,8 @@ def test_executable_that_is_not_there_is_named_with_those_that_are():
 
 
 @pytest.mark.parametrize(
-    'name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'fit_bounds']
+    'name',
+    ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'fit_bounds', 'security_policy'],
 )
 def test_unknown_ros_argument_is_named_by_every_executable(name):
     done = run(name, '--ros-args', '--no-such-argument')

@@ -32,6 +32,29 @@ def settings(**given):
     return settings_from(check_values({**ROBOTS, **given}))
 
 
+def test_answers_are_called_localized_and_given_covariances_as_asked_for():
+    found = settings(localized_width=0.4, covariance='estimate', covariance_floor=0.2)
+    assert found.localized_width_m == 0.4
+    assert (found.covariance.kind, found.covariance.floor_m) == ('estimate', 0.2)
+
+
+def test_expected_errors_reach_the_fleet_and_its_links():
+    links = [
+        '/ab sensor_msgs/msg/Range a b expected_error=0.2',
+        '/ab_seen geometry_msgs/msg/Vector3Stamped a b expected_error=-0.01',
+    ]
+    found = settings(**{'links': links, 'bearing.expected_error': 0.03}).fleet
+    assert found.range_error.expected_error_m is None
+    assert found.range_error_of('a', 'b').expected_error_m == 0.2
+    assert found.range_error_of('b', 'a').expected_error_m is None
+    assert found.bearing_expected_error_of('a', 'b') == -0.01
+    assert found.bearing_half_width_of('a', 'b') == found.bearing_half_width_rad
+    assert found.bearing_expected_error_of('b', 'a') == 0.03
+    with pytest.raises(WrongParameterError, match='expected_error'):
+        settings(**{'range.expected_error': 'much'})
+    assert settings(**{'range.expected_error': 0.1}).fleet.range_error.expected_error_m == 0.1
+
+
 def given_by(name):
     """Return the parameters of a file in config/, flattened as ROS does."""
     tree = yaml.safe_load((CONFIG / name).read_text())['/**']['ros__parameters']
@@ -46,6 +69,11 @@ def given_by(name):
     return dict(flatten('', tree))
 
 
+def same(value, other):
+    """Return whether two values are equal, NaN too."""
+    return value == other or (value != value and other != other)
+
+
 def test_names_are_unique_and_described():
     assert len({spec.name for spec in TABLE}) == len(TABLE)
     assert all(spec.description for spec in TABLE)
@@ -53,7 +81,7 @@ def test_names_are_unique_and_described():
 
 @pytest.mark.parametrize('spec', TABLE, ids=lambda spec: spec.name)
 def test_default_is_allowed_and_descriptor_can_be_made(spec):
-    assert spec.check(spec.default) == spec.default
+    assert same(spec.check(spec.default), spec.default)
     descriptor = spec.descriptor()
     assert descriptor.read_only
     assert spec.description in descriptor.description and spec.unit in descriptor.description
@@ -77,9 +105,9 @@ def test_commented_file_holds_every_parameter_with_its_default():
     given = given_by('localizer.yaml')
     assert len(given.pop('robots')) == 3
     defaults = {spec.name: spec.default for spec in TABLE if spec.name != 'robots'}
-    assert {name: value or [] if value is None else value for name, value in given.items()} == (
-        defaults
-    )
+    assert given.keys() == defaults.keys()
+    for name, value in given.items():
+        assert same(value or [] if value is None else value, defaults[name])
 
 
 @pytest.mark.usefixtures('third_party_messages')

@@ -5,8 +5,6 @@
 
 from importlib.util import find_spec
 import math
-import sys
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from nav_msgs.msg import Odometry  # noqa: E402
-from std_msgs.msg import ByteMultiArray  # noqa: E402
 
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement  # noqa: E402
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
@@ -189,18 +186,6 @@ def test_the_bytes_are_those_of_a_transform_message():
 def test_a_package_that_is_missing_is_named(make_node):
     with pytest.raises(WrongParameterError, match='publish_tf.*tf2_msgs.*apt install'):
         make_node(publish_tf=True)
-
-
-@pytest.fixture
-def transform_class(monkeypatch):
-    """Return the class of the message; without tf2_msgs one to send the same bytes with."""
-    if find_spec('tf2_msgs') is None:
-        for name in ('tf2_msgs', 'tf2_msgs.msg'):
-            monkeypatch.setitem(sys.modules, name, ModuleType(name))
-        monkeypatch.setattr(
-            sys.modules['tf2_msgs.msg'], 'TFMessage', ByteMultiArray, raising=False
-        )
-    return sys.modules['tf2_msgs.msg'].TFMessage
 
 
 @pytest.fixture

@@ -34,6 +34,8 @@ class PlacedPoints:
         In m.
     headings : mapping of int to Heading
         By index into the points of the fleet, as far as they are known.
+    covariances : numpy.ndarray, shape (k, 6, 6)
+        Of positions and rotations.
 
     """
 
@@ -41,6 +43,7 @@ class PlacedPoints:
     positions_m: FloatArray
     enclosure: Interval
     headings: Mapping[int, Heading]
+    covariances: FloatArray
 
 
 def assemble(
@@ -60,6 +63,8 @@ def assemble(
     boxes = np.empty((n_points, 2, config.dimension))
     boxes[:, 0], boxes[:, 1] = -np.inf, np.inf
     boxes[points, 0], boxes[points, 1] = placed.enclosure.lower, placed.enclosure.upper
+    covariances = np.full((n_points, 6, 6), np.nan)
+    covariances[points] = placed.covariances
     orientations = np.full((n_robots, 4), np.nan)
     half_widths = np.full(n_robots, np.pi)
     for point, heading in placed.headings.items():
@@ -78,4 +83,5 @@ def assemble(
         landmarks_m=positions[n_robots:],
         landmark_enclosure_m=boxes[n_robots:],
         dropped=tuple(sorted(dropped)),
+        covariances=covariances[:n_robots],
     )

@@ -14,6 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
+from dg_localization.fleet.best_point.readings import terms_of
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.assembly import PlacedPoints, assemble
@@ -79,18 +81,23 @@ class Placer:
         )
         self._rigid = rigid_with(self._registration.cores[0], self._solved)
         self._encloser = Encloser(self._solved, self._registration)
+        self._best_points = self._best_point_finder(snapshot)
 
-    def placements(self, hypothesis: Hypothesis) -> list[Placement]:
+    def placements(self, hypothesis: Hypothesis, *, alone: bool) -> list[Placement]:
         """
         Return the placements a hypothesis stands for: one, or two that mirror each other.
 
-        There are none when the rays rule out every heading of some robot.
+        There are none when the rays rule out every heading of some robot. `alone` says that there
+        is no other hypothesis.
         """
         placements: list[Placement] = []
-        for choice, enclosure in self._mirror_images(hypothesis):
-            positions = self._fixed_positions(hypothesis, choice, enclosure)
+        images = self._mirror_images(hypothesis)
+        among = None if alone and len(images) == 1 else (hypothesis.lower, hypothesis.upper)
+        for choice, enclosure in images:
+            start = self._fixed_positions(hypothesis, choice, enclosure)
+            best = self._best_points.find(start, enclosure, hypothesis.proved, among)
             mirrored = bool(placements)
-            placement = self._complete(hypothesis, positions, enclosure, mirrored)
+            placement = self._complete(hypothesis, best, enclosure, mirrored)
             placements += [placement] if placement is not None else []
         return placements
 
@@ -136,36 +143,51 @@ class Placer:
         return np.clip(self._registration.moved(positions), enclosure.lower, enclosure.upper)
 
     def _complete(
-        self, hypothesis: Hypothesis, positions: FloatArray, enclosure: Interval, mirrored: bool
+        self, hypothesis: Hypothesis, best: BestPoint, enclosure: Interval, mirrored: bool
     ) -> Placement | None:
         """Return the placement with headings; None when no heading is left."""
         try:
-            headings = self._headings(positions, enclosure)
+            headings = self._headings(best.positions_m, enclosure)
         except NoHeadingError:
             return None
         return assemble(
             self._config,
-            PlacedPoints(self._plan.points, positions, enclosure, headings),
-            proved=hypothesis.proved,
+            PlacedPoints(
+                self._plan.points, best.positions_m, enclosure, headings, best.covariances
+            ),
+            proved=best.proved,
             flexible=hypothesis.flexible,
             mirrored=mirrored,
             dropped=self._dropped,
         )
 
+    def _best_point_finder(self, snapshot: Snapshot) -> BestPointFinder:
+        """Return what finds the best points, by all readings between the solved points."""
+        by_anchors = self._plan.frame.kind == FrameKind.ANCHORS
+        anchors = self._registration.anchors if by_anchors else {}
+        terms = list(terms_of(snapshot, self._solved, self._dropped, anchors))
+        reference = self._reference
+        return BestPointFinder(
+            self._solved.problem(), terms, held=() if reference is None else (reference,)
+        )
+
+    @property
+    def _reference(self) -> int | None:
+        """The row of the robot whose body frame is the fixed frame, if there is one."""
+        if self._plan.frame.kind == FrameKind.HEADING:
+            return self._registration.cores[0][0]
+        return None
+
     def _headings(self, positions: FloatArray, enclosure: Interval) -> dict[int, Heading]:
         """Return the headings that are known, by index into the points of the fleet."""
         rows = self._solved.rows
-        reference = None
-        if self._plan.frame.kind == FrameKind.HEADING:
-            reference = self._plan.cores[0][0]
         headings = {}
         for observer, rays in self._solved.rays.items():
-            point = self._plan.points[rows[observer]]
             heading: Heading | None = NO_TURN
-            if point != reference:
+            if rows[observer] != self._reference:
                 heading = estimate_heading(rows, rays, positions, enclosure)
             if heading is not None:
-                headings[point] = heading
+                headings[self._plan.points[rows[observer]]] = heading
         return headings
 
 

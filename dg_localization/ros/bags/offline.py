@@ -4,25 +4,21 @@
 """What the node does, without the node: in the time of a bag, into another bag."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from heapq import merge
 from itertools import count, takewhile
 import math
 from operator import itemgetter
-import os
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.ros.bags.reader import NS_PER_S, BagError, BagMessage
 from dg_localization.ros.bags.writer import BagWriter
+from dg_localization.ros.hidden_node import hidden_localizer
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
@@ -34,7 +30,6 @@ from dg_localization.ros.interface.outputs import (
     outline,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
-from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
 from msg_adapters.diagnostics import diagnostics_to_cdr
 
@@ -79,36 +74,8 @@ def read_task(params: Path, arguments: Sequence[str]) -> Task:
         If an argument or a parameter is wrong.
 
     """
-    # ROS reads parameters and remappings for nodes only. This one is there for some 20 ms, and
-    # for nobody else: it must not be taken for the node of that name on a fleet at work.
-    with _environment('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF'):
-        context = Context()
-        args = ['--ros-args', '--params-file', str(params), '--', *arguments]
-        with ros_arguments_checked():
-            rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with ros_arguments_checked():
-            node = Node(
-                'localizer', context=context, enable_rosout=False, start_parameter_services=False
-            )
-        try:
-            return _task_of(node)
-        finally:
-            node.destroy_node()
-    finally:
-        context.try_shutdown()
-
-
-@contextmanager
-def _environment(name: str, value: str) -> Iterator[None]:
-    before = os.environ.get(name)
-    os.environ[name] = value
-    try:
-        yield
-    finally:
-        del os.environ[name]
-        if before is not None:
-            os.environ[name] = before
+    with hidden_localizer(params, arguments) as node:
+        return _task_of(node)
 
 
 def _task_of(node: Node) -> Task:
@@ -241,7 +208,7 @@ class BagLocalizer:
         self._estimate = estimate
         settings = self._task.settings
         for name, message in estimate_messages(
-            estimate, settings.fixed_frame, settings.lifetime_s
+            estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
@@ -267,6 +234,7 @@ class BagLocalizer:
             warnings=(),
             now_s=now_s,
             lifetime_s=self._task.settings.lifetime_s,
+            localized_width_m=self._task.settings.localized_width_m,
             estimate=self._estimate,
             robots=self._task.settings.fleet.robots,
             links=tuple(self._links.values()),

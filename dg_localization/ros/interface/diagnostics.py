@@ -6,11 +6,17 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+import math
 from operator import attrgetter
 
 import numpy as np
 
 from dg_localization.fleet import Conflict, Estimate, Group, InputState, LinkKey, LinkKind
+from dg_localization.ros.interface.doubts import (
+    doubts_of_frame,
+    doubts_of_placements,
+    doubts_of_width,
+)
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
@@ -81,6 +87,8 @@ class Report:
         How often the fleet is to be localized.
     rate_hz : float or None
         How often it has been localized lately; None while that is not known.
+    localized_width_m : float
+        A fleet with a wider enclosure is not called localized.
 
     """
 
@@ -98,6 +106,7 @@ class Report:
     wrong_types: Mapping[Link, tuple[str, ...]]
     wanted_rate_hz: float = 0.0
     rate_hz: float | None = None
+    localized_width_m: float = math.inf
 
     @property
     def late(self) -> str:
@@ -155,32 +164,11 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
         return Level.ERROR, f'contradiction: {estimate.reason}'
     if not estimate.placements:
         return Level.WARN, estimate.reason
-    doubts = [*_doubts(estimate), *_doubts_of_frame(estimate)]
+    widths = doubts_of_width(estimate, range(len(report.robots)), report.localized_width_m)
+    doubts = [*widths, *doubts_of_placements(estimate), *doubts_of_frame(estimate)]
     if doubts:
         return Level.WARN, '; '.join(doubts)
     return Level.OK, 'localized: one hypothesis'
-
-
-def _doubts(estimate: Estimate) -> Iterator[str]:
-    """Yield why the placements do not settle where the fleet is."""
-    if any(placement.dropped for placement in estimate.placements):
-        yield 'contradicting inputs dropped'
-    if estimate.n_hypotheses > 1:
-        yield f'ambiguous: {estimate.n_hypotheses} hypotheses'
-    if any(placement.flexible for placement in estimate.placements):
-        yield 'flexible: robots could move without any measurement changing'
-    if estimate.verdict is Verdict.OUT_OF_BUDGET:
-        yield 'out of budget: the hypotheses hold every placement, but may be too many or too wide'
-
-
-def _doubts_of_frame(estimate: Estimate) -> Iterator[str]:
-    """Yield why coordinates are not in the frame that was asked for, or in that of before."""
-    if estimate.frame_change:
-        yield estimate.frame_change
-    if estimate.frame_doubt:
-        yield estimate.frame_doubt
-    if estimate.groups:
-        yield f'{len(estimate.groups)} more in frames of their own'
 
 
 def _estimate_values(estimate: Estimate) -> dict[str, str]:
@@ -249,7 +237,10 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
     enclosures = [placement.enclosure_m[row] for placement in estimate.placements]
     if not np.isfinite(enclosures).all():
         return Level.WARN, 'not bounded: too few measurements'
-    doubts = list(_doubts(estimate))
+    doubts = [
+        *doubts_of_width(estimate, [row], report.localized_width_m),
+        *doubts_of_placements(estimate),
+    ]
     return (Level.WARN, '; '.join(doubts)) if doubts else (Level.OK, 'localized')
 
 

@@ -42,6 +42,8 @@ KIND_OF_VALUE = {
 ANY_OBSERVER = '*'
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
+# How the sensor of peers is turned in the body of its robot.
+TURNS = ('roll', 'pitch', 'yaw')
 # What a link string may override, by what the link measures.
 RANGE_BOUNDS = (
     'min_error',
@@ -51,10 +53,10 @@ RANGE_BOUNDS = (
     'sigma_factor',
 )
 OVERRIDES = {
-    LinkKind.RANGE: RANGE_BOUNDS,
-    LinkKind.BEARING: ('half_width',),
+    LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error'),
+    LinkKind.BEARING: ('half_width', 'expected_error'),
     LinkKind.ODOMETRY: (),
-    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', 'roll', 'pitch', 'yaw'),
+    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', *TURNS),
     LinkKind.CAMERA: (),
 }
 
@@ -97,10 +99,10 @@ class Link:
 
     def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""
-        if not self.overrides:
+        roll_rad, pitch_rad, yaw_rad = (self.overrides.get(name, 0.0) for name in TURNS)
+        if not (roll_rad or pitch_rad or yaw_rad):
             return rays_xyz
-        angles_rad = [self.overrides.get(name, 0.0) for name in OVERRIDES[LinkKind.PEERS]]
-        return rays_xyz @ _rotation(*angles_rad).T
+        return rays_xyz @ _rotation(roll_rad, pitch_rad, yaw_rad).T
 
 
 def _rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> NDArray[np.float64]:

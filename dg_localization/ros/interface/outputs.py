@@ -21,7 +21,12 @@ from visualization_msgs.msg import MarkerArray
 from dg_localization.fleet import Estimate
 from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
-from dg_localization.ros.interface.poses import feasible_poses, unique_pose
+from dg_localization.ros.interface.poses import (
+    BY_ENCLOSURE,
+    PoseCovariance,
+    feasible_poses,
+    unique_pose,
+)
 from msg_adapters import Diagnostics
 from msg_adapters.diagnostics import diagnostics_to_cdr
 from msg_adapters.markers import marker_scene_to_cdr
@@ -62,7 +67,10 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
 
 
 def estimate_messages(
-    estimate: Estimate, fixed_frame: str, lifetime_s: float
+    estimate: Estimate,
+    fixed_frame: str,
+    lifetime_s: float,
+    covariance: PoseCovariance = BY_ENCLOSURE,
 ) -> Iterator[tuple[str, bytes]]:
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
@@ -78,6 +86,8 @@ def estimate_messages(
         Name of the frame of the anchors.
     lifetime_s : float
         How long viewers show the markers.
+    covariance : PoseCovariance, optional
+        How the covariances of poses are made.
 
     """
     name = frame_id(estimate.frame, fixed_frame)
@@ -94,7 +104,7 @@ def estimate_messages(
         )
         yield f'~/{robot}/feasible_poses', pose_array_to_cdr(poses)
     for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, name)
+        pose = unique_pose(estimate, row, name, covariance)
         if pose is not None:
             yield f'~/{robot}/pose', uncertain_pose_to_cdr(pose)
     yield '~/markers', marker_scene_to_cdr(scene(estimate, name, lifetime_s))

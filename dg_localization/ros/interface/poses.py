@@ -3,10 +3,13 @@
 
 """An estimate as poses, in the values that the message adapters take."""
 
+from dataclasses import dataclass
+from enum import StrEnum
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet import Estimate
+from dg_localization.fleet import Estimate, Placement
 from msg_adapters import PoseList, UncertainPose
 
 # ROS has no unknown orientation. A zero quaternion is none at all, viewers accept it as such, and
@@ -19,6 +22,36 @@ UNKNOWN_VARIANCE_RAD2 = 1e6
 # The robot that the frame is attached to has no error there. Filters take a variance of zero for
 # certainty, and some cannot invert it: a millimeter and a milliradian are certain enough.
 LEAST_VARIANCE = 1e-6
+
+
+class CovarianceKind(StrEnum):
+    """What the covariance of a pose is made from."""
+
+    ENCLOSURE = 'enclosure'
+    """The bounds: no distribution inside them has a larger variance about the pose."""
+
+    ESTIMATE = 'estimate'
+    """Least squares, for readings whose errors are independent and anywhere in their bounds."""
+
+
+@dataclass(frozen=True)
+class PoseCovariance:
+    """
+    How covariances are made.
+
+    Attributes
+    ----------
+    kind : CovarianceKind
+    floor_m : float
+        Least standard deviation of a coordinate of an estimate.
+
+    """
+
+    kind: CovarianceKind = CovarianceKind.ENCLOSURE
+    floor_m: float = 0.0
+
+
+BY_ENCLOSURE = PoseCovariance()
 
 
 def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
@@ -43,15 +76,14 @@ def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
     )
 
 
-def unique_pose(estimate: Estimate, robot: int, frame_id: str) -> UncertainPose | None:
+def unique_pose(
+    estimate: Estimate, robot: int, frame_id: str, covariance: PoseCovariance = BY_ENCLOSURE
+) -> UncertainPose | None:
     """
     Return the pose of a robot while exactly one hypothesis is left, else None.
 
-    The covariance is no noise model. Its diagonal holds the squares of the greatest distances
-    from the pose to the sides of its enclosure: the largest variance any distribution on the
-    enclosure can have about the pose. None is below `LEAST_VARIANCE`, which is also the variance
-    of what the robot cannot do in a plane. An unknown heading is given as the identity with
-    `UNKNOWN_VARIANCE_RAD2`.
+    Variances are not below `LEAST_VARIANCE`, which is also the variance of what the robot cannot
+    do in a plane. An unknown heading is given as the identity with `UNKNOWN_VARIANCE_RAD2`.
 
     Parameters
     ----------
@@ -60,6 +92,7 @@ def unique_pose(estimate: Estimate, robot: int, frame_id: str) -> UncertainPose 
         Row of the robot.
     frame_id : str
         Name of the fixed frame.
+    covariance : PoseCovariance, optional
 
     Returns
     -------
@@ -70,33 +103,47 @@ def unique_pose(estimate: Estimate, robot: int, frame_id: str) -> UncertainPose 
     if estimate.n_hypotheses != 1 or len(estimate.placements) != 1:
         return None
     placement = estimate.placements[0]
-    position = placement.positions_m[robot]
-    half_widths = np.abs(placement.enclosure_m[robot] - position).max(axis=0)
-    if not np.isfinite(half_widths).all():
+    numbers = placement.positions_m[robot], placement.enclosure_m[robot]
+    if not all(np.isfinite(part).all() for part in numbers):
         return None
     known = bool(placement.heading_known[robot])
-    heading_variance = placement.heading_half_width_rad[robot] ** 2
+    matrix = _enclosing(placement, robot)
+    if covariance.kind is CovarianceKind.ESTIMATE and placement.covariances is not None:
+        estimated = np.array(placement.covariances[robot])
+        if np.isfinite(estimated).all():
+            coordinates = list(range(placement.positions_m.shape[1]))
+            variances = estimated.diagonal()[coordinates]
+            estimated[coordinates, coordinates] = np.maximum(variances, covariance.floor_m**2)
+            matrix = estimated
+    turns = slice(5, 6) if placement.positions_m.shape[1] == 2 else slice(3, 6)
+    if not known:
+        matrix[turns, :] = matrix[:, turns] = 0.0
+        matrix[turns, turns] = UNKNOWN_VARIANCE_RAD2 * np.eye(len(matrix[turns]))
+    np.fill_diagonal(matrix, np.maximum(matrix.diagonal(), LEAST_VARIANCE))
     return UncertainPose(
         stamp_s=estimate.stamp_s,
         frame_id=frame_id,
-        position_xyz=in_space(position),
+        position_xyz=in_space(placement.positions_m[robot]),
         orientation_xyzw=placement.orientations_xyzw[robot] if known else IDENTITY,
-        covariance=_covariance(
-            half_widths, float(heading_variance) if known else UNKNOWN_VARIANCE_RAD2
-        ),
+        covariance=matrix,
     )
+
+
+def _enclosing(placement: Placement, robot: int) -> NDArray[np.float64]:
+    """
+    Return the covariance that the bounds allow.
+
+    Its diagonal holds the squares of the greatest distances from the pose to the sides of its
+    enclosure: the largest variance that any distribution on the enclosure can have about the pose.
+    """
+    position_m = placement.positions_m[robot]
+    half_widths_m = np.abs(placement.enclosure_m[robot] - position_m).max(axis=0)
+    half_width_rad = float(placement.heading_half_width_rad[robot])
+    turns_rad = [0.0, 0.0, half_width_rad] if len(position_m) == 2 else [half_width_rad] * 3
+    return np.diag(np.square([*in_space(half_widths_m), *turns_rad]))
 
 
 def in_space(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points of shape (..., 2) or (..., 3) with three coordinates, z = 0 in the plane."""
     missing = 3 - points_m.shape[-1]
     return np.pad(points_m, [(0, 0)] * (points_m.ndim - 1) + [(0, missing)])
-
-
-def _covariance(
-    half_widths_m: NDArray[np.float64], heading_variance_rad2: float
-) -> NDArray[np.float64]:
-    in_plane = len(half_widths_m) == 2
-    turns_rad2 = [0.0, 0.0, heading_variance_rad2] if in_plane else [heading_variance_rad2] * 3
-    variances = [*np.square(in_space(half_widths_m)), *turns_rad2]
-    return np.diag(np.maximum(variances, LEAST_VARIANCE))

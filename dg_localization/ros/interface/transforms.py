@@ -21,6 +21,7 @@ from dg_localization.ros.interface.poses import unique_pose
 from msg_adapters import OdometryReading, UncertainPose
 from msg_adapters.transforms import Transform
 
+TRANSFORM_TOPIC = '/tf'
 # Some seconds of odometry: longer than an estimate takes.
 MOST_POSES = 512
 # How far odometry is carried on beyond its last pose, at the speed it had.

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 from rclpy.node import Node
 
-TOPIC = 'bond'
+from dg_localization.ros.interface.access import BOND_TOPIC
 
 
 def make_bond(node: Node) -> Callable[[], None] | None:
@@ -29,7 +29,7 @@ def make_bond(node: Node) -> Callable[[], None] | None:
     """
     if find_spec('bondpy') is None:
         return None
-    bond = import_module('bondpy.bondpy').Bond(TOPIC, node.get_name(), node)
+    bond = import_module('bondpy.bondpy').Bond(BOND_TOPIC, node.get_name(), node)
     bond.start()
 
     def end() -> None:

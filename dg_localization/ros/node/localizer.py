@@ -30,6 +30,7 @@ from dg_localization.fleet import (
     warm_up,
     warm_up_status,
 )
+from dg_localization.ros.interface.access import RESET
 from dg_localization.ros.interface.diagnostics import Report, shortened, statuses
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
@@ -138,7 +139,7 @@ class LocalizerNode(LifecycleNode):
         self.get_logger().info('loading the solver')
         for warning in solver_warnings():
             self.get_logger().warning(warning)
-        service = self.create_service(Trigger, '~/reset', self._on_reset)
+        service = self.create_service(Trigger, RESET, self._on_reset)
         made.callback(self.destroy_service, service)
         self._state = 'inactive'
 
@@ -232,7 +233,9 @@ class LocalizerNode(LifecycleNode):
 
     def _with_messages(self, estimate: Estimate) -> Answer:
         settings = self.settings
-        messages = estimate_messages(estimate, settings.fixed_frame, settings.lifetime_s)
+        messages = estimate_messages(
+            estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
+        )
         return Answer(estimate, tuple(messages))
 
     def _on_warm(self) -> None:
@@ -313,6 +316,7 @@ class LocalizerNode(LifecycleNode):
             failure=self._failure,
             wanted_rate_hz=self.settings.rate_hz,
             rate_hz=self._rate.rate_hz(now_s),
+            localized_width_m=self.settings.localized_width_m,
             warnings=(*solver_warnings(), *self._warnings()),
             now_s=now_s,
             lifetime_s=self.settings.lifetime_s,

@@ -11,10 +11,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dg_localization.fleet import Estimate
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from dg_localization.ros.interface.transforms import OdometryPoses, transforms
+from dg_localization.ros.interface.transforms import (
+    TRANSFORM_TOPIC,
+    OdometryPoses,
+    transforms,
+)
 from msg_adapters.transforms import transforms_to_cdr
 
-TOPIC = '/tf'
 # As tf2 publishes and listens.
 DYNAMIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -59,7 +62,9 @@ class TransformPublisher:
         self._node = node
         self._fixed_frame = fixed_frame
         self._odometry = odometry
-        self._publisher = node.create_publisher(transform_message_class(), TOPIC, DYNAMIC)
+        self._publisher = node.create_publisher(
+            transform_message_class(), TRANSFORM_TOPIC, DYNAMIC
+        )
 
     def publish(self, estimate: Estimate) -> None:
         """Publish where the robots are, if that is known; silence says that it is not."""

@@ -46,6 +46,9 @@ AXES_BEFORE_SPLIT = 12
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
 
+MOST_IDLE_TESTS = 4
+"""So many tests of the same sweep without such a gain end it: later axes are known less well."""
+
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
 
@@ -111,7 +114,8 @@ class Contractor:
         # What a contraction starts from: the box itself is the first level of the workspace.
         self._box, self._points, self._distance = work.boxes[0], work.points[0], work.distance
         self._n_local = LOCAL_POINTS[dimension - 1]
-        self._widths = np.zeros((n_points, n_points))
+        self._widths_of_sweep = np.zeros((n_points, n_points))
+        self._widths_of_test = np.zeros((n_points, n_points))
         self._in_order = np.arange(n_points)
         self._simplices = np.array(
             [chirality.points for chirality in problem.chiralities], dtype=np.int64
@@ -170,9 +174,9 @@ class Contractor:
                 best = axes[: len(groups.edges)]
                 status = self._project(best, n_local, stopped)
             else:
-                remember_widths(box, self._widths)
+                remember_widths(box, self._widths_of_sweep)
                 status = self._project_and_combine(axes, groups, goal, explained, stopped)
-                if status is None and largest_gain(box, self._widths) < LEAST_GAIN:
+                if status is None and largest_gain(box, self._widths_of_sweep) < LEAST_GAIN:
                     return Status.CONTRACTED
             if status is not None:
                 return status
@@ -189,8 +193,10 @@ class Contractor:
         """Apply all axes, and test the box after every few; None when there is more to gain."""
         box = self._box
         enough = min(len(axes), AXES_BEFORE_SPLIT * self._n_points)
+        n_idle = 0
         for first in range(0, max(1, len(axes)), goal.axes_per_test):
             some = axes[first : first + goal.axes_per_test]
+            remember_widths(box, self._widths_of_test)
             status = self._project(some, self._n_points, stopped)
             if status is not None:
                 return status
@@ -204,6 +210,9 @@ class Contractor:
                 return Status.CONTRACTED
             if stopped():
                 return Status.UNFINISHED
+            n_idle = n_idle + 1 if largest_gain(box, self._widths_of_test) < LEAST_GAIN else 0
+            if n_idle == MOST_IDLE_TESTS:
+                return Status.CONTRACTED
         return None
 
     def _project(self, axes: IntArray, count: int, stopped: Callable[[], bool]) -> Status | None:

@@ -104,7 +104,7 @@ def _assemble(
 
 
 @kernel(borrows=True)
-def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
+def solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
     """
     Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down.
 
@@ -154,7 +154,7 @@ def refine(positions: FloatArray, box: FloatArray, most_steps: int = MOST_STEPS)
             scale = max(scale, matrix[i, i])
         factor[:] = matrix
         step = vector.copy()
-        if not _solve_damped(factor, step, damping * scale + 1e-300):
+        if not solve_damped(factor, step, damping * scale + 1e-300):
             break
         trial = best - step.reshape((n_points, dimension))
         trial_misfit = _assemble(trial, box, trial_matrix, trial_vector)

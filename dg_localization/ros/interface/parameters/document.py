@@ -106,6 +106,8 @@ def _value(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return f"'{value}'"
+    if value != value:
+        return '.nan'
     return str(value)
 
 

@@ -15,10 +15,10 @@ LINKS = Section(
             [],
             "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
             'each replaces what the templates give for the same measurement',
-            details='NAME overrides min_error, max_error, min_error_relative, max_error_relative '
-            'or sigma_factor of a range, half_width of a bearing, any of these for all that peers '
-            'measure, and gives roll, pitch and yaw (rad) of a sensor of peers in the body frame '
-            'of its robot. Odometry, peers and '
+            details='NAME overrides min_error, max_error, min_error_relative, max_error_relative, '
+            'sigma_factor or expected_error of a range, half_width or expected_error of a '
+            'bearing, any of the bounds for all that peers measure, and gives roll, pitch and yaw '
+            '(rad) of a sensor of peers in the body frame of its robot. Odometry, peers and '
             'cameras have no TARGET; the OBSERVER of peers is * where their messages say who '
             'measured. A link to a robot that is not in robots is allowed: its readings are '
             'counted and rejected.',

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
+import math
 import re
 from typing import Any
 
@@ -22,6 +23,7 @@ from dg_localization.fleet import (
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
+    OVERRIDES,
     RANGE_BOUNDS,
     Link,
     Template,
@@ -33,6 +35,7 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs
+from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
 
 TEMPLATE_TYPES = {
@@ -44,6 +47,10 @@ TEMPLATE_TYPES = {
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
+BEARING_FIELDS = {
+    'half_width': 'bearing_half_width_rad',
+    'expected_error': 'bearing_expected_error_rad',
+}
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
 
 
@@ -72,6 +79,10 @@ class Settings:
         Whether to publish transforms.
     ids : mapping of str to str
         The names that ids in messages stand for.
+    localized_width_m : float
+        A fleet with a wider enclosure is not called localized.
+    covariance : PoseCovariance
+        How the covariances of poses are made.
 
     """
 
@@ -84,6 +95,8 @@ class Settings:
     autostart: bool
     publish_tf: bool
     ids: Mapping[str, str]
+    localized_width_m: float
+    covariance: PoseCovariance
 
     @property
     def lifetime_s(self) -> float:
@@ -188,6 +201,10 @@ def settings_from(
         autostart=values['autostart'],
         publish_tf=values['publish_tf'],
         ids=_parse_ids(values['ids'], fleet.points),
+        localized_width_m=values['localized_width'],
+        covariance=PoseCovariance(
+            CovarianceKind(values['covariance']), values['covariance_floor']
+        ),
     )
 
 
@@ -276,6 +293,7 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         max_repeats=values['max_repeats'],
         range_error=_range_error(values),
         bearing_half_width_rad=values['bearing.half_width'],
+        bearing_expected_error_rad=values['bearing.expected_error'],
         # A link may name a robot that is not in the fleet today: its readings are counted and
         # rejected, its bounds concern nobody.
         links=_overrides(
@@ -309,6 +327,7 @@ def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
 
 def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorModel:
     bounds = {name: overrides.get(name, values[f'range.{name}']) for name in RANGE_BOUNDS}
+    expected_error = overrides.get('expected_error', values['range.expected_error'])
     return RangeErrorModel(
         min_error_m=bounds['min_error'],
         max_error_m=bounds['max_error'],
@@ -316,6 +335,7 @@ def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorMod
         max_error_relative=bounds['max_error_relative'],
         sigma_factor=bounds['sigma_factor'],
         beyond_max_is_far=values['range.beyond_max_is_far'],
+        expected_error_m=None if math.isnan(expected_error) else expected_error,
     )
 
 
@@ -327,10 +347,13 @@ def _overrides(
     # A link to one point wins over that to all peers of its observer.
     for link in sorted(links, key=lambda link: link.key.kind is not LinkKind.PEERS):
         bounds: dict[str, Any] = {}
-        if 'half_width' in link.overrides:
-            bounds['bearing_half_width_rad'] = link.overrides['half_width']
+        is_bearing = link.key.kind is LinkKind.BEARING
+        of_ranges = () if is_bearing else OVERRIDES[LinkKind.RANGE]
+        for name, field in BEARING_FIELDS.items():
+            if name in link.overrides and name not in of_ranges:
+                bounds[field] = link.overrides[name]
         try:
-            if of_range := {k: v for k, v in link.overrides.items() if k in RANGE_BOUNDS}:
+            if of_range := {k: v for k, v in link.overrides.items() if k in of_ranges}:
                 bounds['range_error'] = _range_error(values, **of_range)
             for pair in _pairs(link, points) if bounds else ():
                 override = gathered.get(pair, LinkOverride(*pair))

@@ -57,6 +57,8 @@ class Spec:
         Limits of a number, both included; infinite for none.
     finite : bool
         Whether a number may not be infinite.
+    may_be_nan : bool
+        Whether NaN is allowed, for a number that is not known.
     choices : tuple of str
         The allowed strings; empty for any.
     details : str
@@ -76,6 +78,7 @@ class Spec:
     at_least: float = -math.inf
     at_most: float = math.inf
     finite: bool = True
+    may_be_nan: bool = False
     choices: tuple[str, ...] = ()
     details: str = ''
     examples: tuple[str, ...] = ()
@@ -99,7 +102,8 @@ class Spec:
             limits.append(f'>= {self.at_least:g}')
         if self.at_most < math.inf:
             limits.append(f'<= {self.at_most:g}')
-        return ' and '.join(limits)
+        text = ' and '.join(limits)
+        return f'{text or "any number"} or .nan' if self.may_be_nan else text
 
     def _in_unit(self) -> str:
         return f'({self.unit})' if self.unit else ''
@@ -138,7 +142,11 @@ class Spec:
             )
         if self.type in (DOUBLE, INTEGER):
             number = float if self.type is DOUBLE else int
-            within = type(value) is number and self.at_least <= value <= self.at_most
+            if type(value) is not number:
+                return False
+            if math.isnan(value):
+                return self.may_be_nan
+            within = self.at_least <= value <= self.at_most
             return within and (math.isfinite(value) or not self.finite)
         if self.type is BOOL:
             return type(value) is bool

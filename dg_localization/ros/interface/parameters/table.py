@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator
 import math
 
+from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.links import LINKS
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
@@ -196,6 +197,16 @@ RANGES = Section(
             'whether +inf (REP-117) proves that the target is farther than max_range',
             details='It does not where readings simply get lost.',
         ),
+        Spec(
+            'range.expected_error',
+            DOUBLE,
+            math.nan,
+            'likeliest error, for the published point',
+            'm',
+            may_be_nan=True,
+            details='Where it is not known, .nan, it is taken halfway between the least error in '
+            'size and the middle of the bounds.',
+        ),
     ),
 )
 
@@ -217,6 +228,15 @@ BEARINGS = Section(
             'greatest angle between a ray and the true direction',
             'rad',
             0.0,
+            math.pi,
+        ),
+        Spec(
+            'bearing.expected_error',
+            DOUBLE,
+            0.0,
+            'likeliest error about the vertical axis, counterclockwise, for the published point',
+            'rad',
+            -math.pi,
             math.pi,
         ),
     ),
@@ -315,51 +335,10 @@ CONTRADICTIONS = Section(
     ),
 )
 
-SOLVER = Section(
-    'Solver',
-    'When a limit is met the answer is wider, never wrong.',
-    (
-        Spec(
-            'max_hypotheses',
-            INTEGER,
-            64,
-            'most hypotheses that are published',
-            at_least=1,
-            details='The diagnostics give the number that there are.',
-        ),
-        Spec(
-            'solver.resolution',
-            DOUBLE,
-            0.05,
-            'width of a distance that is not split further',
-            'm',
-            1e-6,
-            1e6,
-        ),
-        Spec('solver.max_boxes', INTEGER, 2000, 'most boxes that one solve processes', at_least=1),
-        Spec(
-            'solver.max_seconds',
-            DOUBLE,
-            1.0,
-            'longest time of one solve',
-            's',
-            0.001,
-            finite=False,
-        ),
-        Spec(
-            'solver.tighten_slices',
-            INTEGER,
-            20,
-            'most slices examined of each finished box, to tighten it',
-            at_least=0,
-            details='More slices give narrower bounds and take longer; 0 skips the tightening.',
-        ),
-    ),
-)
-
 SECTIONS = (
     FLEET,
     NODE,
+    ANSWERS,
     TIME,
     MOTION,
     RANGES,

@@ -1,0 +1,207 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The best point of a hypothesis: the placement that fits the likeliest readings best.
+
+The fit starts at a placement of the hypothesis and stays in its enclosure. Its result is published
+as it is when it agrees with the problem, and else the point towards the start that does. Where no
+other hypothesis is left, further starts look for a better minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
+from dg_localization.fleet.best_point.normal_equations import LEFT_OUT
+from dg_localization.fleet.best_point.terms import PackedTerms, RayTerm, Term
+from dg_localization.fleet.directions import best_rotation, unit_vectors
+from dg_localization.interval.arrays import Interval
+from dg_localization.solver.place.proofs import agrees
+from dg_localization.solver.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+HALVINGS = 6
+"""How often the way back to the start is halved."""
+
+FURTHER_STARTS = 3
+MOST_BODIES = 30
+"""Larger fleets have one start only: a fit takes the cube of their number."""
+
+MOST_EFFORT = 50_000_000
+"""Most work on one problem: the sum of the cubes of the numbers that its fits change."""
+
+LEAST_SHARE = 0.999
+"""The result of a further start counts when its cost is below this share of the others'."""
+
+UNIFORM = 3.0
+"""The square of a half width over the variance of an error that is anywhere within it."""
+
+LEAST_WIDTH_M = 1e-9
+"""What the enclosure leaves less of is given by the frame, but for rounding."""
+
+UNKNOWN_VARIANCE_M2 = 1e12
+
+
+@dataclass(frozen=True)
+class BestPoint:
+    """
+    A placement, and how it was chosen.
+
+    Parameters
+    ----------
+    positions_m : numpy.ndarray, shape (n, q)
+        Inside the enclosure.
+    proved : bool
+        Whether it meets every constraint of the problem, checked with outward rounding.
+    covariances : numpy.ndarray, shape (n, 6, 6)
+        Of each position (m) and of a small rotation about the axes of the fixed frame (rad), for
+        readings whose errors are independent and anywhere in their bounds. Zero for what the
+        frame fixes, and for rotations that are not fitted; NaN where nothing was fitted.
+
+    """
+
+    positions_m: FloatArray
+    proved: bool
+    covariances: FloatArray
+
+
+class BestPointFinder:
+    """
+    Finds the best points of the hypotheses of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        What the published placement has to agree with.
+    terms : sequence of Term
+        What was measured; bodies are the points of the problem. A body that observes a ray turns.
+    held : collection of int
+        Bodies whose rotation is that of the fixed frame.
+
+    """
+
+    def __init__(self, problem: Problem, terms: Sequence[Term], held: Collection[int]) -> None:
+        self._problem = problem
+        self._terms = PackedTerms.of(terms)
+        self._rays_of: dict[int, list[RayTerm]] = {}
+        for term in terms:
+            if isinstance(term, RayTerm) and term.observer not in held:
+                self._rays_of.setdefault(term.observer, []).append(term)
+        self._effort = 0
+
+    def find(
+        self,
+        start_m: FloatArray,
+        enclosure: Interval,
+        proved: bool,
+        among: tuple[FloatArray, FloatArray] | None = None,
+    ) -> BestPoint:
+        """
+        Return the best point of a hypothesis, or the start where the effort is used up.
+
+        Parameters
+        ----------
+        start_m : numpy.ndarray, shape (n, q)
+            A placement inside the enclosure.
+        enclosure : Interval, shape (n, q)
+            In m. A coordinate without width is given by the frame.
+        proved : bool
+            Whether the solver has proved the start, but for the rotation into the fixed frame.
+        among : tuple of numpy.ndarray, shape (n, n), optional
+            Bounds of the squared distances in m^2 that tell the hypothesis from others. None when
+            it is the only one: what agrees with the problem is in it.
+
+        Returns
+        -------
+        BestPoint
+
+        """
+        if not np.isfinite(start_m).all() or self._effort >= MOST_EFFORT:
+            return BestPoint(start_m, proved, np.full((len(start_m), 6, 6), np.nan))
+        bodies = self._bodies(start_m, enclosure)
+        self._effort += int(bodies.free.sum()) ** 3
+        fit = fit_terms(self._terms, bodies)
+        problem = self._problem
+        if among is not None:
+            problem = Problem(*among, dimension=problem.dimension, chiralities=problem.chiralities)
+        elif len(start_m) <= MOST_BODIES:
+            for other_m in _further_starts(start_m, enclosure):
+                other = fit_terms(self._terms, self._bodies(other_m, enclosure))
+                fit = other if other.cost < LEAST_SHARE * fit.cost else fit
+        best_m = fit.positions_m[:, : start_m.shape[1]]
+        positions_m, proved = _agreeing(problem, start_m, best_m, proved)
+        return BestPoint(positions_m, proved, _covariances(fit, bodies))
+
+    def _bodies(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
+        """Return where the fit starts and where it may go."""
+        n_points, dimension = start_m.shape
+        missing = ((0, 0), (0, 3 - dimension))
+        free = np.zeros((n_points, 6), dtype=bool)
+        free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
+        free[list(self._rays_of), 3 if dimension == 3 else 5 :] = True
+        rotations = np.tile(np.eye(3), (n_points, 1, 1))
+        for observer, rays in self._rays_of.items():
+            seen = np.array([ray.direction[:dimension] for ray in rays])
+            lines = start_m[[ray.target for ray in rays]] - start_m[observer]
+            weights = np.array([1.0 / ray.half_width_rad for ray in rays])
+            turn = best_rotation(seen, unit_vectors(lines), weights)
+            rotations[observer, :dimension, :dimension] = turn
+        return Bodies(
+            np.pad(start_m, missing),
+            rotations,
+            np.pad(enclosure.lower, missing),
+            np.pad(enclosure.upper, missing),
+            free,
+        )
+
+
+def _further_starts(start_m: FloatArray, enclosure: Interval) -> Iterator[FloatArray]:
+    """Yield placements all over the enclosure, where it is bounded; the middle is the first."""
+    bounded = np.isfinite(enclosure.lower) & np.isfinite(enclosure.upper)
+    lower_m = np.where(bounded, enclosure.lower, start_m)
+    width_m = np.where(bounded, enclosure.upper, start_m) - lower_m
+    if width_m.max() <= LEAST_WIDTH_M:
+        return
+    yield lower_m + 0.5 * width_m
+    # Always the same ones, so that an answer does not depend on those before it.
+    rng = np.random.default_rng(0)
+    for _ in range(FURTHER_STARTS - 1):
+        yield lower_m + rng.random(start_m.shape) * width_m
+
+
+def _agreeing(
+    problem: Problem, start_m: FloatArray, best_m: FloatArray, proved: bool
+) -> tuple[FloatArray, bool]:
+    """Return the placement nearest to the best one that agrees with the problem."""
+    if agrees(problem, best_m):
+        return best_m, True
+    if not agrees(problem, start_m):
+        return (start_m, True) if proved else (best_m, False)
+    share = 0.0
+    for halving in range(1, HALVINGS + 1):
+        trial = share + 0.5**halving
+        if agrees(problem, start_m + trial * (best_m - start_m)):
+            share = trial
+    return start_m + share * (best_m - start_m), True
+
+
+def _covariances(fit: Fit, bodies: Bodies) -> FloatArray:
+    """Return the covariance of each body: of its position, and of its rotation."""
+    n_points = len(fit.columns)
+    size = len(fit.matrix)
+    sides_m = np.maximum(bodies.upper_m - fit.positions_m, fit.positions_m - bodies.lower_m)
+    widths = np.concatenate([sides_m, np.full((n_points, 3), np.pi / np.sqrt(UNIFORM))], axis=1)
+    # The enclosure counts as one more reading, so that nothing is wider than it.
+    variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
+    everything = np.zeros((size + 1, size + 1))
+    everything[:size, :size] = np.linalg.inv(UNIFORM * fit.matrix + np.diag(1.0 / variances))
+    # The last row stands for what is left out.
+    rows = np.where(fit.columns == LEFT_OUT, size, fit.columns)
+    return np.asarray(everything[rows[:, :, None], rows[:, None, :]])

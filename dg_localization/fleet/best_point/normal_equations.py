@@ -1,0 +1,144 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The normal equations of the terms, summed up term by term.
+
+A body has six columns: its position, and a small rotation about the axes of the fixed frame that
+follows its own. In the plane, and for what is known, some of them are left out.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.best_point.terms import PLACE, RANGE
+from dg_localization.interval.kernels import kernel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LEFT_OUT = -1
+"""The column of what does not change."""
+
+SHORTEST_M = 1e-9
+"""Ends that are nearer have no direction."""
+
+
+@kernel
+def normal_equations(
+    kinds: IntArray,
+    bodies: IntArray,
+    arms_m: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    positions_m: FloatArray,
+    rotations: FloatArray,
+    columns: IntArray,
+    matrix: FloatArray,
+    vector: FloatArray,
+) -> float:
+    """
+    Write the normal equations of some terms; return their sum of squared residuals.
+
+    Parameters
+    ----------
+    kinds, bodies, arms_m, values, weights
+        The fields of `PackedTerms`.
+    positions_m : numpy.ndarray, shape (n, 3)
+        Of the bodies.
+    rotations : numpy.ndarray, shape (n, 3, 3)
+        From body to fixed frame.
+    columns : numpy.ndarray of int, shape (n, 6)
+        Where the coordinates of each body are in the equations, or `LEFT_OUT`.
+    matrix : numpy.ndarray, shape (k, k)
+        The products of the derivatives, to be written.
+    vector : numpy.ndarray, shape (k,)
+        Half the gradient, to be written.
+
+    Returns
+    -------
+    float
+
+    """
+    matrix[:] = 0.0
+    vector[:] = 0.0
+    total = 0.0
+    arms = np.zeros((2, 3))
+    sight = np.zeros(3)
+    unit = np.zeros(3)
+    line = np.zeros(3)
+    residual = np.zeros(3)
+    change = np.zeros((3, 3))
+    slopes = np.zeros((3, 12))
+    for term in range(len(kinds)):
+        kind = kinds[term]
+        weight = weights[term]
+        first, second = bodies[term, 0], bodies[term, 1]
+        for axis in range(3):
+            for end in range(2):
+                body = bodies[term, end]
+                arms[end, axis] = 0.0
+                for k in range(3):
+                    arms[end, axis] += rotations[body, axis, k] * arms_m[term, end, k]
+            sight[axis] = 0.0
+            for k in range(3):
+                sight[axis] += rotations[first, axis, k] * values[term, k]
+        for axis in range(3):
+            line[axis] = positions_m[second, axis] + arms[1, axis]
+            line[axis] -= positions_m[first, axis] + arms[0, axis]
+        length = math.sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2])
+        length = max(length, SHORTEST_M)
+        # The residual, and its derivative with respect to the line from end to end.
+        n_rows = 3
+        if kind == PLACE:
+            for axis in range(3):
+                residual[axis] = weight * (positions_m[first, axis] - values[term, axis])
+        elif kind == RANGE:
+            n_rows = 1
+            residual[0] = weight * (length - values[term, 0])
+            for axis in range(3):
+                change[0, axis] = weight * line[axis] / length
+        else:
+            for axis in range(3):
+                unit[axis] = line[axis] / length
+                residual[axis] = weight * (unit[axis] - sight[axis])
+            for row in range(3):
+                for axis in range(3):
+                    across = (1.0 if row == axis else 0.0) - unit[row] * unit[axis]
+                    change[row, axis] = weight * across / length
+        for row in range(n_rows):
+            for axis in range(3):
+                a, b = (axis + 1) % 3, (axis + 2) % 3
+                if kind == PLACE:
+                    slopes[row, axis] = weight if row == axis else 0.0
+                    slopes[row, axis + 3] = 0.0
+                    slopes[row, axis + 6] = 0.0
+                    slopes[row, axis + 9] = 0.0
+                    continue
+                slopes[row, axis] = -change[row, axis]
+                slopes[row, axis + 6] = change[row, axis]
+                # A rotation about an axis moves an arm r by the vector product of the two.
+                slopes[row, axis + 3] = arms[0, b] * change[row, a] - arms[0, a] * change[row, b]
+                slopes[row, axis + 9] = arms[1, a] * change[row, b] - arms[1, b] * change[row, a]
+                if kind != RANGE and row == a:
+                    slopes[row, axis + 3] += weight * sight[b]
+                elif kind != RANGE and row == b:
+                    slopes[row, axis + 3] -= weight * sight[a]
+            total += residual[row] * residual[row]
+        for i in range(12):
+            column = columns[first, i] if i < 6 else columns[second, i - 6]
+            if column == LEFT_OUT:
+                continue
+            for row in range(n_rows):
+                vector[column] += slopes[row, i] * residual[row]
+            for j in range(12):
+                other = columns[first, j] if j < 6 else columns[second, j - 6]
+                if other == LEFT_OUT:
+                    continue
+                for row in range(n_rows):
+                    matrix[column, other] += slopes[row, i] * slopes[row, j]
+    return total

@@ -1,0 +1,357 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The best point: least squares over the readings, inside the hypothesis."""
+
+from dataclasses import replace
+from itertools import permutations
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import Problem
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.best_point.best_point import BestPointFinder
+from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
+from dg_localization.fleet.best_point.normal_equations import normal_equations
+from dg_localization.fleet.best_point.terms import PackedTerms, PlaceTerm, RangeTerm, RayTerm
+from dg_localization.fleet.error_models import likeliest_distance_m
+from dg_localization.interval.arrays import Interval
+from dg_localization.solver.place.proofs import agrees
+
+NOW_S = 10.0
+RANGE_ERROR = 0.03
+RAY_ERROR_RAD = 0.05
+ANCHORS = {2: np.array([[0.0, 0.0], [9.0, 0.0], [2.0, 8.0]])}
+ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
+
+
+def rotation(rng, dimension):
+    """Return a body frame: any in space, about the vertical axis in the plane."""
+    if dimension == 3:
+        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        return turned * np.linalg.det(turned)
+    c, s = np.cos(angle := rng.uniform(-3.0, 3.0)), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+class Fleet:
+    """A fleet of known truth, and a localizer that was told what its sensors read."""
+
+    def __init__(self, seed, dimension=2, robots=4, anchors=True, cameras=False, noise=1.0):
+        rng = np.random.default_rng(seed)
+        self.robots = [f'r{k}' for k in range(robots)]
+        places = ANCHORS[dimension] if anchors else np.zeros((0, dimension))
+        self.anchors = {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(places)}
+        self.positions_m = np.vstack([rng.uniform(0.0, 8.0, (robots, dimension)), places])
+        self.localizer = Localizer(
+            FleetConfig(
+                robots=self.robots,
+                dimension=dimension,
+                anchors=self.anchors,
+                bearing_half_width_rad=RAY_ERROR_RAD,
+            )
+        )
+        frames = [rotation(rng, dimension) for _ in self.robots]
+        names = [*self.robots, *self.anchors]
+        for i, j in permutations(range(len(names)), 2):
+            if i >= robots:
+                continue
+            line_m = np.zeros(3)
+            line_m[:dimension] = self.positions_m[j] - self.positions_m[i]
+            error = noise * rng.uniform(-RANGE_ERROR, RANGE_ERROR)
+            range_m = np.linalg.norm(line_m) / (1.0 - error)
+            self.localizer.add_range(names[i], names[j], range_m, NOW_S, NOW_S)
+            if cameras:
+                seen = frames[i].T @ line_m / np.linalg.norm(line_m)
+                tilt = np.zeros(3)
+                tilt[:dimension] = noise * rng.uniform(-0.02, 0.02, dimension)
+                self.localizer.add_bearing(names[i], names[j], seen + tilt, NOW_S, NOW_S)
+
+    def step(self):
+        return self.localizer.step(NOW_S)
+
+
+def inside(placement):
+    """Return whether every known position is in its enclosure."""
+    known = ~np.isnan(placement.positions_m).any(axis=1)
+    low, high = placement.enclosure_m[known, 0], placement.enclosure_m[known, 1]
+    points = placement.positions_m[known]
+    return bool((low <= points).all() and (points <= high).all())
+
+
+def random_terms(rng, bodies):
+    """Return some terms of every kind, with arms."""
+    terms = [PlaceTerm(0, rng.normal(size=3), 0.3)]
+    for first, second in permutations(range(bodies), 2):
+        arms = rng.normal(size=(2, 3))
+        ray = rng.normal(size=3)
+        terms.append(RangeTerm(first, second, rng.uniform(1.0, 4.0), 0.2, *arms))
+        terms.append(RayTerm(first, second, ray / np.linalg.norm(ray), 0.1, *arms))
+    return terms
+
+
+def cost_and_slope(packed, positions_m, rotations, columns):
+    matrix, vector = np.empty((18, 18)), np.empty(18)
+    fields = packed.kinds, packed.bodies, packed.arms_m, packed.values, packed.weights
+    cost = normal_equations(*fields, positions_m, rotations, columns, matrix, vector)
+    return cost, matrix, vector
+
+
+def turn(axis, angle_rad):
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[a, a] = matrix[b, b] = math.cos(angle_rad)
+    matrix[b, a] = math.sin(angle_rad)
+    matrix[a, b] = -matrix[b, a]
+    return matrix
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_gradient_is_that_of_the_cost(seed):
+    rng = np.random.default_rng(seed)
+    packed = PackedTerms.of(random_terms(rng, 3))
+    columns = np.arange(18).reshape(3, 6)
+    positions_m = rng.normal(size=(3, 3))
+    rotations = np.array([rotation(rng, 3) for _ in range(3)])
+    _, matrix, vector = cost_and_slope(packed, positions_m, rotations, columns)
+    step = 1e-6
+    for body, axis in np.ndindex(3, 6):
+        costs = []
+        for sign in (1.0, -1.0):
+            moved, turned = positions_m.copy(), rotations.copy()
+            if axis < 3:
+                moved[body, axis] += sign * step
+            else:
+                turned[body] = turn(axis - 3, sign * step) @ turned[body]
+            costs.append(cost_and_slope(packed, moved, turned, columns)[0])
+        slope = (costs[0] - costs[1]) / (2.0 * step)
+        assert 2.0 * vector[6 * body + axis] == pytest.approx(slope, rel=1e-4, abs=1e-3)
+    assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > -1e-6
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_a_fit_is_never_worse_than_its_start_and_stays_in_its_bounds(seed):
+    rng = np.random.default_rng(seed)
+    start_m = rng.normal(size=(3, 3))
+    start = Bodies(
+        start_m,
+        np.array([rotation(rng, 3) for _ in range(3)]),
+        start_m - rng.uniform(0.0, 0.5, (3, 3)),
+        start_m + rng.uniform(0.0, 0.5, (3, 3)),
+        rng.random((3, 6)) < 0.7,
+    )
+    packed = PackedTerms.of(random_terms(rng, 3))
+    fit = fit_terms(packed, start)
+    fixed = replace(start, free=np.zeros((3, 6), dtype=bool))
+    assert fit.cost < fit_terms(packed, fixed).cost
+    assert (start.lower_m <= fit.positions_m).all() and (fit.positions_m <= start.upper_m).all()
+    held = ~start.free[:, :3]
+    assert (fit.positions_m[held] == start_m[held]).all()
+    assert np.allclose(fit.rotations @ np.swapaxes(fit.rotations, 1, 2), np.eye(3))
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+@pytest.mark.parametrize('anchors', [True, False])
+@pytest.mark.parametrize('cameras', [True, False])
+def test_the_point_is_in_its_enclosure(dimension, anchors, cameras):
+    for seed in range(3):
+        fleet = Fleet(seed, dimension, 5, anchors, cameras)
+        estimate = fleet.step()
+        assert estimate.placements
+        assert all(inside(placement) for placement in estimate.placements)
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+@pytest.mark.parametrize('cameras', [True, False])
+def test_right_readings_give_the_true_point(dimension, cameras):
+    """Bounds of 3 % are wide; readings that are right all the same find the truth in them."""
+    fleet = Fleet(1, dimension, anchors=True, cameras=cameras, noise=0.0)
+    estimate = fleet.step()
+    off_m = [
+        np.abs(placement.positions_m - fleet.positions_m[:4]).max()
+        for placement in estimate.placements
+    ]
+    assert min(off_m) < 1e-3
+    assert all(placement.proved for placement in estimate.placements)
+
+
+def test_the_point_is_nearer_to_the_truth_than_what_the_bounds_leave():
+    off_m = []
+    for seed in range(20):
+        fleet = Fleet(seed, robots=5, cameras=True)
+        (placement,) = fleet.step().placements
+        off_m.append(np.linalg.norm(placement.positions_m - fleet.positions_m[:5], axis=1))
+    # Readings of about 5 m to 3 %, seven or more of each robot.
+    assert np.median(off_m) < 0.05
+
+
+def test_mirror_images_have_mirrored_points():
+    fleet = Fleet(3, robots=5, anchors=False)
+    placements = fleet.step().placements
+    assert [placement.mirrored for placement in placements] == [False, True]
+    images = [placement.positions_m for placement in placements]
+    assert np.allclose(images[0] * [1.0, -1.0], images[1], atol=1e-4)
+
+
+def test_a_robot_that_is_not_connected_has_no_point():
+    fleet = Fleet(2, robots=3)
+    config = FleetConfig(robots=[*fleet.robots, 'lost'], anchors=fleet.anchors)
+    localizer = Localizer(config)
+    for k, robot in enumerate(fleet.robots):
+        for j, anchor in enumerate(fleet.anchors):
+            range_m = np.linalg.norm(fleet.positions_m[k] - ANCHORS[2][j])
+            localizer.add_range(robot, anchor, range_m, NOW_S, NOW_S)
+    (placement,) = localizer.step(NOW_S).placements
+    assert np.isnan(placement.positions_m[3]).all() and np.isnan(placement.covariances[3]).all()
+    assert np.allclose(placement.positions_m[:3], fleet.positions_m[:3], atol=1e-3)
+    assert np.isfinite(placement.covariances[:3]).all()
+
+
+def test_points_of_several_hypotheses_are_in_their_own():
+    """A robot that two ranges leave on either side of the line between two others."""
+    anchors = {'a0': Anchor((0.0, 0.0)), 'a1': Anchor((6.0, 0.0)), 'a2': Anchor((0.0, 6.0))}
+    localizer = Localizer(FleetConfig(robots=['r'], anchors=anchors))
+    for name in ('a0', 'a1'):
+        range_m = math.dist(anchors[name].coordinates_m, (2.0, 3.0))
+        localizer.add_range('r', name, range_m, NOW_S, NOW_S)
+    found = np.array([p.positions_m[0] for p in localizer.step(NOW_S).placements])
+    assert np.allclose(found[:, 0], 2.0) and np.allclose(sorted(found[:, 1]), [-3.0, 3.0])
+
+
+def test_many_fits_of_a_large_fleet_end_at_their_budget(monkeypatch):
+    places = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
+    box = Interval(places - 1.0, places + 1.0)
+    finder = BestPointFinder(triangle(0.0, 9.0), [RangeTerm(0, 1, 4.5, 0.1)], ())
+    monkeypatch.setattr('dg_localization.fleet.best_point.best_point.MOST_EFFORT', 6**3)
+    among = np.zeros((3, 3)), np.full((3, 3), 81.0) * (1.0 - np.eye(3))
+    assert (finder.find(places, box, True, among).positions_m != places).any()
+    assert (finder.find(places, box, True, among).positions_m == places).all()
+
+
+def test_a_flexible_fleet_has_points():
+    localizer = Localizer(FleetConfig(robots=['a', 'b', 'c', 'd']))
+    for first, second in ('ab', 'bc', 'cd'):
+        localizer.add_range(first, second, 2.0, NOW_S, NOW_S)
+    placements = localizer.step(NOW_S).placements
+    assert placements and all(inside(placement) for placement in placements)
+    for placement in placements:
+        assert placement.flexible
+        steps_m = np.linalg.norm(np.diff(placement.positions_m, axis=0), axis=1)
+        assert steps_m == pytest.approx([2.0] * 3, abs=1e-3)
+
+
+def test_one_robot_among_anchors_has_a_point_and_alone_it_has_none():
+    fleet = Fleet(4, robots=1)
+    (placement,) = fleet.step().placements
+    assert np.linalg.norm(placement.positions_m[0] - fleet.positions_m[0]) < 0.2
+    assert Fleet(4, robots=1, anchors=False).step().placements == ()
+
+
+def test_a_dropped_reading_does_not_pull():
+    fleet = Fleet(5, robots=2, noise=0.0)
+    config = FleetConfig(robots=fleet.robots, anchors=fleet.anchors, max_outliers=1)
+    localizer = Localizer(config)
+    for j, anchor in enumerate(fleet.anchors):
+        for k, robot in enumerate(fleet.robots):
+            range_m = np.linalg.norm(fleet.positions_m[k] - ANCHORS[2][j])
+            localizer.add_range(robot, anchor, range_m, NOW_S, NOW_S)
+    range_m = np.linalg.norm(fleet.positions_m[0] - fleet.positions_m[1])
+    localizer.add_range('r0', 'r1', 3.0 * range_m, NOW_S, NOW_S)
+    right = [
+        placement
+        for placement in localizer.step(NOW_S).placements
+        if [(key.observer, key.target) for key in placement.dropped] == [('r0', 'r1')]
+    ]
+    assert np.allclose(right[0].positions_m, fleet.positions_m[:2], atol=1e-3)
+
+
+def test_contradictory_readings_leave_no_point():
+    localizer = Localizer(FleetConfig(robots=['a', 'b', 'c']))
+    for first, second, range_m in (('a', 'b', 1.0), ('b', 'c', 1.0), ('a', 'c', 9.0)):
+        localizer.add_range(first, second, range_m, NOW_S, NOW_S)
+    assert localizer.step(NOW_S).placements == ()
+
+
+def triangle(lower_m, upper_m):
+    """Return the problem of three points whose distances have the same bounds."""
+    lower, upper = np.full((3, 3), lower_m**2), np.full((3, 3), upper_m**2)
+    np.fill_diagonal(lower, 0.0)
+    np.fill_diagonal(upper, 0.0)
+    return Problem(lower, upper)
+
+
+START_M = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]])
+BOX = Interval(np.array([[0.0, 0.0], [0.0, 0.0], [-2.0, 0.0]]), np.array([[0, 0], [2, 0], [2, 2]]))
+
+
+def test_a_point_that_readings_pull_out_of_the_bounds_is_taken_back_until_it_agrees():
+    problem = triangle(0.7, 1.2)
+    terms = [RangeTerm(i, j, 3.0, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
+    best = BestPointFinder(problem, terms, ()).find(START_M, BOX, True)
+    assert best.proved and agrees(problem, best.positions_m)
+    # At least most of the way to the bounds that stop it.
+    assert np.linalg.norm(best.positions_m[1]) > 1.1
+
+
+def test_nothing_is_proved_where_neither_start_nor_point_agrees():
+    problem = triangle(5.0, 6.0)
+    terms = [RangeTerm(i, j, 1.5, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
+    finder = BestPointFinder(problem, terms, ())
+    best = finder.find(START_M, BOX, False)
+    assert not best.proved
+    assert np.linalg.norm(best.positions_m[1]) == pytest.approx(1.5, abs=1e-3)
+    # The solver has proved its placement before it was rotated: that is what is published.
+    kept = finder.find(START_M, BOX, True)
+    assert kept.proved and (kept.positions_m == START_M).all()
+
+
+def test_a_start_without_numbers_stays_unknown():
+    best = BestPointFinder(triangle(0.7, 1.2), [], ()).find(np.full((3, 2), np.nan), BOX, False)
+    assert np.isnan(best.positions_m).all() and np.isnan(best.covariances).all()
+
+
+def test_the_covariance_is_that_of_uniform_errors_and_not_wider_than_the_enclosure():
+    """Two ranges at a right angle: each coordinate has the variance of its range."""
+    places = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
+    box = Interval(places - [[1.0, 1.0], [0, 0], [0, 0]], places + [[1.0, 1.0], [0, 0], [0, 0]])
+    terms = [RangeTerm(0, 1, 4.0, 0.3), RangeTerm(0, 2, 3.0, 0.06)]
+    best = BestPointFinder(triangle(0.0, 9.0), terms, ()).find(places, box, True)
+    deviations = np.sqrt(np.diagonal(best.covariances[0])[:2])
+    assert deviations == pytest.approx([0.3 / math.sqrt(3.0), 0.06 / math.sqrt(3.0)], rel=0.02)
+    assert (best.covariances[1:] == 0.0).all()
+    unmeasured = BestPointFinder(triangle(0.0, 9.0), [], ()).find(places, box, True)
+    assert np.diagonal(unmeasured.covariances[0])[:2] == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    'bounds, expected, likeliest_m',
+    [
+        ((-0.2, 0.2), None, 5.0),
+        ((-0.2, 1.0), None, 4.8),
+        ((0.2, 0.4), None, 4.75),
+        ((-0.2, 1.0), 0.3, 4.7),
+    ],
+)
+def test_likeliest_distance(bounds, expected, likeliest_m):
+    model = RangeErrorModel(*bounds, 0.0, 0.0, expected_error_m=expected)
+    assert likeliest_distance_m(model, 5.0) == pytest.approx(likeliest_m)
+    assert math.isnan(likeliest_distance_m(model, math.inf))
+
+
+def test_the_expected_error_moves_the_point_and_not_the_bounds():
+    answers = []
+    for expected_m in (0.0, 0.4):
+        model = RangeErrorModel(0.0, 0.5, 0.0, 0.0, expected_error_m=expected_m)
+        localizer = Localizer(
+            FleetConfig(['r'], anchors=dict(Fleet(0).anchors), range_error=model)
+        )
+        for name, anchor in Fleet(0).anchors.items():
+            range_m = math.dist(anchor.coordinates_m, (3.0, 3.0)) + 0.4
+            localizer.add_range('r', name, range_m, NOW_S, NOW_S)
+        answers += localizer.step(NOW_S).placements
+    first, second = answers
+    assert (first.enclosure_m == second.enclosure_m).all()
+    assert second.positions_m[0] == pytest.approx([3.0, 3.0], abs=1e-3)
+    assert np.linalg.norm(first.positions_m[0] - [3.0, 3.0]) > 0.01
