@@ -6,8 +6,9 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import wrap
 
+from dg_localization.fleet import LinkKind
 from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
-from dg_localization.ros.interface.links import OVERRIDES, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.links import OVERRIDES, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -82,7 +83,11 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
         if not (learned or link.explicit):
             continue
         # What was learned of all readings holds for a link that has no bounds of its own now.
-        kept = {n: value for n, value in link.overrides.items() if not _is_learned(fit, n)}
+        kept = {
+            name: value
+            for name, value in link.overrides.items()
+            if not _is_learned(fit, link.key.kind, name)
+        }
         bounds = {**kept, **learned}
         words = [link.topic, link.type_name, link.key.observer, link.key.target]
         words += [
@@ -96,10 +101,11 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
         yield from lines
 
 
-def _is_learned(fit: Fit, name: str) -> bool:
-    """Return whether the bounds that a name stands for were learned."""
-    groups = fit.ranges if name in RANGE_BOUNDS else fit.bearings if name == 'half_width' else {}
-    return bool(groups)
+def _is_learned(fit: Fit, kind: LinkKind, name: str) -> bool:
+    """Return whether what a name of a link stands for was learned."""
+    if kind is LinkKind.BEARING or name == 'half_width':
+        return bool(fit.bearings)
+    return name in OVERRIDES[LinkKind.RANGE] and bool(fit.ranges)
 
 
 def _number(value: float) -> str:
