@@ -53,12 +53,12 @@ def type_name(message):
     return f'{module}/msg/{type(message).__name__}'
 
 
-def record(path, seconds=20.0, change=lambda topic, message: message, **values):
+def record(bag, seconds=20.0, change=lambda topic, message: message, **values):
     """Write a bag of a simulated fleet; `change` may spoil a message or return None."""
     fleet = simulated_fleet(
         {**{spec.name: spec.default for spec in PARAMETERS}, 'path': 'loops', **values}
     )
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer = Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3)
     connections = {}
     with writer:
         for step in range(round(seconds * 10)):
@@ -81,7 +81,7 @@ def record(path, seconds=20.0, change=lambda topic, message: message, **values):
                     START_S * 10**9 + step * 10**8,
                     serialize_message(message),
                 )
-    return path
+    return bag
 
 
 @pytest.fixture
@@ -109,6 +109,8 @@ def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
     assert -0.0418 <= found['range']['min_error_relative'] <= -0.035
     assert 0.035 <= found['range']['max_error_relative'] <= 0.0401
     assert 0.045 <= found['bearing']['half_width'] <= 0.051
+    assert abs(found['range']['expected_error']) < 0.05
+    assert abs(found['bearing']['expected_error']) < 0.01
     assert 0.0 < found['odometry']['relative_error'] < 0.3
     assert 'links' not in found
     assert 'all: 5400 readings' in learn.output and '0.0' in learn.output
@@ -128,6 +130,8 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
     bounds.write_text(learn.output)
     fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
     apart, other = fleet.range_error_of('robot_1', 'robot_2'), fleet.range_error_of(*ROBOTS[1:3])
+    assert apart.expected_error_m == pytest.approx(0.5, abs=0.1)
+    assert other.expected_error_m == pytest.approx(0.0, abs=0.1)
     assert apart.max_error_m + 8.0 * apart.max_error_relative > 0.5
     assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
     assert fleet.bearing_half_width_of('robot_1', 'robot_2') <= 0.025

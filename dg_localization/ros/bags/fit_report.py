@@ -6,8 +6,9 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import wrap
 
+from dg_localization.fleet import LinkKind
 from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
-from dg_localization.ros.interface.links import OVERRIDES, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.links import OVERRIDES, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -37,9 +38,9 @@ def as_yaml(fit: Fit, links: Sequence[Link], bag: str) -> str:
         *_groups('Bearings', fit.bearings),
         '/**:',
         '  ros__parameters:',
-        *_section('range', fit.ranges.get(EVERYTHING)),
-        *_section('bearing', fit.bearings.get(EVERYTHING)),
-        *_odometry(fit.odometry),
+        *_section('range', _of_all(fit.ranges)),
+        *_section('bearing', _of_all(fit.bearings)),
+        *_section('odometry', fit.odometry),
         *_links(fit, links),
     ]
     return '\n'.join(lines)
@@ -58,20 +59,18 @@ def _groups(title: str, groups: Mapping[Pair, GroupFit]) -> Iterator[str]:
         yield from _comment(f'{name}: {groups[pair].text}.', indent='  ')
 
 
-def _section(name: str, group: GroupFit | None) -> Iterator[str]:
-    """Yield the bounds of all readings of one kind."""
-    if group is not None:
-        yield f'    {name}:'
-        yield from (f'      {key}: {_number(value)}' for key, value in group.bounds.items())
+def _of_all(groups: Mapping[Pair, GroupFit]) -> dict[str, float]:
+    """Return the bounds of all readings of one kind, if there are any."""
+    return groups[EVERYTHING].bounds if EVERYTHING in groups else {}
 
 
-def _odometry(bounds: Mapping[str, float]) -> Iterator[str]:
-    """Yield those bounds of odometry that the node has parameters for."""
+def _section(name: str, bounds: Mapping[str, float]) -> Iterator[str]:
+    """Yield those bounds that the node has parameters for, if there are any."""
     known = {spec.name for spec in TABLE}
-    taken = {name: value for name, value in bounds.items() if f'odometry.{name}' in known}
+    taken = {key: value for key, value in bounds.items() if f'{name}.{key}' in known}
     if taken:
-        yield '    odometry:'
-        yield from (f'      {name}: {_number(value)}' for name, value in taken.items())
+        yield f'    {name}:'
+        yield from (f'      {key}: {_number(value)}' for key, value in taken.items())
 
 
 def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
@@ -79,11 +78,16 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
     lines = []
     for link in links:
         groups = list(fit.of_link(link.key.kind, link.key.observer, link.key.target))
-        learned = {name: value for group in groups for name, value in group.bounds.items()}
+        # Of peers a name that both kinds have is that of the ranges, which come first.
+        learned = {name: value for group in groups[::-1] for name, value in group.bounds.items()}
         if not (learned or link.explicit):
             continue
         # What was learned of all readings holds for a link that has no bounds of its own now.
-        kept = {n: value for n, value in link.overrides.items() if not _is_learned(fit, n)}
+        kept = {
+            name: value
+            for name, value in link.overrides.items()
+            if not _is_learned(fit, link.key.kind, name)
+        }
         bounds = {**kept, **learned}
         words = [link.topic, link.type_name, link.key.observer, link.key.target]
         words += [
@@ -97,10 +101,11 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
         yield from lines
 
 
-def _is_learned(fit: Fit, name: str) -> bool:
-    """Return whether the bounds that a name stands for were learned."""
-    groups = fit.ranges if name in RANGE_BOUNDS else fit.bearings if name == 'half_width' else {}
-    return bool(groups)
+def _is_learned(fit: Fit, kind: LinkKind, name: str) -> bool:
+    """Return whether what a name of a link stands for was learned."""
+    if kind is LinkKind.BEARING or name == 'half_width':
+        return bool(fit.bearings)
+    return name in OVERRIDES[LinkKind.RANGE] and bool(fit.ranges)
 
 
 def _number(value: float) -> str:

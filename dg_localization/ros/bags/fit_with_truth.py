@@ -26,6 +26,7 @@ from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_err
 from dg_localization.fleet.motion import rotation_of_quaternion
 from dg_localization.ros.bags.fitted import (
     EVERYTHING,
+    EXPECTED_ERROR,
     LEAST_READINGS,
     Fit,
     FloatArray,
@@ -111,7 +112,8 @@ def _range_group(
         f'error {errors_m.min():.2f} to {errors_m.max():.2f} m, median {np.median(errors_m):.2f}'
     )
     excluded = excluded_ranges(model, readings_m, errors_m)
-    return GroupFit(len(errors_m), excluded, seen, range_parameters(model))
+    bounds = {**range_parameters(model), EXPECTED_ERROR: float(np.median(errors_m))}
+    return GroupFit(len(errors_m), excluded, seen, bounds)
 
 
 def _bearing_group(errors_rad: FloatArray, choice: Choice) -> GroupFit:
@@ -119,7 +121,8 @@ def _bearing_group(errors_rad: FloatArray, choice: Choice) -> GroupFit:
     bias_rad = float(np.median(errors_rad))
     seen = f'error {errors_rad.min():.3f} to {errors_rad.max():.3f} rad, median {bias_rad:.3f}'
     excluded = int(np.count_nonzero(np.abs(errors_rad) > half_width_rad))
-    return GroupFit(len(errors_rad), excluded, seen, {'half_width': half_width_rad})
+    bounds = {'half_width': half_width_rad, EXPECTED_ERROR: bias_rad}
+    return GroupFit(len(errors_rad), excluded, seen, bounds)
 
 
 def _add_odometry(
@@ -156,9 +159,12 @@ def _add_odometry(
     fit.notes.append(f'Odometry of all: {_odometry_text(bounds)}')
     fit.odometry = {
         'translation_per_m': bounds.translation_per_m,
+        'translation_per_rad': 0.0,
+        'rotation_per_m': 0.0,
         'rotation_per_rad': bounds.rotation_per_rad,
-        'constant_m': bounds.constant_m,
-        'constant_rad': bounds.constant_rad,
+        'constant_translation': bounds.constant_m,
+        'constant_rotation': bounds.constant_rad,
+        'latency': 0.0,
         'relative_error': _relative_error(together, settings, choice),
     }
 

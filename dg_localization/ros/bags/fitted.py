@@ -19,6 +19,8 @@ Pair: TypeAlias = tuple[str, str]
 """Observer and target; an empty name stands for all."""
 
 EVERYTHING: Pair = ('', '')
+# The parameter of the likeliest error has this name for ranges and for bearings.
+EXPECTED_ERROR = 'expected_error'
 # Fewer readings get the bounds of the next larger group.
 LEAST_READINGS = 20
 
@@ -35,7 +37,8 @@ class GroupFit:
     seen : str
         What was seen, in words.
     bounds : dict of str to float
-        By the name of the parameter without its prefix.
+        By the name of the parameter without its prefix; with the likeliest error, where a truth
+        shows it.
 
     """
 
@@ -65,7 +68,7 @@ class Fit:
     ranges, bearings : dict of (str, str) to GroupFit
         By observer and target, those of a sensor with an empty target, of all with empty names.
     odometry : dict of str to float
-        Bounds in the terms of `OdometryErrorModel`.
+        By the name of the parameter without its prefix.
     notes : list of str
         Sentences on what was learned, and what cannot be.
 
