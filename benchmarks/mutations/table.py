@@ -476,12 +476,12 @@ FLEET = [
         'constraints/triangulation',
         ('test/fleet/test_constraints.py', *SOUND),
         (
-            'the maximum of the sine is forgotten in triangulation',
+            'the law of sines takes the other angle',
             'sine_b_low, sine_b_high = sine_bounds(*at_b)',
-            'sine_b_low, sine_b_high = sorted(map(math.sin, at_b))',
+            'sine_b_low, sine_b_high = sine_bounds(*at_a)',
         ),
         (
-            'the maximum of the sine of the third angle is forgotten',
+            'the maximum of the sine is forgotten in triangulation',
             'sine_c_low, sine_c_high = sine_bounds(min(low_sum, math.pi), high_sum)',
             'sine_c_low, sine_c_high = sorted(map(math.sin, (min(low_sum, math.pi), high_sum)))',
         ),
@@ -489,7 +489,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/chirality',
-        ('test/fleet/test_constraints.py', *SOUND),
+        ('test/fleet/test_constraints.py', 'test/fleet/test_spatial_chirality.py'),
         (
             'a sign counts although it is in doubt',
             '(pairs.half_widths_rad < sizes) & (sizes + pairs.half_widths_rad < math.pi)',
