@@ -44,6 +44,15 @@ def test_a_chirality_needs_a_sign_that_is_certain(second, signs):
     assert all(chirality.points == (0, 1, 2) for chirality in constraints.chiralities)
 
 
+def test_the_angle_of_two_rays_has_the_errors_of_both():
+    localizer = make()
+    localizer.add_bearing('a', 'b', ray(0.0), NOW_S, NOW_S)
+    localizer.add_bearing('a', 'c', ray(0.5), NOW_S, NOW_S)
+    angles = constrain(localizer.snapshot(NOW_S)).angles
+    assert angles.low_rad[0] <= 0.3 and angles.low_rad[0] == pytest.approx(0.3)
+    assert angles.high_rad[0] >= 0.7 and angles.high_rad[0] == pytest.approx(0.7)
+
+
 def test_rays_of_one_image_do_not_widen_against_each_other():
     localizer = make(max_age_s=5.0)
     localizer.add_bearing('a', 'b', ray(0.0), NOW_S - 4.0, NOW_S)
