@@ -554,7 +554,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/registration',
-        ('test/fleet/test_fixed_frame.py', *SOUND),
+        ('test/fleet/test_fixed_frame.py',),
         (
             'the heading of the frame counts as exact',
             'rotation_2d(math.atan2(y, x), chosen[0].half_width_rad)',
@@ -623,9 +623,9 @@ PAIRS = [
             'return _across(row, cx, cy, cz)',
         ),
         (
-            'a cone has one side only',
-            'sides = 2 if b == 0.0 and view[HALF + Z] == 0.0 else 4',
-            'sides = 1',
+            'the ray of B changes with the yaw the wrong way',
+            'slope = cx * qy - cy * qx',
+            'slope = cy * qx - cx * qy',
         ),
         (
             'the nearest distance is not shortened by the errors',
