@@ -153,18 +153,19 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
     numpy.ndarray, shape (3,), or Rejection
 
     """
-    ray = np.asarray(ray_xyz, dtype=float).reshape(-1)
-    if ray.shape != (3,) or not np.all(np.isfinite(ray)):
-        text = f'ray {ray.tolist()} is not allowed, it must have three finite components'
+    # Plain numbers: arrays of three cost several times as much, and every ray comes through here.
+    ray = np.asarray(ray_xyz, dtype=float).reshape(-1).tolist()
+    if len(ray) != 3 or not all(map(math.isfinite, ray)):
+        text = f'ray {ray} is not allowed, it must have three finite components'
         return Rejection(RejectionReason.INVALID_RAY, text)
-    largest = np.abs(ray).max()
     # Scaled first: the squares of tiny and of huge components would leave the number range.
-    scaled = ray / largest if largest > 0.0 else ray
+    largest = max(map(abs, ray)) or 1.0
+    x, y, z = (component / largest for component in ray)
     if dimension == 2:
-        scaled = scaled * (1.0, 1.0, 0.0)
-    length = np.linalg.norm(scaled)
+        z = 0.0
+    length = math.sqrt(x * x + y * y + z * z)
     if not length > 1e-6:
         part = ' in the horizontal plane' if dimension == 2 else ''
-        text = f'ray {ray.tolist()} has no direction{part}'
+        text = f'ray {ray} has no direction{part}'
         return Rejection(RejectionReason.ZERO_RAY, text)
-    return scaled / length
+    return np.array([x / length, y / length, z / length])

@@ -10,10 +10,12 @@ reason on its input.
 
 from __future__ import annotations
 
+from bisect import insort
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
+from operator import attrgetter
 from typing import TypeAlias
 
 import numpy as np
@@ -59,8 +61,7 @@ class _Input:
 
     def keep(self, reading: DistanceReading | RayReading, most: int) -> None:
         """Add a reading and forget all but the newest `most` of them."""
-        self.readings.append(reading)
-        self.readings.sort(key=lambda kept: kept.stamp_s)
+        insort(self.readings, reading, key=attrgetter('stamp_s'))
         del self.readings[:-most]
 
 
@@ -205,7 +206,10 @@ class MeasurementStore:
 
     def _input(self, key: LinkKey) -> _Input:
         """Return the input of that name, made on first use."""
-        return self._inputs.setdefault(key, _Input())
+        source = self._inputs.get(key)
+        if source is None:
+            source = self._inputs[key] = _Input()
+        return source
 
     def _track(self, robot: str) -> OdometryTrack:
         """Return the odometry of `robot`, made on first use."""

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.constraints.angles import Angles
 from dg_localization.fleet.constraints.constrain import constrain
+from dg_localization.fleet.constraints.triangulation import triangulate
 
 NOW_S = 5.0
 
@@ -40,6 +42,15 @@ def test_a_chirality_needs_a_sign_that_is_certain(second, signs):
     constraints = constrain(localizer.snapshot(NOW_S))
     assert [chirality.sign for chirality in constraints.chiralities] == signs
     assert all(chirality.points == (0, 1, 2) for chirality in constraints.chiralities)
+
+
+def test_the_angle_of_two_rays_has_the_errors_of_both():
+    localizer = make()
+    localizer.add_bearing('a', 'b', ray(0.0), NOW_S, NOW_S)
+    localizer.add_bearing('a', 'c', ray(0.5), NOW_S, NOW_S)
+    angles = constrain(localizer.snapshot(NOW_S)).angles
+    assert angles.low_rad[0] <= 0.3 and angles.low_rad[0] == pytest.approx(0.3)
+    assert angles.high_rad[0] >= 0.7 and angles.high_rad[0] == pytest.approx(0.7)
 
 
 def test_rays_of_one_image_do_not_widen_against_each_other():
@@ -89,6 +100,30 @@ def test_a_robot_that_is_only_seen_is_triangulated():
         assert low > 13.0
     (placement,) = localizer.step(NOW_S).placements
     assert placement.positions_m[2] == pytest.approx([2.0, 2.0 * 3**0.5], abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ('at_a', 'at_b'),
+    [
+        ((1.0, 1.4), (0.4, 0.5)),  # the third angle may be a right one
+        ((0.3, 0.4), (1.4, 1.8)),
+        ((0.5, 0.6), (2.0, 2.4)),
+        ((0.0, 0.3), (0.2, 0.3)),
+    ],
+)
+def test_triangulation_holds_every_triangle(at_a, at_b):
+    corners = np.array([[0, 1, 2], [1, 0, 2]])
+    angles = Angles(corners, *np.array([at_a, at_b]).T)
+    lower, upper = np.zeros((3, 3)), np.full((3, 3), np.inf)
+    np.fill_diagonal(upper, 0.0)
+    lower[0, 1] = lower[1, 0] = upper[0, 1] = upper[1, 0] = 100.0
+    triangulate(lower, upper, angles)
+    for a in np.linspace(*at_a, 41):
+        for b in np.linspace(*at_b, 41):
+            for seen_from, opposite in ((0, b), (1, a)):
+                squared = (10.0 * math.sin(opposite) / math.sin(a + b)) ** 2
+                assert lower[seen_from, 2] <= squared * (1.0 + 1e-12)
+                assert squared * (1.0 - 1e-12) <= upper[seen_from, 2]
 
 
 def test_no_two_robots_are_nearer_than_their_size_but_anchors_may_be():

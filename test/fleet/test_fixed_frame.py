@@ -120,6 +120,17 @@ def test_the_heading_of_the_reference_robot_is_the_x_axis(yaw):
     assert placement.heading_half_width_rad[0] == 0.0
 
 
+def test_a_robot_is_anywhere_that_the_error_of_its_ray_allows():
+    localizer = make_localizer('ab', bearing_half_width_rad=0.1)
+    places = {'a': (0.0, 0.0), 'b': (4.0, 0.0)}
+    add_ranges(localizer, places)
+    add_bearings(localizer, places, 'a', 'b')
+    (placement,) = localizer.step(NOW_S).placements
+    low, high = placement.enclosure_m[1]
+    assert low[1] <= -4.0 * math.sin(0.1) and high[1] >= 4.0 * math.sin(0.1)
+    assert low[0] <= 4.0 * math.cos(0.1)
+
+
 def test_one_ray_of_the_reference_robot_leaves_the_mirror_image_across_it():
     localizer = make_localizer(SQUARE)
     add_ranges(localizer, SQUARE)

@@ -42,3 +42,20 @@ def test_odometry_bounds_a_turn_by_its_error():
     _, half_width_rad = motion_of(*readings, relative_error=0.1).turn('a', 1.0, 3.0)
     assert half_width_rad == pytest.approx(0.2)
     assert half_width_rad > 0.2
+
+
+def test_a_robot_may_move_at_full_speed_before_and_after_its_odometry():
+    readings = [OdometryReading(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (2.0, 3.0)]
+    motion = motion_of(*readings, speed=2.0)
+    assert motion.displacement_m('a', 2.0, 3.0) == pytest.approx(0.0)
+    assert 2.0 <= motion.displacement_m('a', 1.0, 3.0) == pytest.approx(2.0)
+    assert 2.0 <= motion.displacement_m('a', 2.0, 4.0) == pytest.approx(2.0)
+
+
+def test_a_body_that_turns_left_sees_a_fixed_direction_turn_right():
+    c, s = np.cos(0.3), np.sin(0.3)
+    left = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    readings = [OdometryReading(1.0, np.zeros(3), np.eye(3))]
+    readings += [OdometryReading(2.0, np.zeros(3), left)]
+    rotation, _ = motion_of(*readings).turn('a', 1.0, 2.0)
+    assert rotation @ [1.0, 0.0, 0.0] == pytest.approx([c, -s, 0.0])

@@ -3,15 +3,21 @@
 
 """The thread that estimates."""
 
+from concurrent.futures import ThreadPoolExecutor
+import os
 import subprocess
 import sys
-from threading import Event
+from threading import Event, get_native_id
 
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.node.worker import MOST_RESTARTS, EstimateWorker  # noqa: E402
+from dg_localization.ros.node.worker import (  # noqa: E402
+    MOST_RESTARTS,
+    NICENESS,
+    EstimateWorker,
+)
 
 DEADLINE_S = 10.0
 
@@ -38,6 +44,23 @@ def test_answer_is_taken_once_after_the_wake(make_worker):
     assert woken.wait(DEADLINE_S)
     assert worker.take() == 2
     assert worker.take() is None and not worker.busy
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='threads have no priority of their own')
+def test_receiving_comes_before_estimating(make_worker):
+    def niceness():
+        return os.getpriority(os.PRIO_PROCESS, get_native_id())
+
+    def estimate(snapshot, cancel):
+        inner = ThreadPoolExecutor(1)
+        return niceness(), inner.submit(niceness).result()
+
+    woken = Event()
+    worker = make_worker(estimate, woken.set)
+    worker.submit(1)
+    assert woken.wait(DEADLINE_S)
+    lower = min(19, niceness() + NICENESS)
+    assert worker.take() == (lower, lower)
 
 
 def test_defect_comes_out_of_take(make_worker):

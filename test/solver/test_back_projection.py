@@ -167,6 +167,24 @@ def test_a_gap_of_the_height_becomes_a_gap_of_the_sides():
         assert 65.0 - 1e-9 < gap_high <= 65.0
 
 
+def test_a_gap_of_a_pair_is_rounded_inward():
+    """The difference along the axis is short and well known, so that the sum rounds for itself."""
+    along_m = 2.0**-10 + 2.0**-27
+    along_m2 = Fraction(along_m) ** 2
+    known_to_m2 = Fraction(1, 2**60)
+    squared = squared_distances(np.array([[0, 0], [8, 0], [3, 1], [3 + along_m, 2]]))
+    rng = np.random.default_rng(4)
+    for ends in np.sort(rng.uniform(1.0, 2.0, (50, 2))):
+        box = box_of(1.0 * squared, 1.0 * squared)
+        box[:2, 2, 3] = box[:2, 3, 2] = [0.0, 5.0]
+        projected, *rest = project_along_axis(box)
+        projected[:, [2, 3], [3, 2]] = np.array([0.0, 4.0, *ends])[:, None]
+        assert back_project(box, projected, *rest, *AXIS)
+        gap_low, gap_high = map(Fraction, box[2:, 2, 3].tolist())
+        assert gap_low >= Fraction(float(ends[0])) + along_m2 - known_to_m2
+        assert gap_high <= Fraction(float(ends[1])) + along_m2 + known_to_m2
+
+
 def test_a_height_that_no_triangle_has_is_a_proof():
     positions = np.array([[0, 0], [10, 0], [5, 3]])
     squared = squared_distances(positions)

@@ -11,6 +11,7 @@ from dg_localization.solver.box import (
     GAP_UPPER,
     LOWER,
     UPPER,
+    cut_at,
     exclude,
     narrow,
 )
@@ -75,3 +76,14 @@ def test_of_two_gaps_the_wider_is_remembered():
     assert box[:, 0, 1].tolist() == [0.0, 12.0, 4.0, 7.0]
     assert exclude(box, 0, 1, 6.0, 9.0)
     assert box[:, 0, 1].tolist() == [0.0, 12.0, 4.0, 9.0]
+
+
+@LAWS
+@given(boxes(), SORTED)
+def test_the_parts_of_a_cut_box_lose_nothing_but_what_is_between_them(box, ends):
+    low_end, high_start = ends
+    below, above = cut_at(box, (0, 1), low_end, high_start)
+    wanted = members(box) & ~((low_end < PROBES) & (PROBES < high_start))
+    assert not (wanted & ~(members(below) | members(above))).any()
+    assert np.array_equal(below, below.transpose(0, 2, 1))
+    assert np.array_equal(above, above.transpose(0, 2, 1))

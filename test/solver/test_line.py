@@ -3,6 +3,7 @@
 
 """Range reduction on the line (Section 4.2) against brute force over arrangements."""
 
+from fractions import Fraction
 import itertools
 import math
 
@@ -11,7 +12,11 @@ import numpy as np
 import pytest
 from solver_cases import box_of, sign, squared_distances
 
-from dg_localization.solver.contract.line import reduce_line
+from dg_localization.solver.contract.line import (
+    _narrow_to_distances,
+    _set_roots,
+    reduce_line,
+)
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 SAME, FREE, OPPOSITE = -1, 0, 1
@@ -113,6 +118,22 @@ def test_the_two_branches_leave_a_gap():
     assert reduce(box)
     assert np.sqrt(box[:, 0, 2]) == pytest.approx([3.0, 7.0, 3.0, 7.0])
     assert box[0, 0, 2] <= 9.0 <= box[2, 0, 2] < box[3, 0, 2] <= 49.0 <= box[1, 0, 2]
+
+
+def test_gaps_are_rounded_inward_on_the_way_to_the_line_and_on_the_way_back():
+    """An end of a gap belongs to the box: its root, and its square, may not lie in the gap."""
+    rng = np.random.default_rng(3)
+    points = np.arange(2, dtype=np.int64)
+    for ends in np.sort(rng.uniform(0.1, 9.9, (200, 2))):
+        box, distance = np.zeros((4, 2, 2)), np.zeros((4, 2, 2))
+        box[:, [0, 1], [1, 0]] = np.array([0.0, 10.0, *ends])[:, None]
+        _set_roots(box, distance, points)
+        low_m, high_m = map(Fraction, distance[2:, 0, 1].tolist())
+        assert low_m**2 >= Fraction(float(ends[0])) and high_m**2 <= Fraction(float(ends[1]))
+        box[2:] = 0.0
+        assert _narrow_to_distances(box, distance, points)
+        low_m2, high_m2 = map(Fraction, box[2:, 0, 1].tolist())
+        assert low_m2 >= low_m**2 and high_m2 <= high_m**2
 
 
 @pytest.mark.parametrize(('side', 'distance_m'), [(SAME, 3.0), (OPPOSITE, 7.0)])

@@ -91,6 +91,15 @@ def test_a_strip_folds_at_every_shared_edge(length):
     assert len(solve(strip(min(length, 4))).hypotheses) == 2 ** (min(length, 4) - 1)
 
 
+def test_every_arm_of_a_cross_folds_by_itself():
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [4.3, 3.1], [0.2, 3.4]])
+    arms = np.array([[0.3, -3.0], [4.2, -3.3], [8.1, 0.2], [8.3, 3.3], [4.2, 6.4], [0.1, 6.3]])
+    edges = (0, 1, 4, 5), (1, 2, 6, 7), (2, 3, 8, 9)
+    result = solve(known(np.concatenate([corners, arms]), [(0, 1, 2, 3), *edges]))
+    assert len(result.pieces) == 4
+    assert result.n_hypotheses == len(result.hypotheses) == 2 ** len(edges)
+
+
 def test_the_folds_of_a_strip_are_apart_and_each_is_proved():
     result = solve(strip(3, relative_error=0.001))
     assert len(result.hypotheses) == 4

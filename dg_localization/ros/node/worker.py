@@ -5,9 +5,10 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 import os
 import sys
-from threading import Event, Lock, enumerate as running_threads
+from threading import Event, Lock, enumerate as running_threads, get_native_id
 import time
 from typing import Any, Generic, TypeVar
 
@@ -17,6 +18,9 @@ A = TypeVar('A')
 
 THREAD_NAME = 'estimate'
 CLOSE_S = 2.0
+# The solver uses every processor, in threads that inherit the priority of this one. Without this,
+# messages wait for a turn among them and are lost (docs/reliability.md).
+NICENESS = 5
 # A thread cannot be ended from outside. One that never returns costs a processor.
 MOST_RESTARTS = 3
 
@@ -140,7 +144,16 @@ class EstimateWorker(Generic[A]):
 
 
 def _new_pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
+    return ThreadPoolExecutor(1, THREAD_NAME, _step_back)
+
+
+def _step_back() -> None:
+    """Lower the priority of this thread where threads have one, which is on Linux."""
+    if sys.platform == 'linux':
+        thread = get_native_id()
+        niceness = os.getpriority(os.PRIO_PROCESS, thread) + NICENESS
+        with suppress(OSError):  # a container may forbid it
+            os.setpriority(os.PRIO_PROCESS, thread, niceness)
 
 
 def exit_code_despite_worker(code: int) -> int:

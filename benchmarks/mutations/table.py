@@ -1,0 +1,698 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The mutations: where, what is broken by which change, and the tests that should notice."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Mutation(NamedTuple):
+    """
+    One break.
+
+    Attributes
+    ----------
+    path : str
+        The file, from the root of the repository.
+    what : str
+        What is broken, in a few words.
+    old, new : str
+        Text that occurs once in the file, and what takes its place.
+    tests : tuple of str
+        The fastest tests that should notice.
+
+    """
+
+    path: str
+    what: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The file and what is broken."""
+        return f'{self.path}: {self.what}'
+
+
+def _in(
+    package: str, module: str, tests: tuple[str, ...], *breaks: tuple[str, str, str]
+) -> list[Mutation]:
+    """Return the mutations of one file."""
+    path = f'dg_localization/{package}/{module}.py'
+    return [Mutation(path, *parts, tests) for parts in breaks]
+
+
+INTERVAL = [
+    *_in(
+        'interval',
+        'rounding',
+        ('test/interval/test_rounding.py',),
+        (
+            'upper bounds are not rounded up',
+            'return x + (abs(x) * UNIT + TINIEST)',
+            'return x',
+        ),
+        (
+            'the step down forgets the tiniest numbers',
+            'return x - (abs(x) * UNIT + TINIEST)',
+            'return x - abs(x) * UNIT',
+        ),
+        (
+            'an overflow below stays minus infinity as an upper bound',
+            'x = max(x, -LARGEST)\n    ',
+            '',
+        ),
+    ),
+    *_in(
+        'interval',
+        'scalars',
+        ('test/interval/test_scalars.py',),
+        (
+            'the square forgets that zero lies within',
+            'smallest = max(0.0, low, -high)',
+            'smallest = min(abs(low), abs(high))',
+        ),
+        (
+            'the root has no negative branch',
+            'return hull(minus_low, minus_high, plus_low, plus_high)',
+            'return plus_low, plus_high',
+        ),
+        (
+            'a product forgets one corner',
+            '        _times(a_low, b_high),\n',
+            '',
+        ),
+    ),
+    *_in(
+        'interval',
+        'angles',
+        ('test/interval/test_angles.py',),
+        (
+            'the maximum of the cosine within an interval is forgotten',
+            'np.where(top, 1.0, np.minimum(high, 1.0))',
+            'np.minimum(high, 1.0)',
+        ),
+        (
+            'the minimum of the cosine within an interval is forgotten',
+            'np.where(bottom, -1.0, np.maximum(low, -1.0))',
+            'np.maximum(low, -1.0)',
+        ),
+    ),
+    *_in(
+        'interval',
+        'bounds',
+        ('test/interval/test_bounds.py',),
+        (
+            'stamps count as exact',
+            'sum_up(step_up(abs(first_s - second_s)), unit_s)',
+            'abs(first_s - second_s)',
+        ),
+    ),
+]
+
+LINE = ('test/solver/test_line.py', 'test/solver/test_sides.py')
+PROJECTION = ('test/solver/test_projection.py',)
+BACK = ('test/solver/test_back_projection.py',)
+
+CONTRACT = [
+    *_in(
+        'solver',
+        'contract/line',
+        LINE,
+        (
+            'the near branch forgets that either may be the longer one',
+            'near_high = up(max(a_high - b_low, b_high - a_low))',
+            'near_high = up(a_high - b_low)',
+        ),
+        (
+            'the far branch on the line ends too soon',
+            'return near_low, near_high, down(a_low + b_low), up(a_high + b_high)',
+            'return near_low, near_high, down(a_low + b_low), up(a_low + b_high)',
+        ),
+        (
+            'the far branch beyond a gap is forgotten',
+            'last_low, last_high = max(gap_high, far_low), min(high, far_high)',
+            'last_low, last_high = math.inf, -math.inf',
+        ),
+        (
+            'the middle part is only that of the far branch',
+            'middle_low, middle_high = max(gap_high, near_low), min(high, near_high)',
+            'pass',
+        ),
+        (
+            'the ends of a gap are not rounded on the way to the line',
+            'gap_low = sqrt_up(box[GAP_LOWER, i, j])\n'
+            '                gap_high = sqrt_down(box[GAP_UPPER, i, j])',
+            'gap_low = math.sqrt(box[GAP_LOWER, i, j])\n'
+            '                gap_high = math.sqrt(box[GAP_UPPER, i, j])',
+        ),
+        (
+            'the ends of a gap are not rounded on the way back',
+            'gap_low = square_up(distance[GAP_LOWER, i, j])\n'
+            '                gap_high = square_down(distance[GAP_UPPER, i, j])',
+            'gap_low = distance[GAP_LOWER, i, j] ** 2\n'
+            '                gap_high = distance[GAP_UPPER, i, j] ** 2',
+        ),
+        (
+            'same and opposite sides are exchanged',
+            '    if side < 0:\n        return max(0.0, down(j_low - jk_high))',
+            '    if side > 0:\n        return max(0.0, down(j_low - jk_high))',
+        ),
+        (
+            'the wrong branch is dropped by a known side',
+            'elif side > 0:\n            near_low',
+            'elif side < 0:\n            near_low',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/projection',
+        PROJECTION,
+        (
+            'the minimum of the coordinate within the axis is forgotten',
+            'low = sqrt_down(low_difference)\n    else',
+            'low = _coordinate_down(low_difference, d_lower)\n    else',
+        ),
+        (
+            'the maximum of the coordinate at the short axis is forgotten',
+            'high = max(high, _coordinate_up(high_difference, d_lower))',
+            'high = max(high, _coordinate_up(high_difference, d_upper))',
+        ),
+        (
+            'the extremum of the height at a right angle is forgotten',
+            'if right_at_a or right_at_b:',
+            'if right_at_a:',
+        ),
+        (
+            'the height is not concave: one corner is enough',
+            '        for c in (c_lower, c_upper):',
+            '        for c in (c_lower,):',
+        ),
+        (
+            'a difference takes the wrong end of the axis',
+            '(d_lower if high > 0.0 else d_upper)',
+            '(d_upper if high > 0.0 else d_lower)',
+        ),
+        (
+            'the projected distance takes the least part along the axis for its lower bound',
+            'low = max(0.0, down(box[LOWER, i, j] - square_high))',
+            'low = max(0.0, down(box[LOWER, i, j] - square_low))',
+        ),
+        (
+            'a gap is projected without the spread along the axis',
+            'gap_high = down(box[GAP_UPPER, i, j] - square_high)',
+            'gap_high = down(box[GAP_UPPER, i, j] - square_low)',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/back_projection',
+        BACK,
+        (
+            'the minimum of the far distance within the axis is forgotten',
+            'd = min(max(t_upper, d_lower), d_upper)',
+            'd = d_lower',
+        ),
+        (
+            'the axis: between both branches the wrong end of the coordinate',
+            'minus_high = up(t_upper - u_least)',
+            'minus_high = up(t_lower - u_least)',
+        ),
+        (
+            'a coordinate is narrowed by the wrong end of the difference',
+            'down(coordinates[LOWER, i] - high)',
+            'down(coordinates[LOWER, i] - low)',
+        ),
+        (
+            'a gap of the height is carried over without the coordinate',
+            'up(height_gap[0] + square[1])',
+            'up(height_gap[0] + square[0])',
+        ),
+        (
+            'the ends of a gap of a pair are not rounded',
+            'gap_low = up(projected[GAP_LOWER, i, j] + square_high)\n'
+            '        gap_high = down(projected[GAP_UPPER, i, j] + square_low)',
+            'gap_low = projected[GAP_LOWER, i, j] + square_high\n'
+            '        gap_high = projected[GAP_UPPER, i, j] + square_low',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/triangles',
+        ('test/solver/test_smoothing.py',),
+        (
+            'the triangle inequality takes two lower bounds',
+            'down(distance[LOWER, i, j] - distance[UPPER, j, k])',
+            'down(distance[LOWER, i, j] - distance[LOWER, j, k])',
+        ),
+        (
+            'the way through a third point is too short by its lower bound',
+            'through = up(ij_high + distance[UPPER, j, k])',
+            'through = up(ij_high + distance[LOWER, j, k])',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/angles',
+        ('test/solver/test_angles.py',),
+        (
+            'the minimum opposite an angle within an edge is forgotten',
+            'y = min(max(x * high_cosine, sides[free, 0]), sides[free, 1])',
+            'y = sides[free, 0]',
+        ),
+        (
+            'the side at an obtuse angle takes the wrong end',
+            '(d_lower_m if low_cosine > 0.0 else d_upper_m) * low_cosine',
+            '(d_upper_m if low_cosine > 0.0 else d_lower_m) * low_cosine',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/coordinate_boxes',
+        ('test/solver/test_coordinate_boxes.py',),
+        (
+            'the least distance cuts off what lies on the far side',
+            'if left < new_low and new_low < right:',
+            'if new_low < right:',
+        ),
+        (
+            'the other axes contribute nothing to the least distance',
+            'nearest = sqrt_down(down(s_lower_m2 - most))',
+            'nearest = sqrt_down(down(s_lower_m2 - least))',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/linearization',
+        ('test/solver/test_linearization.py',),
+        (
+            'the square of the displacement is left out of the residual',
+            'down(down(box[LOWER, i, j] - at_reference_m2) - high)',
+            'down(box[LOWER, i, j] - at_reference_m2)',
+        ),
+        (
+            'a negative multiplier takes the end of a positive one',
+            'low += min(at_lower, at_upper)',
+            'low += at_lower',
+        ),
+        (
+            'what the combination leaves over is ignored',
+            'return down(low - slack), up(high + slack)',
+            'return low, high',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/chiralities',
+        ('test/solver/test_sides.py', 'test/solver/test_fleet.py'),
+        (
+            'two chiralities of unequal sign count as equal',
+            'if signs[0] * signs[x] > 0:',
+            'if signs[0] * signs[x] < 0:',
+        ),
+    ),
+]
+
+BOX = ('test/solver/test_box.py',)
+SEARCH = ('test/solver/test_branch_and_prune.py',)
+
+SEARCHING = [
+    *_in(
+        'solver',
+        'box',
+        BOX,
+        (
+            'the part above a cut starts at its lower end',
+            'above[LOWER, i, j] = above[LOWER, j, i] = high_start',
+            'above[LOWER, i, j] = above[LOWER, j, i] = high_start + (high_start - low_end)',
+        ),
+        (
+            'two gaps that do not touch are joined',
+            'if gap_low < known_high and known_low < gap_high:',
+            'if True:',
+        ),
+        (
+            'a gap that reaches over the lower end takes the upper one along',
+            'return narrow(box, i, j, gap_high, high) if gap_high > low else True',
+            'return narrow(box, i, j, gap_high, gap_high) if gap_high > low else True',
+        ),
+    ),
+    *_in(
+        'solver',
+        'search/branch_and_prune',
+        SEARCH,
+        (
+            'only the first part of a split is examined',
+            'for part in parts:',
+            'for part in parts[:1]:',
+        ),
+        (
+            'what the budget left open is not reported',
+            'cover.pending = queue.boxes()',
+            'cover.pending = []',
+        ),
+        (
+            'an unfinished box is dropped',
+            '                queue.push(pruned.box)\n                continue',
+            '                continue',
+        ),
+    ),
+    *_in(
+        'solver',
+        'search/tightening',
+        ('test/solver/test_tightening.py',),
+        (
+            'a slice that is not empty is cut off all the same',
+            'new = cut if left is None else float(left[end, *pair])',
+            'new = cut',
+        ),
+        (
+            'of the halves of a slice only one is looked at',
+            'for half in left:\n                rank',
+            'for half in left[:1]:\n                rank',
+        ),
+    ),
+    *_in(
+        'solver',
+        'assemble/links',
+        ('test/solver/test_pieces.py',),
+        (
+            'only one side of a reflection is tried',
+            'EITHER = (Side.SAME, Side.OPPOSITE)',
+            'EITHER = (Side.SAME,)',
+        ),
+    ),
+    *_in(
+        'solver',
+        'assemble/combinations',
+        ('test/solver/test_pieces.py',),
+        (
+            'a piece may not be joined twice with the same hypothesis',
+            'number *= self._number(branch, x)',
+            'number = self._number(branch, x)',
+        ),
+    ),
+]
+
+MODELS = ('test/fleet/test_error_models.py',)
+SOUND = ('test/fleet/test_localizer_soundness.py',)
+
+FLEET = [
+    *_in(
+        'fleet',
+        'error_models',
+        MODELS,
+        (
+            'the bounds of the error are exchanged',
+            'max(0.0, sum_down(range_m, -high_m)), sum_up(range_m, -low_m)',
+            'max(0.0, sum_down(range_m, low_m)), sum_up(range_m, high_m)',
+        ),
+        (
+            'nothing in range proves a distance',
+            'if model.beyond_max_is_far and math.isfinite(maximum):',
+            'if math.isfinite(maximum):',
+        ),
+        (
+            'the reported deviation narrows',
+            'product_down(model.min_error_relative, range_m), -spread_m)',
+            'product_down(model.min_error_relative, range_m), spread_m)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'snapshot',
+        ('test/fleet/test_fleet_inputs.py', 'test/fleet/test_motion.py'),
+        (
+            'lower bounds do not age',
+            'lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))',
+            'lower_m = max(lower_m, reading.lower_m)',
+        ),
+        (
+            'only the observer moves',
+            'return sum_up(first_m, second_m) if first_m or second_m else 0.0',
+            'return first_m',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_motion.py',),
+        (
+            'odometry counts as exact',
+            'product_up(self.relative_error, elapsed_up(start.stamp_s, end.stamp_s)),\n',
+            '0.0,\n',
+        ),
+        (
+            'the time before the first odometry is forgotten',
+            '            elapsed_up(start.stamp_s, first_s),\n',
+            '',
+        ),
+        (
+            'a turn is taken the wrong way round',
+            'return end.rotation.T @ start.rotation, error_rad',
+            'return start.rotation.T @ end.rotation, error_rad',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'constraints/rays',
+        ('test/fleet/test_constraints.py',),
+        (
+            'the turn of a line by a displacement is halved',
+            'return arcsine_up(quotient_up(displacement_m, d_lower_m))',
+            'return 0.5 * arcsine_up(quotient_up(displacement_m, d_lower_m))',
+        ),
+        (
+            'the angle of two rays has the error of one',
+            'np.array([a.half_width_rad + b.half_width_rad for a, b in chosen])',
+            'np.array([a.half_width_rad for a, b in chosen])',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'constraints/triangulation',
+        ('test/fleet/test_constraints.py',),
+        (
+            'the law of sines takes the other angle',
+            'sine_b_low, sine_b_high = sine_bounds(*at_b)',
+            'sine_b_low, sine_b_high = sine_bounds(*at_a)',
+        ),
+        (
+            'the maximum of the sine is forgotten in triangulation',
+            'sine_c_low, sine_c_high = sine_bounds(min(low_sum, math.pi), high_sum)',
+            'sine_c_low, sine_c_high = sorted(map(math.sin, (min(low_sum, math.pi), high_sum)))',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'constraints/chirality',
+        ('test/fleet/test_constraints.py', 'test/fleet/test_spatial_chirality.py'),
+        (
+            'a sign counts although it is in doubt',
+            '(pairs.half_widths_rad < sizes) & (sizes + pairs.half_widths_rad < math.pi)',
+            'pairs.half_widths_rad < sizes',
+        ),
+        (
+            'left and right are exchanged',
+            'sign = 1 if pairs.angles_rad[row] > 0.0 else -1',
+            'sign = -1 if pairs.angles_rad[row] > 0.0 else 1',
+        ),
+        (
+            'in space the error of the third ray is forgotten',
+            '\n        + 2.0 * math.sin(e_w / 2.0) * _greatest_sine(uv, e_u + e_v)',
+            '',
+        ),
+        (
+            'the greatest sine at a right angle is forgotten',
+            'if abs(angle_rad - math.pi / 2) <= half_width_rad:',
+            'if False:',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'constraints/angles',
+        ('test/fleet/test_constraints.py',),
+        (
+            'an angle is at least what was seen',
+            'np.maximum(sizes - widths, 0.0)',
+            'sizes',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'frames/headings',
+        ('test/fleet/test_headings.py',),
+        (
+            'the half width of a heading leaves out one side',
+            'half_width_rad = angle_up(max(yaw - low, high - yaw))',
+            'half_width_rad = angle_up(min(yaw - low, high - yaw))',
+        ),
+        (
+            'the spread of the directions is forgotten in a heading',
+            'widths = angle_up(spreads + np.array([ray.half_width_rad for ray in rays]))',
+            'widths = angle_up(np.array([ray.half_width_rad for ray in rays]))',
+        ),
+        (
+            'in space the lever of two rays is too long',
+            'np.minimum(np.sin(alphas / 2.0), np.cos(alphas / 2.0))',
+            'np.sin(alphas / 2.0)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'frames/enclosure',
+        ('test/fleet/test_fixed_frame.py', *SOUND),
+        (
+            'only one box of a hypothesis is enclosed',
+            'total = enclosure if total is None else total.hull(enclosure)',
+            'total = enclosure',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'frames/registration',
+        ('test/fleet/test_fixed_frame.py',),
+        (
+            'the heading of the frame counts as exact',
+            'rotation_2d(math.atan2(y, x), chosen[0].half_width_rad)',
+            'rotation_2d(math.atan2(y, x), 0.0)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'measurements',
+        ('test/fleet/test_fleet_inputs.py',),
+        (
+            'measurements never become too old',
+            'return -self._config.max_future_s <= now_s - stamp_s <= self._config.max_age_s',
+            'return -self._config.max_future_s <= now_s - stamp_s',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry',
+        ('test/fleet/test_odometry.py',),
+        (
+            'the drift of odometry is halved',
+            'up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles)),',
+            'up(up(error.translation_per_m * lengths) / 2.0'
+            ' + up(error.translation_per_rad * angles)),',
+        ),
+        (
+            'beyond the last sample a robot stands still',
+            'return np.where(beyond, up(limit * reach_s), np.minimum(spans, up(limit * reach_s)))',
+            'return np.minimum(spans, up(limit * reach_s))',
+        ),
+        (
+            'the latency of the odometry is ignored',
+            'reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)',
+            'reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]))',
+        ),
+    ),
+]
+
+CUTS = ('test/pairs/test_cuts.py',)
+NEVER = ('test/pairs/test_pairs_never_lose.py',)
+COVERS = (
+    'test/pairs/test_covers.py::test_a_ring',
+    'test/pairs/test_covers.py::test_contradictory_readings_leave_nothing_unless_one_may_be_wrong',
+    'test/pairs/test_pairs_never_lose.py::test_no_truth_is_lost_among_liars[1]',
+)
+
+PAIRS = [
+    *_in(
+        'pairs',
+        'half_spaces',
+        CUTS,
+        (
+            'the second order of a turn is forgotten',
+            'return half_yaw * half_yaw * (0.5 * max(value, 0.0) + abs(slope) * half_yaw / 6.0)',
+            'return 0.0',
+        ),
+        (
+            'the wrong face of a box is cut',
+            'if slope > 0.0:',
+            'if slope < 0.0:',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'cuts',
+        CUTS,
+        (
+            'the error of the point of B is forgotten',
+            'return _across(row, cx, cy, cz) + _turning(row, bx, by, cz) + drift',
+            'return _across(row, cx, cy, cz)',
+        ),
+        (
+            'the ray of B changes with the yaw the wrong way',
+            'slope = cx * qy - cy * qx',
+            'slope = cy * qx - cx * qy',
+        ),
+        (
+            'the nearest distance is not shortened by the errors',
+            'least = sqrt_down(down(square_down(nearest) - square_up(stray)))',
+            'least = nearest',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'inversion',
+        COVERS,
+        (
+            'one outlier fewer is tolerated than was asked',
+            'if spent > max_outliers:',
+            'if spent >= max_outliers:',
+        ),
+        (
+            'only one half of a box is passed on',
+            'halves = 1 if small or share < LEAST_CUT else 2',
+            'halves = 1',
+        ),
+        (
+            'a cut counts although an outlier may have made it',
+            'box[LOW, axis] = max(box[LOW, axis], tops[LOW, axis, spare])',
+            'box[LOW, axis] = max(box[LOW, axis], tops[LOW, axis, 0])',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'search',
+        NEVER,
+        (
+            'what was not examined is not part of the cover',
+            'return Cover(np.concatenate([kept, rest, generation.boxes]), refined=False)',
+            'return Cover(np.concatenate([kept, generation.boxes]), refined=False)',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'readings',
+        NEVER,
+        (
+            'the turn since a ray was measured does not widen it',
+            'errors = angle_up(up(np.asarray(errors_rad, dtype=float) + half))',
+            'errors = angle_up(np.asarray(errors_rad, dtype=float))',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'heading_kernels',
+        ('test/pairs/test_headings.py',),
+        (
+            'the width of a cell is halved',
+            'box[HIGH, YAW] = up(yaw + up(2.0 * half_cell))',
+            'box[HIGH, YAW] = up(yaw + up(half_cell))',
+        ),
+        (
+            'a turned box does not grow with the angle',
+            'around = half_angle * (half_x + half_y + 0.5 * half_angle * size)',
+            'around = 0.0',
+        ),
+    ),
+]
+
+MUTATIONS = (*INTERVAL, *CONTRACT, *SEARCHING, *FLEET, *PAIRS)
