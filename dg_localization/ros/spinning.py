@@ -68,16 +68,18 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
         rclpy.try_shutdown()
 
 
-def spin(make_node: Callable[[], Node], args: Sequence[str]) -> None:
+def spin(make_node: Callable[[], Node], args: Sequence[str], usage: str) -> None:
     """
-    Make a node and spin it until SIGINT or SIGTERM.
+    Make a node and spin it until SIGINT or SIGTERM, or print how it is used.
 
     Parameters
     ----------
     make_node : callable
         Called without arguments once rclpy is initialized.
     args : sequence of str
-        Command line.
+        Command line: ROS arguments, or ``--help``.
+    usage : str
+        What ``--help`` prints.
 
     Raises
     ------
@@ -85,6 +87,12 @@ def spin(make_node: Callable[[], Node], args: Sequence[str]) -> None:
         If an argument or a parameter is wrong.
 
     """
+    own = own_arguments(args)
+    if {'-h', '--help'}.intersection(own):
+        print(usage)
+        return
+    if own:
+        raise UsageError(f"'{own[0]}' is no argument of this node; {usage}")
     with rclpy_running(args), stop_request() as stop:
         try:
             node = make_node()

@@ -71,3 +71,27 @@ def test_unknown_ros_argument_is_named_by_every_executable(name):
         2,
         "wrong ROS arguments: ['--no-such-argument']\n",
     )
+
+
+@pytest.mark.parametrize('option', ['-h', '--help'])
+@pytest.mark.parametrize(
+    'name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'security_policy']
+)
+def test_every_executable_says_how_it_is_used(name, option):
+    done = run(name, option)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert f'usage: {name} ' in done.stdout
+
+
+def test_help_of_the_simulation_has_every_parameter():
+    from dg_localization.ros.simulation.simulate_fleet import PARAMETERS
+
+    told = run('simulate_fleet', '--help').stdout
+    assert all(f'  {spec.name} ' in told for spec in PARAMETERS)
+
+
+@pytest.mark.parametrize('name', ['localizer', 'simulate_fleet'])
+def test_arguments_that_are_none_of_ros_are_named(name):
+    done = run(name, '--params-file', 'fleet.yaml')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert f"'--params-file' is no argument of this node; usage: {name} --ros-args" in done.stderr

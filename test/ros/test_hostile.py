@@ -100,7 +100,7 @@ def test_callback_that_raises_is_reported_and_the_node_goes_on():
                 os.kill(os.getpid(), signal.SIGINT)
             raise ArithmeticError('no idea')
 
-    spinning.spin(Failing, [])
+    spinning.spin(Failing, [], '')
     assert len(calls) >= 3
 
 

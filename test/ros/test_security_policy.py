@@ -46,15 +46,19 @@ def is_allowed(bench, node):
     return graph['publishes'] == set(access.publishes) and graph['serves'] == set(access.serves)
 
 
+# Nodes of this process that share a name share their entries on the graph.
 @pytest.mark.usefixtures('transform_class')
 @pytest.mark.parametrize(
     ('arguments', 'parameters'),
     [
-        ((), {}),
+        (('-r', '__node:=plain'), {}),
         (('-r', '__ns:=/left', '-r', '__node:=finder'), {}),
-        (('-r', '~/markers:=/seen', '-r', '~/reset:=/start_again'), {}),
-        ((), {'publish_tf': True}),
-        ((), {'use_sim_time': True}),
+        (
+            ('-r', '__node:=remapped', '-r', '~/markers:=/seen', '-r', '~/reset:=/start_again'),
+            {},
+        ),
+        (('-r', '__node:=placer'), {'publish_tf': True}),
+        (('-r', '__node:=simulated'), {'use_sim_time': True}),
     ],
     ids=['plain', 'namespace', 'remapped', 'transforms', 'simulated time'],
 )
@@ -71,6 +75,8 @@ def test_the_node_has_the_topics_and_services_of_its_policy(
 def test_every_input_is_in_the_policy_and_no_other_topic_is(bench, make_node):
     links = ['/uwb sensor_msgs/msg/Range a p', '/tags sensor_msgs/msg/PointCloud2 b']
     node = make_node(
+        '-r',
+        '__node:=listener',
         robots=['a', 'b'],
         anchors__names=['p'],
         anchors__p__position=[0.0, 0.0],

@@ -50,6 +50,7 @@ from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_wo
 from dg_localization.ros.spinning import spin
 from msg_adapters import Diagnostics
 
+USAGE = 'usage: localizer --ros-args --params-file FILE [-p NAME:=VALUE] [-r FROM:=TO]'
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
@@ -392,5 +393,5 @@ def _refuse_use_sim_time(parameters: Sequence[Parameter]) -> SetParametersResult
 
 def main(args: Sequence[str]) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    spin(LocalizerNode, args)
+    spin(LocalizerNode, args, USAGE)
     return exit_code_despite_worker(0)

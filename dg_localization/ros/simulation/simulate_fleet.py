@@ -110,6 +110,15 @@ def simulated_fleet(values: Mapping[str, Any]) -> SimulatedFleet:
     )
 
 
+def usage() -> str:
+    """Return how the executable is used, with its parameters."""
+    rows = '\n'.join(
+        f'  {spec.name:19} {spec.description}, {spec.allowed()} (default {spec.default})'
+        for spec in PARAMETERS
+    )
+    return f'usage: simulate_fleet --ros-args [-p NAME:=VALUE] [-r FROM:=TO]\n{rows}'
+
+
 class FleetSimulator(Node):
     """
     Publishes the measurements and the truth of a simulated fleet.
@@ -190,5 +199,5 @@ def main(args: Sequence[str]) -> int:
         If an argument or a parameter is wrong.
 
     """
-    spin(FleetSimulator, args)
+    spin(FleetSimulator, args, usage())
     return 0

@@ -1,0 +1,195 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Two fleets side by side, each in a namespace, started and looked at as an operator does."""
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from launch_stand_ins import install, launched
+from lifecycle_msgs.srv import ChangeState, GetState
+import pytest
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from dg_localization.ros.interface.parameters.table import TABLE
+
+REPOSITORY = Path(__file__).parents[2]
+FLEETS = {'left': ('true', 1), 'right': ('false', 16)}
+N_ROBOTS = 6
+DEADLINE_S = 120.0
+
+
+class Fleet:
+    """What a launch file starts, in a process group of its own, as a terminal has it."""
+
+    def __init__(self, processes, log):
+        self.processes = []
+        for process in processes:
+            self.processes.append(
+                subprocess.Popen(
+                    [
+                        sys.executable,
+                        '-m',
+                        'dg_localization.ros',
+                        process.executable,
+                        *process.ros_arguments,
+                    ],
+                    cwd=REPOSITORY,
+                    stdout=log.open('a'),
+                    stderr=subprocess.STDOUT,
+                    env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+                    process_group=self.processes[0].pid if self.processes else 0,
+                )
+            )
+        self._log = log
+
+    def interrupt(self):
+        """Press Ctrl-C; return the exit codes and what was printed."""
+        os.killpg(self.processes[0].pid, signal.SIGINT)
+        codes = [process.wait(timeout=20.0) for process in self.processes]
+        return codes, self._log.read_text()
+
+    def end(self):
+        for process in self.processes:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+
+class Heard:
+    """The newest messages of both fleets."""
+
+    def __init__(self, bench):
+        self.poses, self.statuses = {}, {}
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for fleet in FLEETS:
+            bench.node.create_subscription(
+                PoseArray,
+                f'/{fleet}/localizer/feasible_poses',
+                lambda message, fleet=fleet: self.poses.update({fleet: message}),
+                latched,
+            )
+        bench.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message):
+        self.statuses.update({status.name: status for status in message.status})
+
+    def n_hypotheses(self, fleet):
+        message = self.poses.get(fleet)
+        return None if message is None else len(message.poses) // N_ROBOTS
+
+
+@pytest.fixture(scope='module')
+def heard(bench):
+    return Heard(bench)
+
+
+@pytest.fixture(scope='module')
+def fleets(tmp_path_factory):
+    """Start both with the launch file of the simulation."""
+    folder = tmp_path_factory.mktemp('fleets')
+    started = {}
+    with pytest.MonkeyPatch.context() as patch:
+        install(patch)
+        for fleet, (cameras, _) in FLEETS.items():
+            path = REPOSITORY / 'launch/simulation.launch.py'
+            context = launched(path, namespace=fleet, cameras=cameras)
+            started[fleet] = Fleet(context.processes, folder / f'{fleet}.log')
+    yield started
+    for fleet in started.values():
+        fleet.end()
+
+
+@pytest.fixture
+def both_answer(bench, fleets, heard):
+    """Wait until each fleet has the answer of its own sensors."""
+    for fleet, (_, n_hypotheses) in FLEETS.items():
+        bench.until(
+            lambda fleet=fleet, n=n_hypotheses: heard.n_hypotheses(fleet) == n,
+            f'{n_hypotheses} hypotheses of the fleet {fleet}',
+            DEADLINE_S,
+        )
+
+
+@pytest.mark.usefixtures('both_answer')
+def test_each_fleet_hears_itself_alone(bench):
+    for fleet in FLEETS:
+        topics = dict(bench.node.get_subscriber_names_and_types_by_node('localizer', f'/{fleet}'))
+        assert topics and all(topic.startswith(f'/{fleet}/robot_') for topic in topics)
+        published = dict(
+            bench.node.get_publisher_names_and_types_by_node('localizer', f'/{fleet}')
+        )
+        everybodys = {'/diagnostics', '/parameter_events', '/rosout'}
+        assert all(topic.startswith(f'/{fleet}/') for topic in set(published) - everybodys)
+
+
+@pytest.mark.usefixtures('both_answer')
+def test_the_diagnostics_of_both_are_told_apart(bench, heard):
+    for fleet in FLEETS:
+        name = f'{fleet}/localizer: fleet'
+        bench.until(lambda name=name: name in heard.statuses, name)
+        assert f'{fleet}/localizer: robot robot_1' in heard.statuses
+
+
+@pytest.mark.usefixtures('both_answer')
+def test_parameters_can_be_listed_described_read_and_not_set(bench):
+    node = '/left/localizer'
+    listed = bench.call(f'{node}/list_parameters', ListParameters).result.names
+    assert {spec.name for spec in TABLE} <= set(listed)
+    request = DescribeParameters.Request(names=['rate', 'stamp_source'])
+    rate, source = bench.call(
+        f'{node}/describe_parameters', DescribeParameters, request
+    ).descriptors
+    assert (rate.type, rate.read_only) == (ParameterType.PARAMETER_DOUBLE, True)
+    assert rate.description and rate.floating_point_range[0].to_value == 1000.0
+    assert "'header' or 'receive'" in source.additional_constraints
+    read = bench.call(
+        f'{node}/get_parameters', GetParameters, GetParameters.Request(names=['rate'])
+    )
+    assert read.values[0].double_value == 5.0
+    wanted = Parameter('rate', value=1.0).to_parameter_msg()
+    request = SetParameters.Request(parameters=[wanted])
+    (result,) = bench.call(f'{node}/set_parameters', SetParameters, request).results
+    assert not result.successful and 'read-only' in result.reason
+
+
+@pytest.mark.usefixtures('both_answer')
+def test_one_fleet_is_deactivated_and_the_other_goes_on(bench, heard):
+    def transition(label):
+        request = ChangeState.Request()
+        request.transition.label = label
+        return bench.call('/left/localizer/change_state', ChangeState, request).success
+
+    assert transition('deactivate')
+    bench.until(lambda: heard.n_hypotheses('left') == 0, 'an empty answer of the left fleet')
+    heard.poses.pop('right')
+    bench.until(lambda: heard.n_hypotheses('right') == 16, 'a new answer of the right fleet')
+    state = bench.call('/left/localizer/get_state', GetState).current_state.label
+    assert state == 'inactive'
+    assert transition('activate')
+    bench.until(lambda: heard.n_hypotheses('left') == 1, 'an answer of the left fleet again')
+
+
+@pytest.mark.usefixtures('both_answer')
+def test_ctrl_c_ends_one_fleet_without_a_traceback_and_without_old_answers(bench, fleets, heard):
+    codes, printed = fleets['left'].interrupt()
+    assert codes == [0, 0], printed
+    assert 'Traceback' not in printed and 'rror' not in printed
+    bench.until(lambda: heard.n_hypotheses('left') == 0, 'an empty answer of the left fleet')
+    heard.poses.pop('right')
+    bench.until(lambda: heard.n_hypotheses('right') == 16, 'a new answer of the right fleet')
+
+
+def test_remapped_outputs_have_their_new_names_alone(bench, make_node):
+    node = make_node('-r', '~/feasible_poses:=/fleet/poses', '-r', '/diagnostics:=fleet/state')
+    bench.until(lambda: node.count_publishers('/fleet/poses') == 1, 'the topic')
+    assert node.count_publishers('/localizer/feasible_poses') == 0
+    assert node.count_publishers('/fleet/state') == 1
