@@ -247,7 +247,7 @@ class FleetConfig:
         constant_rad=0.02,
     )
     memory_s: float = 30.0
-    memory_max_seconds: float = 0.1
+    memory_max_seconds: float = 0.15
     window_outliers: int = 0
     max_hypotheses: int = 64
     max_outliers: int = 0

@@ -10,6 +10,7 @@ odometry is left out: how far it may have moved soon says nothing.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -64,6 +65,18 @@ class CarriedWindow:
     def pairs(self) -> tuple[Pair, ...]:
         """The pairs that observed anything."""
         return tuple(sorted(self._rows))
+
+    def near_pairs(self, most: int) -> tuple[Pair, ...]:
+        """Return the pairs of each robot and the `most` others that were nearest at last."""
+        robots = [pair for pair in self.pairs if pair[0] != WORLD]
+        robots.sort(key=lambda pair: self._rows[pair][0].observation.upper_m)
+        ranks: Counter[int] = Counter()
+        near = []
+        for pair in robots:
+            if min(ranks[body] for body in pair) < most:
+                near.append(pair)
+            ranks.update(pair)
+        return tuple(near)
 
     @cached_property
     def links(self) -> frozenset[LinkKey]:
