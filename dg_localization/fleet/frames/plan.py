@@ -219,7 +219,7 @@ def _robot_core(
     are chosen only when there are no others. What is left out to resolve a contradiction does not
     count here: the frame should not turn because of it.
     """
-    n_robots, n_points = len(config.robots), len(config.points)
+    n_robots, n_points = len(config.robots), len(config.robots) + len(config.landmarks)
     in_order = [*range(origin + 1, n_robots), *range(origin), *range(n_robots, n_points)]
     shared = set.intersection(*(set(component) for component in components))
     connected = [point for point in in_order if point in shared]
