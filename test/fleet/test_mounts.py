@@ -353,3 +353,29 @@ def exact_poses(cart, ranges, tag_height_m, placement):
         agrees &= squared <= (range_m + 0.05) ** 2 - min(rise**2 for rise in rises)
         agrees &= squared >= (range_m - 0.6) ** 2 - max(rise**2 for rise in rises)
     return np.abs(offset[agrees]).max()
+
+
+@pytest.mark.parametrize('sensor', ['r', 'r/left'])
+def test_what_is_remembered_does_not_contradict_sensors_and_elevations(sensor):
+    """A robot that drives straight ahead, ranged from above for longer than a reading counts."""
+    config = FleetConfig(
+        ['r'],
+        mounts={'r': {'left': (0.4, 0.6)}},
+        anchors={f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])},
+        elevations_m={f'a{k}': (3.0, 3.0) for k in range(3)},
+        max_speed_m_s=0.5,
+        range_error=RangeErrorModel(-0.02, 0.02, 0.0, 0.0),
+    )
+    localizer = Localizer(config)
+    for tick in range(8):
+        now_s = NOW_S + 0.5 * tick
+        position_m = np.array([2.0 + 0.2 * tick, 3.0])
+        localizer.add_odometry('r', [*position_m, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+        place_m = position_m + (config.sensors[sensor].position_m if '/' in sensor else 0.0)
+        for k, anchor in enumerate(ANCHORS[2]):
+            range_m = math.dist((*anchor, 3.0), (*place_m, 0.0))
+            localizer.add_range(sensor, f'a{k}', range_m, now_s, now_s)
+        estimate = localizer.step(now_s)
+        assert estimate.forgotten == ()
+        low, high = estimate.placements[0].enclosure_m[0]
+        assert (low <= position_m).all() and (position_m <= high).all()
