@@ -203,6 +203,7 @@ def mrclam(arguments: argparse.Namespace) -> None:
         robots=tuple(f'r{k}' for k in NUMBERS),
         anchors={name: Anchor(tuple(xy), 0.01) for name, xy in drive.landmarks.items()},
         max_age_s=2.0,
+        memory_s=0.0,
         max_speed_m_s=0.2,
         max_turn_rate_rad_s=0.6,
         odometry_relative_error=0.1,
