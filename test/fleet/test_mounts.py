@@ -379,3 +379,17 @@ def test_what_is_remembered_does_not_contradict_sensors_and_elevations(sensor):
         assert estimate.forgotten == ()
         low, high = estimate.placements[0].enclosure_m[0]
         assert (low <= position_m).all() and (position_m <= high).all()
+
+
+def test_a_robot_that_only_knows_its_own_sensors_is_not_connected():
+    config = FleetConfig(
+        ['alone', 'r', 's'],
+        mounts={'alone': MOUNTS[2], 'r': MOUNTS[2]},
+    )
+    localizer = Localizer(config)
+    localizer.add_range('r/left', 's', 3.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.frame.points == ('r',) and estimate.groups == ()
+    assert 'reference robot alone is not connected' in estimate.frame_doubt
+    assert 'not connected: alone' in estimate.reason
+    assert all(np.isnan(p.positions_m[0]).all() for p in estimate.placements)
