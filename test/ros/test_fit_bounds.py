@@ -111,7 +111,11 @@ def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
     assert 0.045 <= found['bearing']['half_width'] <= 0.051
     assert abs(found['range']['expected_error']) < 0.05
     assert abs(found['bearing']['expected_error']) < 0.01
-    assert 0.0 < found['odometry']['relative_error'] < 0.3
+    odometry = found['odometry']
+    assert 0.0 < odometry['relative_error'] < 0.3
+    # It is simulated with 0.05 per m and per rad, step by step.
+    assert 0.0 < odometry['translation_per_m'] + odometry['constant_translation'] < 0.1
+    assert 0.0 < odometry['rotation_per_rad'] + odometry['constant_rotation'] < 0.1
     assert 'links' not in found
     assert 'all: 5400 readings' in learn.output and '0.0' in learn.output
     assert 'Odometry of robot_1' in learn.output
@@ -123,7 +127,7 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
             message.range += 0.5
         return message
 
-    bag = record(tmp_path / 'bag', change=longer)
+    bag = record(tmp_path / 'bag', change=longer, odometry=True)
     code, found = learn(bag, '--truth', TRUTH)
     assert code == 0
     bounds = tmp_path / 'bounds.yaml'
@@ -136,6 +140,14 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
     assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
     assert fleet.bearing_half_width_of('robot_1', 'robot_2') <= 0.025
     assert len(found['links']) == 9 + 18
+    error, learned = fleet.odometry_error, found['odometry']
+    assert error.translation_per_m == learned['translation_per_m']
+    assert error.rotation_per_rad == learned['rotation_per_rad']
+    assert (error.constant_m, error.constant_rad) == (
+        learned['constant_translation'],
+        learned['constant_rotation'],
+    )
+    assert error.translation_per_rad == error.rotation_per_m == error.latency_s == 0.0
 
 
 def test_the_truth_is_localized_within_the_bounds_that_were_learned(tmp_path, learn):
