@@ -6,10 +6,12 @@ The published point: how far it is from the truth, as any placement and as the b
 
     python -m benchmarks.points mrclam [--every 5] [--excerpt excerpt_D7_t200_440]
     python -m benchmarks.points tiers [--every 20]
+    python -m benchmarks.points lias
 
 MRCLAM (UTIAS, Leung et al., IJRR 30(8), 2011): five robots with cameras, the landmarks as anchors,
 readings of the last two seconds. TIERS: four robots that range by ultra-wideband, one epoch at a
-time; their shape is laid on the true one, as its mirror image where that fits better.
+time; their shape is laid on the true one, as its mirror image where that fits better. LIAS: three
+tags on a trolley among eight anchors.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ import argparse
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 import csv
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+import json
 import math
 from pathlib import Path
 import time
@@ -200,6 +203,7 @@ def mrclam(arguments: argparse.Namespace) -> None:
         robots=tuple(f'r{k}' for k in NUMBERS),
         anchors={name: Anchor(tuple(xy), 0.01) for name, xy in drive.landmarks.items()},
         max_age_s=2.0,
+        memory_s=0.0,
         max_speed_m_s=0.2,
         max_turn_rate_rad_s=0.6,
         odometry_relative_error=0.1,
@@ -293,17 +297,74 @@ def _fitted(positions_m: FloatArray, true_m: FloatArray) -> FloatArray:
     return min(offs, key=lambda off: float(off.sum()))
 
 
+def lias(arguments: argparse.Namespace) -> None:
+    """Print the figures of three tags on a trolley among eight anchors."""
+    folder = arguments.data / 'lias_uwb'
+    cart = json.loads((folder / 'geometry.json').read_text())['14']
+    anchors = {f'a{k}': place for k, place in enumerate(cart['anchors'])}
+    config = FleetConfig(
+        robots=('cart',),
+        mounts={'cart': {f't{k}': tuple(tag[:2]) for k, tag in enumerate(cart['tags'])}},
+        anchors={name: Anchor(tuple(place[:2])) for name, place in anchors.items()},
+        elevations_m={
+            'cart': (0.96, 0.985),
+            **{name: (place[2], place[2]) for name, place in anchors.items()},
+        },
+        range_error=RangeErrorModel(-0.05, 0.6, 0.0, 0.0),
+        solver=SolverOptions(resolution=0.02),
+    )
+    print(
+        '| readings of each pair | answers | pose inside | enclosure (m) | point off by (m) '
+        '| heading bound (rad) | heading off by (rad) | ms |\n|---|---|---|---|---|---|---|---|'
+    )
+    for readings in (1, 8):
+        rows = [
+            _trolley(Localizer(replace(config, max_repeats=readings)), cart, path, readings)
+            for path in sorted(folder.glob('UWB_static_*.csv'))
+        ]
+        inside, *others = np.array(rows).T
+        width, off, bound, turn, seconds = (float(np.median(values)) for values in others)
+        print(
+            f'| {readings} | {len(rows)} | {int(inside.sum())} | {width:.2f} | {off:.2f} | '
+            f'{bound:.2f} | {turn:.2f} | {1e3 * seconds:.0f} |'
+        )
+
+
+def _trolley(
+    localizer: Localizer, cart: dict[str, Any], path: Path, readings: int
+) -> tuple[float, ...]:
+    """Return whether the pose is inside, widths, errors and the time of an answer."""
+    *_, site, _, turn_deg = path.stem.split('_')
+    yaw_deg, x, y = cart['poses_yawdeg_x_y'][site[-1]][int(turn_deg) // 60]
+    with path.open() as file:
+        rows = [row[1:25] for row, _ in zip(csv.reader(file), range(readings), strict=False)]
+    for number, text in enumerate(value for row in rows for value in row):
+        anchor, tag = divmod(number % 24, 3)
+        if text:
+            localizer.add_range(f'cart/t{tag}', f'a{anchor}', float(text), 1.0, 1.0)
+    begin = time.perf_counter()
+    (placement,) = localizer.step(1.0).placements
+    seconds = time.perf_counter() - begin
+    low, high = placement.enclosure_m[0]
+    z, w = placement.orientations_xyzw[0, 2:]
+    turn = abs(math.remainder(2.0 * math.atan2(z, w) - math.radians(yaw_deg), 2.0 * math.pi))
+    half_width = float(placement.heading_half_width_rad[0])
+    inside = bool((low <= [x, y]).all() and ([x, y] <= high).all()) and turn <= half_width
+    off_m = float(np.linalg.norm(placement.positions_m[0] - [x, y]))
+    return float(inside), float((high - low).max()), off_m, half_width, turn, seconds
+
+
 def main() -> None:
     """Read the command line and print the table."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.points', description=__doc__)
-    parser.add_argument('recording', choices=('mrclam', 'tiers'))
+    parser.add_argument('recording', choices=('mrclam', 'tiers', 'lias'))
     parser.add_argument('--data', type=Path, default=Path('../shared/data'))
     parser.add_argument('--excerpt', default='excerpt_D7_t200_440')
     parser.add_argument('--every', type=float, default=5.0)
     parser.add_argument('--expected-error', type=float)
     arguments = parser.parse_args()
     warm_up()
-    {'mrclam': mrclam, 'tiers': tiers}[arguments.recording](arguments)
+    {'mrclam': mrclam, 'tiers': tiers, 'lias': lias}[arguments.recording](arguments)
 
 
 if __name__ == '__main__':

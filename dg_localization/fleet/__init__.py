@@ -8,16 +8,12 @@ The fleet room: from measurements to every placement that agrees with them, free
 at one time, an `Estimate` is the answer to it.
 """
 
-from dg_localization.fleet.config import (
-    Anchor,
-    ConfigError,
-    FleetConfig,
-    LinkOverride,
-    RangeErrorModel,
-)
+from dg_localization.fleet.checks import ConfigError
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.sensors import Anchor, LinkOverride, Mount, RangeErrorModel
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import (
     Conflict,
@@ -47,6 +43,7 @@ __all__ = [
     'LinkOverride',
     'LinkState',
     'Localizer',
+    'Mount',
     'OdometryErrorModel',
     'Placement',
     'RangeErrorModel',

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a fleet is and how wrong its sensors may be: the validated settings of the fleet room.
+What a fleet is: the validated settings of the fleet room.
 
-Every dataclass here is frozen and checks itself when made. A wrong value raises `ConfigError`,
-whose message names the field, the value, and what would be right.
+The dataclass is frozen and checks itself when made. A wrong value raises `ConfigError`, whose
+message names the field, the value, and what would be right.
 """
 
 from __future__ import annotations
@@ -18,138 +18,15 @@ from types import MappingProxyType
 
 from dg_localization.fleet.checks import ConfigError, require_integer, require_number
 from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.sensors import (
+    Anchor,
+    LinkOverride,
+    Mount,
+    RangeErrorModel,
+    check_elevations,
+    check_mounts,
+)
 from dg_localization.solver.options import SolverOptions
-
-
-@dataclass(frozen=True)
-class RangeErrorModel:
-    """
-    Bounds of the error of a range, which is the reading minus the true distance.
-
-    A reading r means a true distance in ``[r - high, r - low]`` with
-    ``high = max_error_m + max_error_relative * r + sigma_factor * sigma`` and
-    ``low = min_error_m + min_error_relative * r - sigma_factor * sigma``, where sigma is the
-    standard deviation the measurement came with (zero when it came with none). Ultra-wideband
-    reads too long far more often than too short, so `max_error_m` is usually the larger one. A
-    reading in single precision, as in ``sensor_msgs/Range``, is off by another 6e-8 of it.
-
-    Parameters
-    ----------
-    min_error_m, max_error_m : float
-        Least and greatest error in m, whatever the distance.
-    min_error_relative, max_error_relative : float
-        Least and greatest error as a fraction of the reading.
-    sigma_factor : float
-        How many standard deviations to add on both sides; 0 ignores reported variances.
-    beyond_max_is_far : bool
-        Whether a reading of +inf (REP-117: nothing within ``max_range``) proves that the target
-        is farther than ``max_range``. It does not when readings simply get lost.
-    expected_error_m : float, optional
-        The likeliest error in m, for the best point; None where it is not known.
-
-    Raises
-    ------
-    ConfigError
-        If a number is not finite or a minimum exceeds its maximum.
-
-    """
-
-    min_error_m: float = 0.0
-    max_error_m: float = 0.0
-    min_error_relative: float = -0.03
-    max_error_relative: float = 0.03
-    sigma_factor: float = 0.0
-    beyond_max_is_far: bool = False
-    expected_error_m: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
-            require_number(f'range.{name}', getattr(self, name))
-        require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
-        if self.expected_error_m is not None:
-            require_number('range.expected_error_m', self.expected_error_m)
-        for low, high in (
-            ('min_error_m', 'max_error_m'),
-            ('min_error_relative', 'max_error_relative'),
-        ):
-            if getattr(self, low) > getattr(self, high):
-                raise ConfigError(
-                    f'range.{low}: {getattr(self, low)!r} is not allowed, it must be at most '
-                    f'range.{high}, which is {getattr(self, high)!r}'
-                )
-        if self.max_error_relative >= 1.0:
-            raise ConfigError(
-                f'range.max_error_relative: {self.max_error_relative!r} is not allowed, it must '
-                'be below 1: the error is a fraction of the reading'
-            )
-
-
-@dataclass(frozen=True)
-class LinkOverride:
-    """
-    Error bounds of one link that differ from those of the fleet.
-
-    Parameters
-    ----------
-    observer, target : str
-        Who measures whom, as in the names of the measurements.
-    range_error : RangeErrorModel, optional
-        Replaces the model of the fleet for ranges of this link.
-    bearing_half_width_rad : float, optional
-        Replaces the half width of the fleet for bearings of this link.
-    bearing_expected_error_rad : float, optional
-        Replaces the likeliest error of the fleet for bearings of this link.
-
-    Raises
-    ------
-    ConfigError
-        If the half width is negative, above pi or not finite.
-
-    """
-
-    observer: str
-    target: str
-    range_error: RangeErrorModel | None = None
-    bearing_half_width_rad: float | None = None
-    bearing_expected_error_rad: float | None = None
-
-    def __post_init__(self) -> None:
-        name = f'links[{self.observer}->{self.target}]'
-        for part, least in (('half_width', 0.0), ('expected_error', -math.pi)):
-            value = getattr(self, f'bearing_{part}_rad')
-            if value is not None:
-                require_number(
-                    f'{name}.bearing_{part}_rad', value, at_least=least, at_most=math.pi
-                )
-
-
-@dataclass(frozen=True)
-class Anchor:
-    """
-    A point whose coordinates are known.
-
-    Parameters
-    ----------
-    coordinates_m : tuple of float, length q
-        Where it is, in the fixed frame.
-    bound_m : float
-        How far the true point may be from there, in m.
-
-    Raises
-    ------
-    ConfigError
-        If a coordinate is not finite or the bound is negative.
-
-    """
-
-    coordinates_m: tuple[float, ...]
-    bound_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        for value in self.coordinates_m:
-            require_number('anchor.coordinates_m', value)
-        object.__setattr__(self, 'coordinates_m', tuple(float(v) for v in self.coordinates_m))
-        require_number('anchor.bound_m', self.bound_m, at_least=0.0)
 
 
 @dataclass(frozen=True)
@@ -183,6 +60,12 @@ class FleetConfig:
     anchors : mapping of str to Anchor
         Points of known coordinates. A name that is also in `robots` is a parked robot, any other
         is a landmark. Anchors do not move.
+    mounts : mapping of str to mapping of str to Mount
+        The sensors of each robot by their names, a `Mount` or its position alone. The sensor
+        ``left`` of ``r1`` is the point ``r1/left``; ``r1`` itself is the origin of its body frame.
+    elevations_m : mapping of str to tuple of float
+        Least and greatest elevation of points in the plane, whose ranges are then those between
+        their projections. A sensor without one has that of its robot; what is not named is at 0.
     max_speed_m_s : float
         No robot moves faster. It determines how much the bounds of an old measurement widen.
     robot_max_speed_m_s : mapping of str to float
@@ -234,6 +117,8 @@ class FleetConfig:
     bearing_expected_error_rad: float = 0.0
     links: tuple[LinkOverride, ...] = ()
     anchors: Mapping[str, Anchor] = field(default_factory=dict)
+    mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]] = field(default_factory=dict)
+    elevations_m: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     max_speed_m_s: float = 1.0
     robot_max_speed_m_s: Mapping[str, float] = field(default_factory=dict)
     max_turn_rate_rad_s: float = 1.0
@@ -247,7 +132,7 @@ class FleetConfig:
         constant_rad=0.02,
     )
     memory_s: float = 30.0
-    memory_max_seconds: float = 0.1
+    memory_max_seconds: float = 0.15
     window_outliers: int = 0
     max_hypotheses: int = 64
     max_outliers: int = 0
@@ -259,12 +144,16 @@ class FleetConfig:
         object.__setattr__(self, 'robots', tuple(self.robots))
         object.__setattr__(self, 'links', tuple(self.links))
         object.__setattr__(self, 'anchors', MappingProxyType(dict(self.anchors)))
+        object.__setattr__(self, 'mounts', MappingProxyType(dict(self.mounts)))
+        object.__setattr__(self, 'elevations_m', MappingProxyType(dict(self.elevations_m)))
         object.__setattr__(
             self, 'robot_max_speed_m_s', MappingProxyType(dict(self.robot_max_speed_m_s))
         )
+        check_mounts(self.mounts, self.robots, self.dimension)
         self._check_names()
         self._check_numbers()
         self._check_anchors()
+        check_elevations(self.elevations_m, self.points, self.dimension)
 
     def _check_names(self) -> None:
         """Raise `ConfigError` on a repeated, missing or unknown name."""
@@ -346,16 +235,35 @@ class FleetConfig:
         """Names of the anchors that are not robots, in their given order."""
         return tuple(name for name in self.anchors if name not in self.robots)
 
-    @property
+    @cached_property
     def points(self) -> tuple[str, ...]:
-        """Names of all points of the problem: the robots, then the landmarks."""
-        return self.robots + self.landmarks
+        """Names of all points of the problem: the robots, the landmarks, and the sensors."""
+        return (*self.robots, *self.landmarks, *self.sensors)
 
-    def speed_m_s(self, point: str) -> float:
-        """Return the greatest speed of `point` in m/s; an anchor has none."""
-        if point in self.anchors:
+    @cached_property
+    def sensors(self) -> dict[str, Mount]:
+        """The sensors of all robots by the names of their points."""
+        return {
+            f'{robot}/{name}': mount if isinstance(mount, Mount) else Mount(mount)
+            for robot, mounts in self.mounts.items()
+            for name, mount in mounts.items()
+        }
+
+    def robot_of(self, point: str) -> str:
+        """Return the robot that a sensor is mounted on, and any other point itself."""
+        return point.rpartition('/')[0] if point in self.sensors else point
+
+    def elevation_m(self, point: str) -> tuple[float, float]:
+        """Return the least and the greatest elevation of a point in the plane."""
+        of_robot = self.elevations_m.get(self.robot_of(point), (0.0, 0.0))
+        low_m, high_m = self.elevations_m.get(point, of_robot)
+        return low_m, high_m
+
+    def speed_m_s(self, robot: str) -> float:
+        """Return the greatest speed of a robot in m/s; an anchor has none."""
+        if robot in self.anchors:
             return 0.0
-        return float(self.robot_max_speed_m_s.get(point, self.max_speed_m_s))
+        return float(self.robot_max_speed_m_s.get(robot, self.max_speed_m_s))
 
     @cached_property
     def _overrides(self) -> dict[tuple[str, str], LinkOverride]:

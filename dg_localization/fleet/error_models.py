@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.config import RangeErrorModel
+from dg_localization.fleet.sensors import RangeErrorModel
 from dg_localization.fleet.vocabulary import Rejection, RejectionReason
 from dg_localization.interval.bounds import product_down, product_up, sqrt_up, sum_down, sum_up
 

@@ -140,7 +140,7 @@ def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
     joining = []
     for group in found.groups:
         n_group = len(group.robots)
-        n_others = len(config.points) - n_group
+        n_others = len(config.robots) + len(config.landmarks) - n_group
         missing = missing_ranges(n_group, n_others, 0, config.dimension)
         names = ', '.join(group.robots)
         joining.append(f'{missing} ranges to other robots would join {names} to the rest')

@@ -15,6 +15,7 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import Estimate, FixedFrame
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
+from dg_localization.fleet.mounts import mount_geometry
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, Rejection
 from dg_localization.fleet.window.follow import Follower
@@ -41,6 +42,7 @@ class Localizer:
         self._config = config
         self._store = MeasurementStore(config)
         self._anchors = anchor_geometry(config)
+        self._mounts = mount_geometry(config)
         self._frame: FixedFrame | None = None
         self._follower = Follower()
 
@@ -183,7 +185,9 @@ class Localizer:
     def snapshot(self, now_s: float) -> Snapshot:
         """Return what the measurements say at `now_s`; later ones do not change it."""
         forgotten = self._follower.forgotten
-        return take_snapshot(self._store, self._config, self._anchors, float(now_s), forgotten)
+        return take_snapshot(
+            self._store, self._config, self._anchors, self._mounts, float(now_s), forgotten
+        )
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
         """

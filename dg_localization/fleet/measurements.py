@@ -116,7 +116,9 @@ class MeasurementStore:
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        direction = interpret_ray(ray_xyz, self._config.dimension)
+        direction = interpret_ray(
+            self._in_body_frame(key.observer, ray_xyz), self._config.dimension
+        )
         if isinstance(direction, Rejection):
             return self._reject(key, direction)
         half_width_rad = self._config.bearing_half_width_of(key.observer, key.target)
@@ -132,7 +134,7 @@ class MeasurementStore:
         now_s: float,
     ) -> Rejection | None:
         """Accept an odometry pose, or return why not."""
-        rejection = self._check_names(key.observer) or self._check_stamp(stamp_s, now_s)
+        rejection = self._check_robot(key.observer) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
         position = np.asarray(position_xyz, dtype=float).reshape(-1)
@@ -200,6 +202,15 @@ class MeasurementStore:
             for key, source in sorted(self._inputs.items())
         ]
 
+    def _in_body_frame(self, observer: str, ray_xyz: ArrayLike) -> ArrayLike:
+        """Return a ray in the frame of the robot that the observer is mounted on."""
+        mount = self._config.sensors.get(observer)
+        ray = np.asarray(ray_xyz, dtype=float).reshape(-1)
+        if mount is None or len(ray) != 3:
+            return ray
+        quaternion = np.array(mount.rotation_xyzw)
+        return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray
+
     def _is_young(self, stamp_s: float, now_s: float) -> bool:
         """Return whether a measurement of that time counts at `now_s`."""
         return -self._config.max_future_s <= now_s - stamp_s <= self._config.max_age_s
@@ -245,6 +256,13 @@ class MeasurementStore:
                 text = f'{name!r} is not one of the robots and anchors {sorted(self._points)}'
                 return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
         return None
+
+    def _check_robot(self, name: str) -> Rejection | None:
+        """Return a rejection when a name is not that of a robot or anchor."""
+        if name in self._config.sensors:
+            text = f'{name!r} is a sensor, and odometry is that of a robot'
+            return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
+        return self._check_names(name)
 
     def _check_link(self, key: LinkKey) -> Rejection | None:
         """Return a rejection when a link does not join two points of the fleet."""

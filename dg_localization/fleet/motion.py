@@ -164,6 +164,11 @@ class Motion:
                 return end.rotation.T @ start.rotation, error_rad
         return np.eye(3), by_rate_rad
 
+    def turn_up_rad(self, point: str, first_s: float, second_s: float) -> float:
+        """Return an upper bound of the angle by which `point` turned between two times."""
+        rotation, half_width_rad = self.turn(point, first_s, second_s)
+        return angle_up(sum_up(angle_up(rotation_angle_rad(rotation)), half_width_rad))
+
     def _unknown_up_s(
         self, start: OdometryReading, end: OdometryReading, first_s: float, second_s: float
     ) -> float:

@@ -20,9 +20,10 @@ from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.motion import Motion
+from dg_localization.fleet.mounts import NO_MOUNTS, MountGeometry
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
 from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Window
-from dg_localization.interval.bounds import sum_down, sum_up
+from dg_localization.interval.bounds import product_up, sum_down, sum_up
 
 LEAST_HALF_WIDTH_M = 1e-6
 """A reading without error must not outweigh all others beyond the digits of a number."""
@@ -50,6 +51,7 @@ class Snapshot:
         Every range and bearing link that has ever delivered.
     window : Window
         What is remembered of the last `memory_s`.
+    mounts : MountGeometry
 
     """
 
@@ -61,6 +63,7 @@ class Snapshot:
     anchors: AnchorGeometry
     links: tuple[LinkState, ...]
     window: Window = NO_WINDOW
+    mounts: MountGeometry = NO_MOUNTS
 
     @property
     def keys(self) -> tuple[LinkKey, ...]:
@@ -72,20 +75,29 @@ def take_snapshot(
     store: MeasurementStore,
     config: FleetConfig,
     anchors: AnchorGeometry,
+    mounts: MountGeometry,
     now_s: float,
     forgotten: Mapping[Ends, float],
 ) -> Snapshot:
     """Return what the measurements of `store` say at `now_s`; see `Memory.view`."""
+    odometry = store.odometry_readings()
+    robot_of = {point: config.robot_of(point) for point in config.points}
     motion = Motion(
-        max_speed_m_s={point: config.speed_m_s(point) for point in config.points},
+        max_speed_m_s={point: config.speed_m_s(robot) for point, robot in robot_of.items()},
         max_turn_rate_rad_s=config.max_turn_rate_rad_s,
         relative_error=config.odometry_relative_error,
-        odometry=store.odometry_readings(),
+        odometry={
+            point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
+        },
     )
 
     @cache
     def displacement_m(point: str, stamp_s: float) -> float:
-        return motion.displacement_m(point, stamp_s, now_s)
+        origin_m = motion.displacement_m(point, stamp_s, now_s)
+        if point not in mounts.reach_m or robot_of[point] in config.anchors:
+            return origin_m
+        turn_rad = motion.turn_up_rad(point, stamp_s, now_s)
+        return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
 
     distances, rays, links = [], [], []
     for key, readings in store.young_readings(now_s).items():
@@ -110,6 +122,7 @@ def take_snapshot(
         anchors,
         tuple(links),
         store.memory.view(now_s, forgotten),
+        mounts,
     )
 
 

@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.config import Anchor, FleetConfig
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.localizer import Localizer
+from dg_localization.fleet.sensors import Anchor
 from dg_localization.interval.kernels import COMPILED, compile_progress, why_not_kept, why_slow
 from dg_localization.solver.solve import load_kernels
 
@@ -33,6 +34,7 @@ def warm_up() -> None:
         _estimate_small_fleet(dimension)
     for anchors in ({}, {'a': Anchor((0.0, 0.0)), 'b': Anchor((3.0, 0.0))}):
         _estimate_moving_fleet(anchors)
+    _estimate_robot_with_sensors()
 
 
 def warm_up_status() -> str:
@@ -87,6 +89,19 @@ def _estimate_moving_fleet(anchors: Mapping[str, Anchor]) -> None:
         localizer.add_range(*robots, 1.0, now_s, now_s)
         localizer.add_bearing(*robots, (1.0, 0.0, 0.0), now_s, now_s)
         localizer.step(now_s)
+
+
+def _estimate_robot_with_sensors() -> None:
+    """Estimate a robot whose heading follows from its sensors."""
+    places = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
+    mounts = {'left': (0.0, 0.5), 'right': (0.0, -0.5)}
+    anchors = {name: Anchor(place) for name, place in places.items()}
+    localizer = Localizer(FleetConfig(robots=('r',), anchors=anchors, mounts={'r': mounts}))
+    for sensor, (x, y) in mounts.items():
+        for name, place in places.items():
+            range_m = math.dist(place, (x + 2.0, y + 2.0))
+            localizer.add_range(f'r/{sensor}', name, range_m, STAMP_S, STAMP_S)
+    localizer.step(STAMP_S)
 
 
 def _two_simplices_m(dimension: int) -> np.ndarray:

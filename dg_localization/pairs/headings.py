@@ -201,7 +201,7 @@ class _Search:
         self.upper_m = np.array(upper_m, dtype=float)
         self._options, self._known, self._stopped = options, known, stopped
         self.allowed = self._known_cells(COARSEST)
-        self._readings = {pair: part.table() for pair, part in readings.items()}
+        self._readings = {pair: part.table for pair, part in readings.items()}
         shape = (COARSEST, COARSEST)
         self._tables = {pair: np.ones(shape, bool) for pair in readings}
 

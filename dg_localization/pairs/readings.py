@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from typing import Self
 
@@ -223,8 +224,9 @@ class PairReadings:
             bounds('height_m'),
         )
 
+    @cached_property
     def table(self) -> np.ndarray:
-        """Return the readings as the kernels want them, shape (m, COLUMNS)."""
+        """The readings as the kernels want them, shape (m, COLUMNS)."""
         table = np.zeros((len(self), cuts.COLUMNS))
         radii = []
         for points, middle, error in (

@@ -101,7 +101,7 @@ def cover_poses(
 
     """
     options = options or PairOptions()
-    table = readings.table()
+    table = readings.table
     boxes = _start_boxes(table, options.max_outliers, height_m) if within is None else within.boxes
     if not np.all(np.isfinite(boxes)):
         return Cover(boxes, refined=False)

@@ -86,6 +86,10 @@ class Hypothesis:
     proved: bool
     flexible: bool
 
+    def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
+        """Return the bounds in m^2 of the squared distance of two points, by their rows."""
+        return float(self.lower[first, second]), float(self.upper[first, second])
+
     def bounds_among(
         self, points: Sequence[int]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

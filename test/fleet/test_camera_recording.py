@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from dg_localization import SolverOptions
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
 
 NUMBERS = range(1, 6)
 # Measurement stamps of this recording are late by about this much.
@@ -109,3 +115,46 @@ def test_the_surveyed_truth_is_in_a_placement_at_every_tick(shared, excerpt):
         estimate = localizer.step(now_s)
         assert estimate.frame.kind == 'anchors'
         assert any(holds(p, recording.poses_at(now_s)) for p in estimate.placements), now_s
+
+
+COMMANDED = OdometryErrorModel(
+    translation_per_m=0.1, rotation_per_rad=0.2, constant_m=0.04, constant_rad=0.12
+)
+
+
+@pytest.mark.parametrize(('window_outliers', 'width_m'), [(0, 4.5), (5, 6.0)])
+@pytest.mark.filterwarnings('ignore:loadtxt')
+def test_four_minutes_of_memory_bound_every_robot(shared, window_outliers, width_m):
+    recording = Recording(shared / 'data/mrclam/excerpt_D7_t200_440')
+    config = FleetConfig(
+        robots=[f'r{k}' for k in NUMBERS],
+        anchors={name: Anchor(xy, 0.01) for name, xy in recording.landmarks.items()},
+        max_age_s=2.0,
+        max_speed_m_s=0.3,
+        odometry_error=COMMANDED,
+        memory_s=60.0,
+        memory_max_seconds=math.inf,
+        window_outliers=window_outliers,
+        max_outliers=1,
+        range_error=RANGES,
+        bearing_half_width_rad=0.12,
+        solver=SolverOptions(resolution=0.1, max_boxes=200),
+    )
+    localizer = Localizer(config)
+    start_s = recording.events[0][0]
+    ticks = start_s + np.array([40.0, 70.0, 100.0, 130.0])
+    events = iter(recording.events)
+    widths = []
+    for now_s in ticks:
+        for event in events:
+            feed(localizer, event)
+            if event[0] > now_s:
+                break
+        estimate = localizer.step(now_s)
+        # Some readings are gross errors.
+        inside = any(holds(p, recording.poses_at(now_s)) for p in estimate.placements)
+        assert inside or not window_outliers, now_s
+        widths.append(np.ptp(estimate.placements[0].enclosure_m, axis=1).max(axis=1))
+        assert estimate.placements[0].heading_known.sum() >= 4
+    assert np.isfinite(widths).all()
+    assert np.median(widths) < width_m

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip('numba', reason='numba is not installed')
 
 CODE = """
+import math
 import sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -47,6 +48,15 @@ for step in range(10):
             localizer.add_range(robot, anchor, 3.0 + 0.2 * i + 0.1 * k, now_s, now_s)
             localizer.add_bearing(robot, anchor, [1.0, 0.1 * k, 0.0], now_s, now_s)
     localizer.step(now_s)
+places = {'a': (0.0, 0.0), 'b': (4.0, 0.0), 'c': (0.0, 4.0)}
+mounts = {'left': (0.0, 0.3), 'right': (0.3, 0.0)}
+anchors = {name: Anchor(place) for name, place in places.items()}
+localizer = Localizer(FleetConfig(['r'], anchors=anchors, mounts={'r': mounts}))
+for sensor, (x, y) in mounts.items():
+    for name, place in places.items():
+        range_m = math.dist(place, (2.0 + x, 2.0 + y))
+        localizer.add_range(f'r/{sensor}', name, range_m, 1.0, 1.0)
+assert localizer.step(1.0).placements
 assert before and compiled() == before, (before, compiled())
 """
 

@@ -74,7 +74,7 @@ def test_no_pose_that_agrees_is_cut_off(kind):
         # Near a pose with the two points not far from each other.
         middle = np.append(a[0] - b[0], 0.0) + rng.normal(size=4) * 3.0 * [1, 1, space, 1]
         box = np.array([middle - size, middle + size])
-        state, faces = cut(box, readings.table()[0])
+        state, faces = cut(box, readings.table[0])
         where = rng.uniform(-1.0, 1.0, (SAMPLES, 4))
         where = np.where(rng.random(where.shape) < 0.3, np.sign(where), where)
         poses = middle + where * size

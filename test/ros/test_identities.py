@@ -158,6 +158,18 @@ def test_more_readings_of_robots_than_the_fleet_can_need_are_refused(localizer, 
     assert counts(localizer) == {}
 
 
+def test_message_that_cannot_be_read_is_not_taken_in_part(localizer, intake, text_messages):
+    def read(message):
+        nonsense = np.array([3.0, 'far'], dtype=object)
+        rays = np.array([[math.nan] * 3, [1.0, 0.0, 0.0]])
+        return IdentifiedReading(NOW_S, '7', ('8', 'c'), nonsense, rays)
+
+    text_messages(IdentifiedReading, read)
+    _, malformed = take(intake, f'/uwb {TEXT} *', String())
+    assert malformed.count == 1 and 'TypeError' in malformed.last
+    assert counts(localizer) == {}
+
+
 @pytest.fixture
 def rays(localizer, monkeypatch):
     """Return the rays that the localizer is given, by target."""

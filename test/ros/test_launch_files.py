@@ -18,6 +18,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 from launch_stand_ins import MissingArgumentError, install, launched  # noqa: E402
 
 from dg_localization.ros.executables import EXECUTABLES  # noqa: E402
+from dg_localization.ros.simulation.simulate_fleet import PARAMETERS  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 LAUNCH = REPOSITORY / 'launch'
@@ -123,6 +124,16 @@ def test_the_simulation_runs_and_is_localized(launch, bench, tmp_path):
     codes = [process.wait(max(0.0, deadline_s - time.monotonic())) for process in started]
     assert codes == [0, 0], [log.read_text() for log in logs]
     bench.until(lambda: not bench.heard.fleet[-1].poses, 'outputs that are emptied at the end')
+
+
+def test_every_switch_of_the_simulation_is_a_parameter_of_its_executable(launch):
+    (simulation,) = [
+        process
+        for process in launch('simulation').processes
+        if process.executable == 'simulate_fleet'
+    ]
+    defaults = {spec.name: spec.default for spec in PARAMETERS}
+    assert simulation.parameters.items() <= defaults.items()
 
 
 @pytest.mark.skipif(find_spec('launch_ros') is None, reason='launch is not installed')

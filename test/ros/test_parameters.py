@@ -323,3 +323,52 @@ def test_link_string_is_read_in_any_order_of_overrides():
 def test_parameters_of_others_are_left_alone():
     given = {**ROBOTS, 'qos_overrides./tf.publisher.depth': 5}
     assert 'qos_overrides./tf.publisher.depth' not in check_values(given)
+
+
+def test_sensors_on_robots_and_elevations_reach_the_fleet():
+    given = {
+        'mounts.names': ['a/left', 'a/camera'],
+        'mounts.a.left.position': [0.3, 0.2],
+        'mounts.a.camera.position': [0.4, 0.0],
+        'mounts.a.camera.bound': 0.01,
+        'mounts.a.camera.rotation': [0.0, 0.0, math.pi],
+        'elevations.names': ['a', 'b'],
+        'elevations.a': [0.4, 0.5],
+        'elevations.b': [1.0, 1.0],
+        'links': ['/left sensor_msgs/msg/Range a/left b max_error=0.7'],
+    }
+    found = settings(**given)
+    assert found.fleet.points == ('a', 'b', 'c', 'a/left', 'a/camera')
+    assert found.fleet.sensors['a/left'].position_m == (0.3, 0.2)
+    assert found.fleet.sensors['a/camera'].bound_m == 0.01
+    assert found.fleet.sensors['a/camera'].rotation_xyzw == pytest.approx((0.0, 0.0, 1.0, 0.0))
+    assert found.fleet.elevation_m('a/left') == (0.4, 0.5)
+    assert found.fleet.range_error_of('a/left', 'b').max_error_m == 0.7
+    (template,) = [t for t in found.templates if t.kind is LinkKind.RANGE]
+    link = template.link_of('/a/left/range/b', found.fleet.points)
+    assert link.key == LinkKey(LinkKind.RANGE, 'a/left', 'b')
+    link = template.link_of('/b/range/a/left', found.fleet.points)
+    assert link.key == LinkKey(LinkKind.RANGE, 'b', 'a/left')
+
+
+@pytest.mark.parametrize(
+    'given, message',
+    [
+        ({'mounts.names': ['left']}, "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
+        ({'mounts.names': ['z/left'], 'mounts.z.left.position': [0.0, 0.0]}, "mounts: 'z'"),
+        ({'mounts.names': ['a/left']}, 'must have 2 coordinates'),
+        ({'mounts.a.left.position': [0.0, 0.0]}, "name the sensor in 'mounts.names'"),
+        ({'elevations.names': ['a']}, 'the least and the greatest elevation'),
+        (
+            {
+                'mounts.names': ['a/left'],
+                'mounts.a.left.position': [0.0, 0.0],
+                'mounts.a.left.rotation': [1.0],
+            },
+            'must be roll, pitch and yaw',
+        ),
+    ],
+)
+def test_wrong_mount_is_refused(given, message):
+    with pytest.raises(WrongParameterError, match=re.escape(message)):
+        settings(**given)

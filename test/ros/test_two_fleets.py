@@ -121,13 +121,18 @@ def both_answer(bench, fleets, heard):
 
 @pytest.mark.usefixtures('both_answer')
 def test_each_fleet_hears_itself_alone(bench):
+    everybodys = {'/diagnostics', '/parameter_events', '/rosout'}
     for fleet in FLEETS:
-        topics = dict(bench.node.get_subscriber_names_and_types_by_node('localizer', f'/{fleet}'))
-        assert topics and all(topic.startswith(f'/{fleet}/robot_') for topic in topics)
-        published = dict(
-            bench.node.get_publisher_names_and_types_by_node('localizer', f'/{fleet}')
+        node = ('localizer', f'/{fleet}')
+        # Whose a topic is arrives later than what is sent on it.
+        subscribed, published = (
+            bench.until(lambda of=of, node=node: dict(of(*node)), f'the topics of {node}')
+            for of in (
+                bench.node.get_subscriber_names_and_types_by_node,
+                bench.node.get_publisher_names_and_types_by_node,
+            )
         )
-        everybodys = {'/diagnostics', '/parameter_events', '/rosout'}
+        assert all(topic.startswith(f'/{fleet}/robot_') for topic in subscribed)
         assert all(topic.startswith(f'/{fleet}/') for topic in set(published) - everybodys)
 
 

@@ -11,7 +11,7 @@ import pytest
 from solver_cases import bounds, random_case, squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
-from dg_localization.solver.assemble import large_pieces, pieces
+from dg_localization.solver.assemble import large_pieces, pieces, product
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
 
@@ -148,6 +148,20 @@ def test_a_contradiction_between_patches_is_a_proof():
     assert {0, 1} <= set(result.pieces[0].points)
 
 
+def test_a_patch_that_takes_many_boxes_is_done_again_as_smaller_ones(monkeypatch):
+    problem, positions = braced_grid(6, 8, 0.01)
+    monkeypatch.setattr(solver, 'MOST_PATCH_BOXES', 1)
+    (piece,) = solve(problem, SolverOptions(max_boxes=10**4)).pieces
+    assert min(len(patch.points) for patch in piece.patches) <= solver.SMALL_POINTS
+    covered = np.eye(48, dtype=bool)
+    for patch in piece.patches:
+        covered[np.ix_(patch.points, patch.points)] = True
+        squared = squared_distances(positions[list(patch.points)])
+        held = ((h.lower <= squared) & (squared <= h.upper) for h in patch.hypotheses)
+        assert any(inside.all() for inside in held)
+    assert covered[np.isfinite(problem.upper)].all()
+
+
 def test_small_pieces_have_no_patches():
     problem, _ = braced_grid(4, 4, 0.01)
     result = solve(problem)
@@ -198,3 +212,19 @@ def test_a_search_that_is_cancelled_at_once_is_out_of_budget():
     cancel = threading.Event()
     cancel.set()
     assert solve(problem, cancel=cancel).verdict is Verdict.OUT_OF_BUDGET
+
+
+def test_hypotheses_of_a_cancelled_search_are_listed_without_delay():
+    problem, positions = braced_grid(8, 8, 1e-3, holes=0.3)
+    cancel = threading.Event()
+    result = solve(problem, SolverOptions(max_boxes=300), cancel=cancel)
+    assert len(result.pieces) > 1
+    cancel.set()
+    looked = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(product, 'refine', lambda positions, _: looked.append(1) or positions)
+        hypotheses = result.hypotheses
+    assert hypotheses and not looked
+    squared = squared_distances(positions)
+    if result.n_hypotheses == len(hypotheses):
+        assert any(((h.lower <= squared) & (squared <= h.upper)).all() for h in hypotheses)

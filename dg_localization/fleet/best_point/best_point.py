@@ -19,7 +19,12 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
 from dg_localization.fleet.best_point.normal_equations import LEFT_OUT
-from dg_localization.fleet.best_point.terms import PackedTerms, RayTerm, Term
+from dg_localization.fleet.best_point.terms import (
+    LEAST_HALF_WIDTH,
+    PackedTerms,
+    RayTerm,
+    Term,
+)
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
@@ -60,6 +65,8 @@ class BestPoint:
         Inside the enclosure.
     proved : bool
         Whether it meets every constraint of the problem, checked with outward rounding.
+    rotations : numpy.ndarray, shape (n, 3, 3)
+        Of the bodies that turn, from body to fixed frame.
     covariances : numpy.ndarray, shape (n, 6, 6)
         Of each position (m) and of a small rotation about the axes of the fixed frame (rad), for
         readings whose errors are independent and anywhere in their bounds. Zero for what the
@@ -69,7 +76,34 @@ class BestPoint:
 
     positions_m: FloatArray
     proved: bool
+    rotations: FloatArray
     covariances: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """
+    A point that moves with a body.
+
+    Parameters
+    ----------
+    row, body : int
+        Rows of the point and of the body.
+    arm_m : numpy.ndarray, shape (3,)
+        Where it is in the body frame.
+
+    """
+
+    row: int
+    body: int
+    arm_m: FloatArray
+
+    def ray(self) -> list[RayTerm]:
+        """Return the direction in which the body has the sensor; none at its origin."""
+        reach_m = float(np.linalg.norm(self.arm_m))
+        if reach_m == 0.0:
+            return []
+        return [RayTerm(self.body, self.row, self.arm_m / reach_m, LEAST_HALF_WIDTH)]
 
 
 class BestPointFinder:
@@ -84,16 +118,28 @@ class BestPointFinder:
         What was measured; bodies are the points of the problem. A body that observes a ray turns.
     held : collection of int
         Bodies whose rotation is that of the fixed frame.
+    sensors : sequence of Sensor, optional
+        Points that move with a body.
 
     """
 
-    def __init__(self, problem: Problem, terms: Sequence[Term], held: Collection[int]) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        terms: Sequence[Term],
+        held: Collection[int],
+        sensors: Sequence[Sensor] = (),
+    ) -> None:
         self._problem = problem
         self._terms = PackedTerms.of(terms)
         self._rays_of: dict[int, list[RayTerm]] = {}
         for term in terms:
             if isinstance(term, RayTerm) and term.observer not in held:
                 self._rays_of.setdefault(term.observer, []).append(term)
+        self._sensors = sensors
+        for sensor in sensors:
+            if sensor.body not in held:
+                self._rays_of.setdefault(sensor.body, []).extend(sensor.ray())
         self._effort = 0
 
     def find(
@@ -124,7 +170,8 @@ class BestPointFinder:
 
         """
         if not np.isfinite(start_m).all() or self._effort >= MOST_EFFORT:
-            return BestPoint(start_m, proved, np.full((len(start_m), 6, 6), np.nan))
+            rotations = np.tile(np.eye(3), (len(start_m), 1, 1))
+            return BestPoint(start_m, proved, rotations, np.full((len(start_m), 6, 6), np.nan))
         bodies = self._bodies(start_m, enclosure)
         self._effort += int(bodies.free.sum()) ** 3
         fit = fit_terms(self._terms, bodies)
@@ -135,9 +182,18 @@ class BestPointFinder:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
-        best_m = fit.positions_m[:, : start_m.shape[1]]
+        best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m, proved)
-        return BestPoint(positions_m, proved, _covariances(fit, bodies))
+        return BestPoint(positions_m, proved, fit.rotations, _covariances(fit, bodies))
+
+    def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
+        """Return the positions of a fit, with the sensors where their bodies have them."""
+        positions_m = fit.positions_m.copy()
+        for sensor in self._sensors:
+            arm_m = fit.rotations[sensor.body] @ sensor.arm_m
+            positions_m[sensor.row] = positions_m[sensor.body] + arm_m
+        positions_m = positions_m[:, : enclosure.lower.shape[1]]
+        return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
 
     def _bodies(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
         """Return where the fit starts and where it may go."""
@@ -145,12 +201,13 @@ class BestPointFinder:
         missing = ((0, 0), (0, 3 - dimension))
         free = np.zeros((n_points, 6), dtype=bool)
         free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
+        free[[sensor.row for sensor in self._sensors]] = False
         free[list(self._rays_of), 3 if dimension == 3 else 5 :] = True
         rotations = np.tile(np.eye(3), (n_points, 1, 1))
         for observer, rays in self._rays_of.items():
             seen = np.array([ray.direction[:dimension] for ray in rays])
             lines = start_m[[ray.target for ray in rays]] - start_m[observer]
-            weights = np.array([1.0 / ray.half_width_rad for ray in rays])
+            weights = np.array([1.0 / max(ray.half_width_rad, LEAST_HALF_WIDTH) for ray in rays])
             turn = best_rotation(seen, unit_vectors(lines), weights)
             rotations[observer, :dimension, :dimension] = turn
         return Bodies(

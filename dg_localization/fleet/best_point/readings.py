@@ -5,16 +5,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.terms import PlaceTerm, RangeTerm, RayTerm, Term
+from dg_localization.fleet.best_point.terms import (
+    AT_ORIGIN,
+    LEAST_HALF_WIDTH,
+    PlaceTerm,
+    RangeTerm,
+    RayTerm,
+    Term,
+)
 from dg_localization.fleet.constraints.constrain import Constraints
+from dg_localization.fleet.constraints.distances import squared_rise_m2
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import LinkKey
+from dg_localization.fleet.vocabulary import DistanceReading, LinkKey
 from dg_localization.interval.arrays import Interval
+
+FloatArray = NDArray[np.float64]
 
 
 def terms_of(
@@ -42,25 +53,51 @@ def terms_of(
 
     """
     rows = solved.rows
+    config, arms_m = snapshot.config, snapshot.mounts.arms_m
+
+    def end(point: str) -> tuple[int, Sequence[float] | FloatArray]:
+        """Return the body of a point, and where on the body it is."""
+        return rows[config.robot_of(point)], arms_m.get(point, AT_ORIGIN)
+
     for reading in snapshot.distances:
         key = reading.key
         counts = key not in dropped and math.isfinite(reading.likeliest_m)
         if counts and rows.keys() >= {key.observer, key.target}:
-            half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
-            ends = rows[key.observer], rows[key.target]
-            yield RangeTerm(*ends, reading.likeliest_m, half_width_m)
+            (first, first_arm_m), (second, second_arm_m) = end(key.observer), end(key.target)
+            if first != second:
+                yield RangeTerm(
+                    first,
+                    second,
+                    *_in_plane(reading, squared_rise_m2(config, key.observer, key.target)),
+                    first_arm_m,
+                    second_arm_m,
+                )
     for observer, rays in solved.rays.items():
         for ray in rays:
+            (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
             # Who may look anywhere has seen nothing.
-            if ray.half_width_rad < math.pi:
-                ends = rows[observer], rows[ray.key.target]
-                error_rad = snapshot.config.bearing_expected_error_of(observer, ray.key.target)
-                yield RayTerm(*ends, _turned_back(ray.direction, error_rad), ray.half_width_rad)
+            if row != target and ray.half_width_rad < math.pi:
+                error_rad = config.bearing_expected_error_of(observer, ray.key.target)
+                direction = _turned_back(ray.direction, error_rad)
+                yield RayTerm(row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
     for row, box in anchors.items():
         if (box.lower < box.upper).any():
             position_m = np.zeros(3)
             position_m[: solved.dimension] = 0.5 * (box.lower + box.upper)
             yield PlaceTerm(row, position_m, 0.5 * float((box.upper - box.lower).max()))
+
+
+def _in_plane(reading: DistanceReading, rise_m2: tuple[float, float]) -> tuple[float, float]:
+    """Return the likeliest distance between the projections of its ends, and its half width."""
+    half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
+    if rise_m2[1] == 0.0:
+        return reading.likeliest_m, half_width_m
+    squared_m2 = reading.likeliest_m**2 - 0.5 * (rise_m2[0] + rise_m2[1])
+    distance_m = math.sqrt(max(0.0, squared_m2))
+    # Near the vertical a small error of the range is a large one of its projection.
+    return distance_m, half_width_m * reading.likeliest_m / max(
+        distance_m, half_width_m, LEAST_HALF_WIDTH
+    )
 
 
 def _turned_back(direction: np.ndarray, error_rad: float) -> np.ndarray:

@@ -158,7 +158,14 @@ def _bundles(
         if ray.key not in dropped:
             s_lower_m2 = lower[rows[ray.key.observer], rows[ray.key.target]]
             seen.setdefault(ray.key.observer, []).append(include_displacement(ray, s_lower_m2))
+    for robot, members in snapshot.mounts.members.items():
+        for observer in members:
+            if observer == robot or observer in seen:
+                # They come last: a pair of rays is compared at the time of the second.
+                known = snapshot.mounts.rays_at(observer, snapshot.stamp_s)
+                seen.setdefault(observer, []).extend(known)
     return {
         observer: RayBundle(rays, rows, snapshot.motion, snapshot.config.dimension)
         for observer, rays in seen.items()
+        if rays
     }

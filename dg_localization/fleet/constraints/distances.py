@@ -13,9 +13,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.interval.bounds import squared_distance
+from dg_localization.interval.arrays import Interval
+from dg_localization.interval.bounds import sqrt_up, squared_distance, sum_down, sum_up
 
 FloatArray = NDArray[np.float64]
 
@@ -54,7 +56,23 @@ def given_distances(
     given = chain(_bounds_of_pairs(snapshot, dropped, rows), remembered)
     for i, j, s_lower_m2, s_upper_m2 in given:
         intersect_pair(lower, upper, i, j, s_lower_m2, s_upper_m2)
+    for first, second, _, s_upper_m2 in snapshot.mounts.distances:
+        _share_bounds(lower, upper, rows[first], rows[second], sqrt_up(s_upper_m2))
     return lower, upper
+
+
+def _share_bounds(
+    lower: FloatArray, upper: FloatArray, first: int, second: int, apart_m: float
+) -> None:
+    """Bound the distances from two points of one robot by those from the other, in place."""
+    for known, bounded in ((first, second), (second, first)):
+        reach = Interval(np.array(-apart_m), np.array(apart_m))
+        squared = (Interval(lower[known], upper[known]).sqrt() + reach).square()
+        others = np.arange(len(lower)) != known
+        lower[bounded, others] = np.maximum(lower[bounded], squared.lower)[others]
+        upper[bounded, others] = np.minimum(upper[bounded], squared.upper)[others]
+        lower[bounded, bounded] = upper[bounded, bounded] = 0.0
+        lower[:, bounded], upper[:, bounded] = lower[bounded], upper[bounded]
 
 
 def intersect_pair(
@@ -65,15 +83,41 @@ def intersect_pair(
     upper[i, j] = upper[j, i] = min(upper[i, j], s_upper_m2)
 
 
+def squared_rise_m2(config: FleetConfig, first: str, second: str) -> tuple[float, float]:
+    """Return bounds of the squared difference of the elevations of two points, in m^2."""
+    one, other = config.elevation_m(first), config.elevation_m(second)
+    if one == other and one[0] == one[1]:
+        return 0.0, 0.0
+    upper_m = max(sum_up(other[1], -one[0]), sum_up(one[1], -other[0]))
+    lower_m = max(sum_down(other[0], -one[1]), sum_down(one[0], -other[1]))
+    return squared_distance(lower_m, upper_m)
+
+
+def _in_plane(
+    squared_m2: tuple[float, float], rise_m2: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the squared distance between the projections of two points on the plane."""
+    if rise_m2[1] == 0.0:
+        return squared_m2
+    s_upper_m2 = sum_up(squared_m2[1], -rise_m2[0])
+    if s_upper_m2 < 0.0:
+        return squared_distance(0.0, s_upper_m2)
+    return max(0.0, sum_down(squared_m2[0], -rise_m2[1])), s_upper_m2
+
+
 def _bounds_of_pairs(
     snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
 ) -> Iterator[PairBounds]:
     """Yield pairs of points with bounds of their squared distance."""
     for reading in snapshot.distances:
         if reading.key not in dropped:
-            ends = rows[reading.key.observer], rows[reading.key.target]
-            yield (*ends, *squared_distance(reading.lower_m, reading.upper_m))
+            first, second = reading.key.observer, reading.key.target
+            squared_m2 = squared_distance(reading.lower_m, reading.upper_m)
+            rise_m2 = squared_rise_m2(snapshot.config, first, second)
+            yield rows[first], rows[second], *_in_plane(squared_m2, rise_m2)
     yield from snapshot.anchors.distances
+    for first, second, s_lower_m2, s_upper_m2 in snapshot.mounts.distances:
+        yield rows[first], rows[second], s_lower_m2, s_upper_m2
     separation_m2 = squared_distance(snapshot.config.min_separation_m, math.inf)
     if separation_m2[0] > 0.0:
         for i, j in combinations(range(len(snapshot.config.robots)), 2):

@@ -60,6 +60,8 @@ def assemble(
 ) -> Placement:
     """Return a placement of the whole fleet, unknown where the points are not among those."""
     n_points, n_robots = len(config.points), len(config.robots)
+    # The rows after those are sensors.
+    landmarks = slice(n_robots, n_robots + len(config.landmarks))
     points = list(placed.points)
     positions = np.full((n_points, config.dimension), np.nan)
     positions[points] = placed.positions_m
@@ -88,8 +90,8 @@ def assemble(
         proved=proved,
         flexible=flexible,
         mirrored=mirrored,
-        landmarks_m=positions[n_robots:],
-        landmark_enclosure_m=boxes[n_robots:],
+        landmarks_m=positions[landmarks],
+        landmark_enclosure_m=boxes[landmarks],
         lower_m=apart[0, :n_robots, :n_robots],
         upper_m=apart[1, :n_robots, :n_robots],
         dropped=tuple(sorted(dropped)),

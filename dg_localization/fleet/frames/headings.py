@@ -89,7 +89,7 @@ def estimate_heading(
     rows : mapping of str to int
         The row of each point.
     rays : sequence of RayReading
-        All rays of the robot, in its body frame now.
+        All rays of the robot and of its sensors, in its body frame now.
     positions : numpy.ndarray, shape (n, q)
         One placement; the heading is made to fit it.
     enclosure : Interval, shape (n, q)
@@ -123,20 +123,21 @@ def _sights(
 ) -> _Sights:
     """Return the rays whose targets lie within less than a right angle of some direction."""
     dimension = positions.shape[1]
-    observer = rows[rays[0].key.observer]
+    observers = [rows[ray.key.observer] for ray in rays]
     targets = [rows[ray.key.target] for ray in rays]
-    differences = enclosure[targets] - enclosure[observer]
+    differences = enclosure[targets] - enclosure[observers]
     low, high = differences.lower, differences.upper
-    bounded = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
-    low, high = np.where(bounded[:, None], low, -1.0), np.where(bounded[:, None], high, 1.0)
+    bounded = np.all(np.isfinite(high - low), axis=1, keepdims=True)
+    low, high = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)
     directions = unit_vectors((low + high) / 2.0)
     choices = np.array(list(product((False, True), repeat=dimension)))
     corners = np.where(choices[None], high[:, None], low[:, None])
     # A cone of less than a right angle is convex: it holds the box when it holds the corners.
     # A corner or a middle in the origin itself counts as a right angle.
     spreads = angle_up(angles_rad(unit_vectors(corners), directions[:, None]).max(axis=1))
-    placed = positions[targets] - positions[observer]
-    placed = np.where(np.isfinite(placed).all(axis=1)[:, None], placed, directions)
+    placed = positions[targets] - positions[observers]
+    known = np.all(np.isfinite(placed), axis=1, keepdims=True)
+    placed = np.where(known, placed, directions)
     widths = angle_up(spreads + np.array([ray.half_width_rad for ray in rays]))
     seen = np.array([ray.direction[:dimension] for ray in rays]).reshape(-1, dimension)
     order = [i for i in np.argsort(widths, kind='stable') if spreads[i] < math.pi / 2]

@@ -11,14 +11,17 @@ assemble the rows.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
+from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder, Sensor
 from dg_localization.fleet.best_point.readings import terms_of
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.assembly import PlacedPoints, assemble
+from dg_localization.fleet.frames.body_poses import BodyPoses, heading_within
 from dg_localization.fleet.frames.enclosure import Encloser
 from dg_localization.fleet.frames.headings import (
     NO_TURN,
@@ -34,7 +37,7 @@ from dg_localization.fleet.frames.mirror_images import (
 from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.frames.registration import Registration
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import LinkKey
+from dg_localization.fleet.vocabulary import LinkKey, RayReading
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.result import Hypothesis
 
@@ -81,7 +84,9 @@ class Placer:
         )
         self._rigid = rigid_with(self._registration.cores[0], self._solved)
         self._encloser = Encloser(self._solved, self._registration)
-        self._best_points = self._best_point_finder(snapshot)
+        held = () if self._reference is None else (self._reference,)
+        self._best_points = self._best_point_finder(snapshot, held)
+        self._body_poses = BodyPoses(snapshot, self._solved, held)
 
     def placements(self, hypothesis: Hypothesis, *, alone: bool) -> list[Placement]:
         """
@@ -93,11 +98,15 @@ class Placer:
         placements: list[Placement] = []
         images = self._mirror_images(hypothesis)
         among = None if alone and len(images) == 1 else (hypothesis.lower, hypothesis.upper)
-        for choice, enclosure in images:
+        for choice, whole in images:
+            narrowed = self._body_poses.narrow(hypothesis, whole)
+            if narrowed is None:
+                continue
+            enclosure, arcs_rad = narrowed
             start = self._fixed_positions(hypothesis, choice, enclosure)
             best = self._best_points.find(start, enclosure, hypothesis.proved, among)
             mirrored = bool(placements)
-            placement = self._complete(hypothesis, best, enclosure, mirrored)
+            placement = self._complete(hypothesis, best, enclosure, arcs_rad, mirrored)
             placements += [placement] if placement is not None else []
         return placements
 
@@ -143,11 +152,16 @@ class Placer:
         return np.clip(self._registration.moved(positions), enclosure.lower, enclosure.upper)
 
     def _complete(
-        self, hypothesis: Hypothesis, best: BestPoint, enclosure: Interval, mirrored: bool
+        self,
+        hypothesis: Hypothesis,
+        best: BestPoint,
+        enclosure: Interval,
+        arcs_rad: Mapping[int, tuple[float, float]],
+        mirrored: bool,
     ) -> Placement | None:
         """Return the placement with headings; None when no heading is left."""
         try:
-            headings = self._headings(best.positions_m, enclosure)
+            headings = self._headings(best, enclosure, arcs_rad)
         except NoHeadingError:
             return None
         return assemble(
@@ -166,15 +180,18 @@ class Placer:
             dropped=self._dropped,
         )
 
-    def _best_point_finder(self, snapshot: Snapshot) -> BestPointFinder:
+    def _best_point_finder(self, snapshot: Snapshot, held: tuple[int, ...]) -> BestPointFinder:
         """Return what finds the best points, by all readings between the solved points."""
         by_anchors = self._plan.frame.kind == FrameKind.ANCHORS
         anchors = self._registration.anchors if by_anchors else {}
         terms = list(terms_of(snapshot, self._solved, self._dropped, anchors))
-        reference = self._reference
-        return BestPointFinder(
-            self._solved.problem(), terms, held=() if reference is None else (reference,)
-        )
+        rows = self._solved.rows
+        sensors = [
+            Sensor(rows[point], rows[self._config.robot_of(point)], arm_m)
+            for point, arm_m in snapshot.mounts.arms_m.items()
+            if point in rows
+        ]
+        return BestPointFinder(self._solved.problem(), terms, held, sensors)
 
     @property
     def _reference(self) -> int | None:
@@ -183,16 +200,27 @@ class Placer:
             return self._registration.cores[0][0]
         return None
 
-    def _headings(self, positions: FloatArray, enclosure: Interval) -> dict[int, Heading]:
+    def _headings(
+        self,
+        best: BestPoint,
+        enclosure: Interval,
+        arcs_rad: Mapping[int, tuple[float, float]],
+    ) -> dict[int, Heading]:
         """Return the headings that are known, by index into the points of the fleet."""
         rows = self._solved.rows
-        headings = {}
+        rays_of: dict[str, list[RayReading]] = {}
         for observer, rays in self._solved.rays.items():
+            rays_of.setdefault(self._config.robot_of(observer), []).extend(rays)
+        headings = {}
+        for robot, own_rays in rays_of.items():
             heading: Heading | None = NO_TURN
-            if rows[observer] != self._reference:
-                heading = estimate_heading(rows, rays, positions, enclosure)
+            if rows[robot] != self._reference:
+                heading = estimate_heading(rows, own_rays, best.positions_m, enclosure)
+                if rows[robot] in arcs_rad:
+                    arc_rad, rotation = arcs_rad[rows[robot]], best.rotations[rows[robot]]
+                    heading = heading_within(heading, arc_rad, rotation)
             if heading is not None:
-                headings[self._plan.points[rows[observer]]] = heading
+                headings[self._plan.points[rows[robot]]] = heading
         return headings
 
 

@@ -105,7 +105,7 @@ def _plans_of_others(
         if robot not in visited:
             component = constraints.component_of(robot)
             visited.update(component)
-            if len(component) > 1:
+            if _joins_others(config, component):
                 plans += _plans_from_robot(config, robot, constraints, [constraints])
     return tuple(plans)
 
@@ -143,7 +143,7 @@ def _plans_from_reference(
     """
     reference = config.robots.index(config.reference_robot)
     for robot in (*range(reference, len(config.robots)), *range(reference)):
-        if any(len(alternative.component_of(robot)) > 1 for alternative in alternatives):
+        if any(_joins_others(config, other.component_of(robot)) for other in alternatives):
             break
     else:
         return [], (
@@ -157,6 +157,11 @@ def _plans_from_reference(
             f'{config.robots[robot]}'
         )
     return _plans_from_robot(config, robot, constraints, alternatives), reason
+
+
+def _joins_others(config: FleetConfig, component: tuple[int, ...]) -> bool:
+    """Return whether a component has more than one robot with its sensors."""
+    return len({config.robot_of(config.points[point]) for point in component}) > 1
 
 
 def _plans_from_robot(
@@ -219,7 +224,7 @@ def _robot_core(
     are chosen only when there are no others. What is left out to resolve a contradiction does not
     count here: the frame should not turn because of it.
     """
-    n_robots, n_points = len(config.robots), len(config.points)
+    n_robots, n_points = len(config.robots), len(config.robots) + len(config.landmarks)
     in_order = [*range(origin + 1, n_robots), *range(origin), *range(n_robots, n_points)]
     shared = set.intersection(*(set(component) for component in components))
     connected = [point for point in in_order if point in shared]

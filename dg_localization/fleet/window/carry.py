@@ -10,12 +10,14 @@ odometry is left out: how far it may have moved soon says nothing.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.constraints.distances import squared_rise_m2
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, OdometryReading
@@ -64,6 +66,18 @@ class CarriedWindow:
     def pairs(self) -> tuple[Pair, ...]:
         """The pairs that observed anything."""
         return tuple(sorted(self._rows))
+
+    def near_pairs(self, most: int) -> tuple[Pair, ...]:
+        """Return the pairs of each robot and the `most` others that were nearest at last."""
+        robots = [pair for pair in self.pairs if pair[0] != WORLD]
+        robots.sort(key=lambda pair: self._rows[pair][0].observation.upper_m)
+        ranks: Counter[int] = Counter()
+        near = []
+        for pair in robots:
+            if min(ranks[body] for body in pair) < most:
+                near.append(pair)
+            ranks.update(pair)
+        return tuple(near)
 
     @cached_property
     def links(self) -> frozenset[LinkKey]:
@@ -127,15 +141,24 @@ class CarriedWindow:
         rows.sort(key=lambda row: -row.observation.stamp_s)
 
     def _pair_of(self, observer: int, target: int) -> Pair | None:
-        """Return the bodies of two points; None where both are one, or a motion is not known."""
+        """
+        Return the bodies of two points.
+
+        None where both are one, a motion is not known, or they are at different elevations.
+        """
         first, second = self._body_of(observer), self._body_of(target)
         if first is None or second is None or first == second:
+            return None
+        config = self._snapshot.config
+        if squared_rise_m2(config, config.points[observer], config.points[target])[1] > 0.0:
             return None
         return min(first, second), max(first, second)
 
     def _body_of(self, point: int) -> int | None:
-        """Return the body of a point; None for a robot whose motion is not known."""
+        """Return the body of a point; None for a sensor, or a robot whose motion is not known."""
         name = self._snapshot.config.points[point]
+        if name in self._snapshot.config.sensors:
+            return None
         if name in self._snapshot.config.anchors:
             return WORLD
         return point if self._snapshot.motion.odometry.get(name) else None

@@ -28,6 +28,9 @@ from dg_localization.solver.options import Cancel
 
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
 
+MOST_PARTNERS = 4
+"""Of each robot: near ones tell most of its heading, since errors of ranges grow with them."""
+
 MOST_IN_TABLE = 40
 """Observations of a pair that narrow headings: more cost time and tell little more."""
 
@@ -190,8 +193,7 @@ def recall(snapshot: Snapshot, cancel: Cancel | None) -> Recollection:
         allowance,
         {
             pair: carried.readings(pair, MOST_IN_TABLE)
-            for pair in carried.pairs
-            if pair[0] != WORLD
+            for pair in carried.near_pairs(MOST_PARTNERS)
         },
         {pair: carried.span_s(pair) for pair in carried.pairs},
         pose_sets,

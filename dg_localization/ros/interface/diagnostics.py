@@ -252,18 +252,21 @@ def _group_of(estimate: Estimate, robot: str) -> Group | None:
 
 def _ends_of(conflicts: Iterable[Conflict]) -> set[str]:
     keys = [key for conflict in conflicts for key in conflict]
-    return {name for key in keys for name in (key.observer, key.target)}
+    return {robot for key in keys for robot in _robots_of(key)}
+
+
+def _robots_of(key: LinkKey) -> set[str]:
+    """Return the ends of a link; for a sensor, the robot that it is on."""
+    return {name.partition('/')[0] for name in (key.observer, key.target)}
 
 
 def _is_measured(estimate: Estimate, robot: str) -> bool:
     fresh = [link for link in estimate.links if not link.stale]
-    return any(robot in (link.key.observer, link.key.target) for link in fresh)
+    return any(robot in _robots_of(link.key) for link in fresh)
 
 
 def _was_ever_measured(inputs: Iterable[InputState], robot: str) -> bool:
-    return any(
-        state.accepted and robot in (state.key.observer, state.key.target) for state in inputs
-    )
+    return any(state.accepted and robot in _robots_of(state.key) for state in inputs)
 
 
 def _input_statuses(report: Report) -> Iterator[Status]:

@@ -169,7 +169,8 @@ class Intake:
             )
         kept = [row for row, _ in rows]
         rays_xyz = link.turned(reading.rays_xyz[kept])
-        readings = _named_readings(names, reading.ranges_m[kept], rays_xyz)
+        # All rows before the first: a message that cannot be read must not be taken in part.
+        readings = list(_named_readings(names, reading.ranges_m[kept], rays_xyz))
         return next(iter(self._localizer.add_peers(observer, readings, stamp_s, now_s)), None)
 
     def forget(self) -> None:

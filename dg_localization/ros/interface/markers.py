@@ -151,8 +151,15 @@ def _edges(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _links(estimate: Estimate) -> Marker:
     row = {name: i for i, name in enumerate((*estimate.robots, *estimate.landmarks))}
-    links = [link for link in estimate.links if {link.key.observer, link.key.target} <= set(row)]
-    ends = np.array([(row[link.key.observer], row[link.key.target]) for link in links], dtype=int)
+    # A link of a sensor is drawn from its robot.
+    ends_of = {
+        link: tuple(
+            row.get(name.partition('/')[0]) for name in (link.key.observer, link.key.target)
+        )
+        for link in estimate.links
+    }
+    links = [link for link in estimate.links if None not in ends_of[link]]
+    ends = np.array([ends_of[link] for link in links], dtype=int)
     colors = np.reshape([_link_color(link) for link in links], (-1, 4))
     groups = []
     for placement in _drawn(estimate):

@@ -71,7 +71,7 @@ def answer(
     if combinations.contradiction is not None:
         points = solved.pieces[combinations.contradiction].points
         return _infeasible(points, problem, budget)
-    product = Product(problem, budget.options, solved, combinations, within)
+    product = Product(problem, budget.options, solved, combinations, within, budget.is_cancelled)
     if len(solved.pieces) > 1 and product.is_empty(
         _is_crossed(problem, solved), _has_loop(solved), budget.is_over
     ):

@@ -58,9 +58,13 @@ class CallBudget:
         """Return the time since the call began."""
         return time.perf_counter() - self._start
 
+    def is_cancelled(self) -> bool:
+        """Return whether the call was cancelled."""
+        return bool(self._cancel and self._cancel.is_set())
+
     def is_over(self) -> bool:
         """Return whether the call is to come to an end."""
-        if self._cancel and self._cancel.is_set():
+        if self.is_cancelled():
             return True
         return self.seconds() > self.options.max_seconds
 

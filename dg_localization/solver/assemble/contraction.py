@@ -88,7 +88,7 @@ def contracted(
     n_points = problem.n_points
     box = np.zeros((4, n_points, n_points))
     box[LOWER], box[UPPER] = problem.lower, problem.upper
-    if n_points <= MOST_SMOOTHED:
+    if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and stopped()):
         if not smooth_triangles(box, np.empty_like(box), np.arange(n_points)):
             return None
     if n_points <= MOST_CONTRACTED:

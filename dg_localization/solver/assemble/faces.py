@@ -21,6 +21,9 @@ from dg_localization.solver.contract.chiralities import volume_product
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.result import Hypothesis
 
+LARGE, MOST_APEXES = 40, 8
+"""Of a piece of more points so many about a face are looked at."""
+
 
 @kernel
 def least_volume(box: FloatArray, simplex: IntArray) -> float:
@@ -99,6 +102,14 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
     """
     corners = np.array([points.index(point) for point in face])
     others = np.array([x for x, point in enumerate(points) if point not in face])
+    if len(points) > LARGE and hypothesis.positions is not None:
+        away = hypothesis.positions[others] - hypothesis.positions[corners].mean(axis=0)
+        near = others[np.argsort((away**2).sum(axis=1))[:MOST_APEXES]]
+        named = np.concatenate([corners, near])
+        bounds = np.array(hypothesis.bounds_among(named.tolist()))
+        numbers = np.arange(len(named))
+        best = int(_best_apex(bounds, numbers[: len(face)], numbers[len(face) :]))
+        return points[named[best]] if best >= 0 else None
     best = int(_best_apex(np.array([hypothesis.lower, hypothesis.upper]), corners, others))
     return points[best] if best >= 0 else None
 

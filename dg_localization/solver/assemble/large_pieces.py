@@ -24,7 +24,10 @@ from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.branch_and_prune import Cover
 
 PATCHES_SHARE = 0.5
-"""Patches may take this part of the time of a piece that is contracted afterwards."""
+"""Patches may take this part of the time of a piece that is contracted afterwards,"""
+
+PATCHES_SHARE_ALONE = 0.7
+"""and this part where what follows is a placement."""
 
 BOXES_PER_CHOICE = 2
 """A piece that its patches hold together is split so often for each choice."""
@@ -75,8 +78,8 @@ def solve_large(
 
     """
     is_whole = problem.n_points <= MOST_CONTRACTED
-    share_of_patches = PATCHES_SHARE * share if is_whole else share
-    solved = PatchSolver(problem, budget, share_of_patches, within).run()
+    share_of_patches = PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE
+    solved = PatchSolver(problem, budget, share_of_patches * share, within).run()
     if solved is None:
         return None
     if solved.is_empty():

@@ -173,7 +173,7 @@ def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece], shared: Points) -> BoolAr
         ends = []
         for piece in pieces:
             index = piece.points.index(i), piece.points.index(j)
-            ends.append(np.array([(h.lower[index], h.upper[index]) for h in piece.hypotheses]))
+            ends.append(np.array([h.bounds_of_pair(*index) for h in piece.hypotheses]))
         first, second = ends
         together &= first[:, None, 0] <= second[None, :, 1]
         together &= second[None, :, 0] <= first[:, None, 1]

@@ -18,6 +18,7 @@ import math
 import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.large_pieces import LargePiece, solve_large
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
@@ -198,7 +199,11 @@ class PieceSolver:
         """Return which part of what is left a piece may take at first."""
         if len(self._tasks) == 1:
             return 1.0
-        return FIRST_SHARE / (len(self._tasks) - number)
+        left = [len(task.points) for task in self._tasks[number:]]
+        if left[0] > MOST_CONTRACTED:
+            # There is no second time for it.
+            return left[0] / sum(left)
+        return FIRST_SHARE / len(left)
 
     def _resumed(self) -> Iterator[_Task]:
         """Go on with the pieces that were not finished, small ones first."""
@@ -262,7 +267,9 @@ class PieceSolver:
             holder = next((t for t in solved if t is not task and t.hypotheses), None)
             if pairs and holder is not None:
                 choices.append(_ranges(holder, pairs))
-        while math.prod(len(ranges) for ranges in choices) > MOST_RANGES:
+        # The patches of a large piece hold all placements at once.
+        most = 1 if len(task.points) > MOST_CONTRACTED else MOST_RANGES
+        while math.prod(len(ranges) for ranges in choices) > most:
             longest = max(range(len(choices)), key=lambda x: len(choices[x]))
             choices[longest] = [_hull(choices[longest])]
         return [self._bounds(task.points, ranges) for ranges in product(*choices)]
@@ -303,7 +310,7 @@ def _ranges(piece: _Task, pairs: list[Pair]) -> list[Ranges]:
         new: Ranges = {}
         for pair in pairs:
             index = piece.points.index(pair[0]), piece.points.index(pair[1])
-            new[pair] = float(hypothesis.lower[index]), float(hypothesis.upper[index])
+            new[pair] = hypothesis.bounds_of_pair(*index)
         while touching := [ranges for ranges in found if _touch(ranges, new)]:
             found = [ranges for ranges in found if ranges not in touching]
             new = _hull([new, *touching])

@@ -76,6 +76,8 @@ class Product:
         The combinations that the joints allow.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in.
+    cancelled : callable, optional
+        Whether the call was cancelled; the hypotheses are less tight then.
 
     """
 
@@ -86,8 +88,10 @@ class Product:
         solved: SolvedPieces,
         combinations: Combinations,
         within: Sequence[Bounds] | None,
+        cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
         self._problem = problem
+        self._cancelled = cancelled
         self._options = options
         self.solved = solved
         self.combinations = combinations
@@ -98,8 +102,8 @@ class Product:
     @default_environment()
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The first combinations, but those that turn out to hold no placement."""
-        start = time.perf_counter()
-        return self._build(lambda: time.perf_counter() - start > self._options.max_seconds)
+        end = time.perf_counter() + self._options.max_seconds
+        return self._build(lambda: self._cancelled() or time.perf_counter() > end)
 
     def _build(self, stopped: Callable[[], bool]) -> tuple[Hypothesis, ...]:
         """Build the hypotheses, less tight ones from when there is no time left."""
@@ -188,7 +192,7 @@ class Product:
         bounds = contracted(problem, self._options, self._within, stopped) if problem else None
         if problem is None or bounds is None:
             return None
-        positions, proved = self._placement(problem, bounds, combination, chosen)
+        positions, proved = self._placement(problem, bounds, combination, chosen, stopped)
         flexible = self._turns or any(hypothesis.flexible for hypothesis in chosen)
         boxes = np.stack(bounds)[None]
         return Hypothesis(bounds[0], bounds[1], boxes, positions, proved, flexible)
@@ -210,6 +214,7 @@ class Product:
         bounds: Bounds,
         combination: Combination,
         chosen: Sequence[Hypothesis],
+        stopped: Callable[[], bool],
     ) -> tuple[FloatArray | None, bool]:
         """Return a placement of a combination, and whether it is proved to agree."""
         if problem.n_points <= MOST_AT_ONCE and not self._turns:
@@ -230,6 +235,8 @@ class Product:
             positions = with_known_chirality(self._problem, placer.place(least_m))
             if agrees(self._problem, positions):
                 return positions, True
+            if stopped():
+                return positions, False
             if problem.n_points <= MOST_REFINED:
                 positions = with_known_chirality(self._problem, refine(positions, known))
                 if agrees(self._problem, positions):

@@ -76,6 +76,11 @@ class ChainedHypothesis(Hypothesis):
         }
         self.__dict__.update(values)
 
+    def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
+        """Return the bounds in m^2 of the squared distance of two points, by their rows."""
+        lower, upper = self.bounds_among((first, second))
+        return float(lower[0, 1]), float(upper[0, 1])
+
     def bounds_among(self, points: Sequence[int]) -> Bounds:
         """Return the bounds of all pairs of some points."""
         lower, upper = self._graph.bounds(np.array(points, dtype=np.int64))

@@ -170,25 +170,25 @@ def bodies_of(patches: Sequence[Points], dimension: int) -> list[set[int]]:
     Patches that share q points only may be mirrored in them, unless a third one says otherwise.
     """
     bodies: dict[int, set[int]] = {}
-    bodies_of_point: dict[int, set[int]] = {}
+    holders: dict[int, set[int]] = {}
     for number, patch in enumerate(patches):
-        body = set(patch)
-        waiting = set(body)
-        while waiting:
-            common: dict[int, int] = {}
-            for point in waiting:
-                for other in bodies_of_point.get(point, ()):
-                    common[other] = len(body & bodies[other])
-            joined = [other for other, count in common.items() if count > dimension]
-            before = set(body)
-            for other in joined:
-                for point in bodies.pop(other):
-                    bodies_of_point[point].discard(other)
-                    body.add(point)
-            waiting = body - before
-        bodies[number] = body
-        for point in body:
-            bodies_of_point.setdefault(point, set()).add(number)
+        bodies[number] = set(patch)
+        for point in patch:
+            holders.setdefault(point, set()).add(number)
+        changed, new = number, set(patch)
+        while new:
+            others = set().union(*(holders[point] for point in new)) - {changed}
+            new = set()
+            for other in sorted(others):
+                if len(bodies[changed] & bodies[other]) > dimension:
+                    small, large = sorted((changed, other), key=lambda x: len(bodies[x]))
+                    moved = bodies.pop(small)
+                    for point in moved:
+                        holders[point].discard(small)
+                        holders[point].add(large)
+                    new |= moved if large == other else moved - bodies[large]
+                    bodies[large] |= moved
+                    changed = large
     return sorted(bodies.values(), key=lambda body: (-len(body), min(body)))
 
 

@@ -13,6 +13,8 @@ agrees is decided in `place.proofs`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import heapq
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +23,30 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.rigid_components import Points
 
-MOST_STEPS = 60
+MOST_STEPS = 40
 """Most steps of least squares."""
 
-MOST_GRADIENTS = 200
+MOST_GRADIENTS = 100
 """Most conjugate gradients of a step."""
 
 LEAST_RESIDUAL = 1e-3
 """The normal equations of a step are solved to this fraction."""
+
+
+@kernel
+def _least_spread(positions: FloatArray) -> float:
+    """Return the least squared distance of points, summed up, from a line through their center."""
+    center = np.zeros(2)
+    for x in range(len(positions)):
+        for axis in range(2):
+            center[axis] += positions[x, axis] / len(positions)
+    first = second = mixed = 0.0
+    for x in range(len(positions)):
+        along, across = positions[x, 0] - center[0], positions[x, 1] - center[1]
+        first += along * along
+        second += across * across
+        mixed += along * across
+    return 0.5 * (first + second - math.sqrt((first - second) ** 2 + 4.0 * mixed * mixed))
 
 
 class _Layer:
@@ -71,19 +89,22 @@ class _Layer:
 
     def lay(self) -> None:
         """Lay all patches."""
-        waiting = dict.fromkeys(range(len(self._patches)), 0.0)
-        while waiting:
-            number = max(waiting, key=lambda x: (waiting[x], -x))
-            del waiting[number]
+        queue = [(0.0, number) for number in range(len(self._patches))]
+        heapq.heapify(queue)
+        done = [False] * len(self._patches)
+        while queue:
+            _, number = heapq.heappop(queue)
             members, local = self._patches[number]
             new = members[~self._placed[members]]
-            if not len(new):
+            if done[number] or not len(new):
                 continue
+            done[number] = True
             self.positions[new] = self._laid(members, local)[~self._placed[members]]
             self._placed[new] = True
             for other in {x for point in new.tolist() for x in self._holders[point]}:
-                if other in waiting:
-                    waiting[other] = self._hold(other)
+                if not done[other]:
+                    # What it was worth before stays in the queue, below this.
+                    heapq.heappush(queue, (-self._hold(other), other))
 
     def _hold(self, number: int) -> float:
         """Return how well a patch is held by those of its points that are placed."""
@@ -91,8 +112,7 @@ class _Layer:
         shared = local[self._placed[members]]
         if len(shared) <= local.shape[1]:
             return 1e-9 * len(shared)
-        centered = shared - shared.mean(axis=0)
-        return float(np.linalg.eigvalsh(centered.T @ centered)[0])
+        return _least_spread(shared)
 
     def _laid(self, members: IntArray, local: FloatArray) -> FloatArray:
         """Lay a patch against the points that are placed, mirrored where that fits better."""

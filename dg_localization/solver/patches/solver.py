@@ -50,6 +50,9 @@ MOST_SEAM_BOXES = 40
 MOST_REVIEW_BOXES = 12
 """One patch may take so many boxes; those that come later are given up where they take more."""
 
+SMALL_POINTS, MOST_SMALL_BOXES = 5, 4000
+"""Points and boxes of a patch instead of one that took too many boxes."""
+
 REVIEW_POINTS = 14
 """Most points of a patch that looks again at what another one leaves open."""
 
@@ -142,6 +145,9 @@ class PatchSolver:
         patches = list(self._solved(chosen, None, MOST_PATCH_BOXES))
         n_unsolved = len(chosen) - len(patches)
         known, empty = self._narrowed(patches)
+        if empty is None and any(patch.pending for patch in patches):
+            patches = [new for patch in patches for new in self._redone(patch, known)]
+            known, empty = self._narrowed(patches)
         while empty is None and not self._is_over():
             new = list(self._further(known, patches))
             if not new:
@@ -175,6 +181,16 @@ class PatchSolver:
             pending = {box[: UPPER + 1].tobytes() for box in cover.pending}
             yield Patch(points, hypotheses, pending)
 
+    def _redone(self, patch: Patch, known: KnownPairs) -> list[Patch]:
+        """Solve a patch that took too many boxes again, as several smaller ones."""
+        if not patch.pending:
+            return [patch]
+        pairs = self._measured.pairs_among(patch.points)
+        graph = Neighborhoods(self._problem.n_points, pairs, self._problem.dimension)
+        smaller = covering_patches(graph, pairs, (), SMALL_POINTS)
+        new = list(self._solved(smaller, known, MOST_SMALL_BOXES))
+        return new if len(new) == len(smaller) else [patch]
+
     def _part(self, points: Points, known: KnownPairs | None) -> Problem | None:
         """Return the problem of a patch, None where the bounds of a pair contradict each other."""
         bounds = known.among(points) if known else unbounded(len(points))
@@ -201,7 +217,8 @@ class PatchSolver:
         q = self._problem.dimension
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
         bodies = self._bodies(patches)
-        seams = [] if self._hold_together(bodies) else seam_patches(graph, bodies, q)
+        is_open = not self._hold_together(bodies) and not self._is_over()
+        seams = seam_patches(graph, bodies, q) if is_open else []
         reviews = [self._review(patch, graph) for patch in patches if patch.left.sum() > 1]
         for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]

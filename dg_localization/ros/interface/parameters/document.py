@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import textwrap
 from typing import Any
 
+from dg_localization.ros.interface.parameters.mounts import elevation_spec, mount_specs
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
@@ -136,13 +137,17 @@ def _whole_example(spec: Spec) -> list[str]:
 
 
 def _with_named(specs: Iterable[Spec]) -> Iterator[Spec]:
-    """Yield the rows of a section, with those that each robot or anchor has of its own."""
+    """Yield the rows of a section, with those that each robot, anchor or sensor has of its own."""
     for spec in specs:
         yield spec
         if spec.name == 'max_speed':
             yield robot_spec('NAME')
         if spec.name == 'anchors.bound':
             yield from anchor_specs('NAME')
+        if spec.name == 'mounts.names':
+            yield from mount_specs('ROBOT/SENSOR')
+        if spec.name == 'elevations.names':
+            yield elevation_spec('NAME')
 
 
 def _table(specs: Iterable[Spec]) -> str:

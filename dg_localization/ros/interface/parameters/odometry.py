@@ -101,7 +101,7 @@ MEMORY = Section(
         Spec(
             'memory.max_seconds',
             DOUBLE,
-            0.1,
+            0.15,
             'longest time that an estimate spends on them',
             's',
             0.0,

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
-import math
 import re
 from typing import Any
 
@@ -16,21 +15,27 @@ from rclpy.node import Node
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
-    LinkKind,
-    LinkOverride,
-    RangeErrorModel,
 )
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
-    OVERRIDES,
-    RANGE_BOUNDS,
     Link,
     Template,
     parse_link,
 )
+from dg_localization.ros.interface.parameters.link_bounds import (
+    ends_of,
+    overrides_from,
+    range_error_from,
+)
+from dg_localization.ros.interface.parameters.mounts import (
+    elevations_from,
+    mounts_from,
+    specs_of_mounts,
+)
 from dg_localization.ros.interface.parameters.odometry import odometry_error
 from dg_localization.ros.interface.parameters.spec import (
+    Spec,
     WrongParameterError,
     declare,
     given_values,
@@ -48,10 +53,6 @@ TEMPLATE_TYPES = {
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
-BEARING_FIELDS = {
-    'half_width': 'bearing_half_width_rad',
-    'expected_error': 'bearing_expected_error_rad',
-}
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
 
 
@@ -118,8 +119,7 @@ def declare_settings(node: Node) -> Settings:
     """
     values = check_values(given_values(node))
     settings = settings_from(values, node.resolve_topic_name)
-    named = named_specs(values['robots'], values['anchors.names'])
-    declare(node, (*TABLE, *named), values)
+    declare(node, (*TABLE, *_named(values)), values)
     return settings
 
 
@@ -139,7 +139,7 @@ def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
 
     """
     values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in TABLE}
-    for spec in named_specs(values['robots'], values['anchors.names']):
+    for spec in _named(values):
         values[spec.name] = spec.check(given.get(spec.name, spec.default))
     for name in given:
         # The QoS of every topic is set by parameters that rclpy declares.
@@ -148,10 +148,20 @@ def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
     return values
 
 
+def _named(values: Mapping[str, Any]) -> Iterator[Spec]:
+    """Yield the parameters that robots, anchors and sensors have of their own."""
+    yield from named_specs(values['robots'], values['anchors.names'])
+    yield from specs_of_mounts(values)
+
+
 def _suggestion(name: str, known: Iterable[str]) -> str:
     if name.startswith('anchors.'):
         wanted = 'anchors.NAME.position or anchors.NAME.bound'
         return f"; name the anchor in 'anchors.names' and set {wanted}"
+    if name.startswith('mounts.'):
+        return "; name the sensor in 'mounts.names'"
+    if name.startswith('elevations.'):
+        return "; name the point in 'elevations.names'"
     if name.startswith('robot_max_speed.'):
         return "; name the robot in 'robots'"
     close = get_close_matches(name, list(known), n=1)
@@ -284,21 +294,23 @@ def _check_names(parameter: str, names: Iterable[str]) -> None:
 
 def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetConfig:
     anchors = {name: _anchor(name, values) for name in values['anchors.names']}
-    points = dict.fromkeys((*values['robots'], *anchors))
+    points = dict.fromkeys((*values['robots'], *anchors, *values['mounts.names']))
     return FleetConfig(
         robots=tuple(values['robots']),
         dimension=values['dimension'],
+        mounts=mounts_from(values),
+        elevations_m=elevations_from(values),
         reference_robot=values['reference_robot'],
         max_age_s=values['max_age'],
         max_future_s=values['max_future'],
         max_repeats=values['max_repeats'],
-        range_error=_range_error(values),
+        range_error=range_error_from(values),
         bearing_half_width_rad=values['bearing.half_width'],
         bearing_expected_error_rad=values['bearing.expected_error'],
         # A link may name a robot that is not in the fleet today: its readings are counted and
         # rejected, its bounds concern nobody.
-        links=_overrides(
-            (link for link in explicit if _ends(link) <= {*points, '', ANY_OBSERVER}),
+        links=overrides_from(
+            (link for link in explicit if ends_of(link) <= {*points, '', ANY_OBSERVER}),
             points,
             values,
         ),
@@ -328,57 +340,6 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
 def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
     speeds = {name: values[f'robot_max_speed.{name}'] for name in values['robots']}
     return {name: speed for name, speed in speeds.items() if speed >= 0.0}
-
-
-def _range_error(values: Mapping[str, Any], **overrides: float) -> RangeErrorModel:
-    bounds = {name: overrides.get(name, values[f'range.{name}']) for name in RANGE_BOUNDS}
-    expected_error = overrides.get('expected_error', values['range.expected_error'])
-    return RangeErrorModel(
-        min_error_m=bounds['min_error'],
-        max_error_m=bounds['max_error'],
-        min_error_relative=bounds['min_error_relative'],
-        max_error_relative=bounds['max_error_relative'],
-        sigma_factor=bounds['sigma_factor'],
-        beyond_max_is_far=values['range.beyond_max_is_far'],
-        expected_error_m=None if math.isnan(expected_error) else expected_error,
-    )
-
-
-def _overrides(
-    links: Iterable[Link], points: Iterable[str], values: Mapping[str, Any]
-) -> tuple[LinkOverride, ...]:
-    """Gather the bounds of ranges and of bearings between the same two points."""
-    gathered: dict[tuple[str, str], LinkOverride] = {}
-    # A link to one point wins over that to all peers of its observer.
-    for link in sorted(links, key=lambda link: link.key.kind is not LinkKind.PEERS):
-        bounds: dict[str, Any] = {}
-        is_bearing = link.key.kind is LinkKind.BEARING
-        of_ranges = () if is_bearing else OVERRIDES[LinkKind.RANGE]
-        for name, field in BEARING_FIELDS.items():
-            if name in link.overrides and name not in of_ranges:
-                bounds[field] = link.overrides[name]
-        try:
-            if of_range := {k: v for k, v in link.overrides.items() if k in of_ranges}:
-                bounds['range_error'] = _range_error(values, **of_range)
-            for pair in _pairs(link, points) if bounds else ():
-                override = gathered.get(pair, LinkOverride(*pair))
-                gathered[pair] = replace(override, **bounds)
-        except ValueError as error:
-            raise WrongParameterError(
-                f"parameter 'links': the bounds of '{link.topic}' are not allowed: {error}"
-            ) from None
-    return tuple(gathered.values())
-
-
-def _pairs(link: Link, points: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each observer and target of a link; a link to peers has all targets."""
-    observers = points if link.key.observer == ANY_OBSERVER else (link.key.observer,)
-    targets = (link.key.target,) if link.key.target else points
-    return ((one, other) for one in observers for other in targets if one != other)
-
-
-def _ends(link: Link) -> set[str]:
-    return {link.key.observer, link.key.target}
 
 
 def _anchor(name: str, values: Mapping[str, Any]) -> Anchor:

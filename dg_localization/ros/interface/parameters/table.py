@@ -8,6 +8,7 @@ import math
 
 from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.links import LINKS
+from dg_localization.ros.interface.parameters.mounts import MOUNTS
 from dg_localization.ros.interface.parameters.odometry import MEMORY, ODOMETRY
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
@@ -248,8 +249,8 @@ PEERS = Section(
     'All that one robot measures in one message of type sensor_msgs/PointCloud2, for fleets of so '
     'many pairs that a topic for each costs too much. A point stands for one robot or anchor that '
     'was measured. Its fields are `peer`, an integer: zero-based index into the list of robots '
-    'followed by the anchors not in robots; `range` (m); and `x`, `y`, `z`, the ray in the body '
-    'frame. Range or ray may be missing, or NaN.',
+    'followed by the anchors not in robots and the sensors on robots; `range` (m); and `x`, `y`, '
+    '`z`, the ray in the body frame. Range or ray may be missing, or NaN.',
     (Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),),
 )
 
@@ -332,6 +333,7 @@ SECTIONS = (
     MEMORY,
     PEERS,
     LINKS,
+    MOUNTS,
     ANCHORS,
     CONTRADICTIONS,
     SOLVER,

@@ -1,0 +1,131 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Robots as bodies: their sensors are points, and their own distances and directions are known.
+
+What one sensor of a robot sees of another, were it to look there, is known from where both are
+mounted. Such a ray is never measured, never ages and is never wrong beyond the bounds of the
+mounts. With it a measured ray becomes an angle at the sensor, a chirality follows wherever it is
+certain, and a heading follows from the places of two sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.sensors import Mount
+from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
+from dg_localization.interval.angles import angle_up, arcsine_up
+from dg_localization.interval.arrays import Interval, squared_norm
+from dg_localization.interval.bounds import (
+    quotient_up,
+    sqrt_down,
+    sqrt_up,
+    squared_distance,
+    sum_down,
+    sum_up,
+)
+
+
+@dataclass(frozen=True)
+class MountGeometry:
+    """
+    The sensors of all robots.
+
+    Parameters
+    ----------
+    members : mapping of str to tuple of str
+        The points of each robot that has sensors: itself, then these.
+    distances : tuple of (str, str, float, float)
+        All pairs of points of one robot with bounds of their squared distance in m^2.
+    rays : mapping of str to tuple of RayReading
+        For each of these points the directions to the others, in the body frame.
+    arms_m : mapping of str to numpy.ndarray, shape (3,)
+        The places of the sensors in the body frame.
+    reach_m : mapping of str to float
+        How far each sensor is from the origin of its robot at most.
+
+    """
+
+    members: Mapping[str, tuple[str, ...]]
+    distances: tuple[tuple[str, str, float, float], ...]
+    rays: Mapping[str, tuple[RayReading, ...]]
+    arms_m: Mapping[str, np.ndarray]
+    reach_m: Mapping[str, float]
+
+    def rays_at(self, observer: str, stamp_s: float) -> list[RayReading]:
+        """Return the directions from a point to the others of its robot, as seen at a time."""
+        return [replace(ray, stamp_s=stamp_s) for ray in self.rays.get(observer, ())]
+
+
+NO_MOUNTS = MountGeometry({}, (), {}, {}, {})
+
+
+def mount_geometry(config: FleetConfig) -> MountGeometry:
+    """Return what the places of the sensors say."""
+    origin = Mount((0.0,) * config.dimension)
+    members = {
+        robot: (robot, *(f'{robot}/{name}' for name in sensors))
+        for robot, sensors in config.mounts.items()
+        if sensors
+    }
+    distances, reach_m = [], {}
+    rays: dict[str, list[RayReading]] = {}
+    for points in members.values():
+        for first, second in combinations(points, 2):
+            pair = config.sensors.get(first, origin), config.sensors.get(second, origin)
+            s_lower_m2, s_upper_m2 = _squared_distance(*pair)
+            distances.append((first, second, s_lower_m2, s_upper_m2))
+            if first == points[0]:
+                reach_m[second] = sqrt_up(s_upper_m2)
+            for ends, mounts in (((first, second), pair), ((second, first), pair[::-1])):
+                ray = _ray(ends, mounts, s_lower_m2)
+                if ray is not None:
+                    rays.setdefault(ends[0], []).append(ray)
+    return MountGeometry(
+        members,
+        tuple(distances),
+        {observer: tuple(known) for observer, known in rays.items()},
+        {point: _in_space(mount.position_m) for point, mount in config.sensors.items()},
+        reach_m,
+    )
+
+
+def _squared_distance(first: Mount, second: Mount) -> tuple[float, float]:
+    """Return bounds in m^2 of the squared distance of two sensors of one robot."""
+    squared = squared_norm(Interval.point(first.position_m) - Interval.point(second.position_m))
+    lower_m2, upper_m2 = max(0.0, float(squared.lower)), float(squared.upper)
+    if first.bound_m == second.bound_m == 0.0:
+        return lower_m2, upper_m2
+    return squared_distance(
+        sum_down(sqrt_down(lower_m2), -first.bound_m, -second.bound_m),
+        sum_up(sqrt_up(upper_m2), first.bound_m, second.bound_m),
+    )
+
+
+def _ray(
+    ends: tuple[str, str], mounts: tuple[Mount, Mount], s_lower_m2: float
+) -> RayReading | None:
+    """Return the direction from one sensor to another; None where the bounds leave any."""
+    observer, target = mounts
+    line_m = _in_space(target.position_m) - _in_space(observer.position_m)
+    bound_m = sum_up(observer.bound_m, target.bound_m)
+    # The line between the places without errors is longer than the least distance with them.
+    d_lower_m = sqrt_down(s_lower_m2)
+    if not 0.0 <= bound_m < d_lower_m:
+        return None
+    half_width_rad = 0.0 if bound_m == 0.0 else arcsine_up(quotient_up(bound_m, d_lower_m))
+    key = LinkKey(LinkKind.BEARING, *ends)
+    direction = line_m / np.linalg.norm(line_m)
+    return RayReading(key, 0.0, direction, angle_up(half_width_rad))
+
+
+def _in_space(position_m: tuple[float, ...]) -> np.ndarray:
+    """Return a position with three coordinates."""
+    return np.pad(np.array(position_m), (0, 3 - len(position_m)))

@@ -1,0 +1,234 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What is known of sensors and anchors: error bounds, and where they are.
+
+Every dataclass here is frozen and checks itself when made. A wrong value raises `ConfigError`,
+whose message names the field, the value, and what would be right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+import math
+
+from dg_localization.fleet.checks import ConfigError, require_number
+
+
+@dataclass(frozen=True)
+class RangeErrorModel:
+    """
+    Bounds of the error of a range, which is the reading minus the true distance.
+
+    A reading r means a true distance in ``[r - high, r - low]`` with
+    ``high = max_error_m + max_error_relative * r + sigma_factor * sigma`` and
+    ``low = min_error_m + min_error_relative * r - sigma_factor * sigma``, where sigma is the
+    standard deviation the measurement came with (zero when it came with none). Ultra-wideband
+    reads too long far more often than too short, so `max_error_m` is usually the larger one. A
+    reading in single precision, as in ``sensor_msgs/Range``, is off by another 6e-8 of it.
+
+    Parameters
+    ----------
+    min_error_m, max_error_m : float
+        Least and greatest error in m, whatever the distance.
+    min_error_relative, max_error_relative : float
+        Least and greatest error as a fraction of the reading.
+    sigma_factor : float
+        How many standard deviations to add on both sides; 0 ignores reported variances.
+    beyond_max_is_far : bool
+        Whether a reading of +inf (REP-117: nothing within ``max_range``) proves that the target
+        is farther than ``max_range``. It does not when readings simply get lost.
+    expected_error_m : float, optional
+        The likeliest error in m, for the best point; None where it is not known.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite or a minimum exceeds its maximum.
+
+    """
+
+    min_error_m: float = 0.0
+    max_error_m: float = 0.0
+    min_error_relative: float = -0.03
+    max_error_relative: float = 0.03
+    sigma_factor: float = 0.0
+    beyond_max_is_far: bool = False
+    expected_error_m: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
+            require_number(f'range.{name}', getattr(self, name))
+        require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
+        if self.expected_error_m is not None:
+            require_number('range.expected_error_m', self.expected_error_m)
+        for low, high in (
+            ('min_error_m', 'max_error_m'),
+            ('min_error_relative', 'max_error_relative'),
+        ):
+            if getattr(self, low) > getattr(self, high):
+                raise ConfigError(
+                    f'range.{low}: {getattr(self, low)!r} is not allowed, it must be at most '
+                    f'range.{high}, which is {getattr(self, high)!r}'
+                )
+        if self.max_error_relative >= 1.0:
+            raise ConfigError(
+                f'range.max_error_relative: {self.max_error_relative!r} is not allowed, it must '
+                'be below 1: the error is a fraction of the reading'
+            )
+
+
+@dataclass(frozen=True)
+class LinkOverride:
+    """
+    Error bounds of one link that differ from those of the fleet.
+
+    Parameters
+    ----------
+    observer, target : str
+        Who measures whom, as in the names of the measurements.
+    range_error : RangeErrorModel, optional
+        Replaces the model of the fleet for ranges of this link.
+    bearing_half_width_rad : float, optional
+        Replaces the half width of the fleet for bearings of this link.
+    bearing_expected_error_rad : float, optional
+        Replaces the likeliest error of the fleet for bearings of this link.
+
+    Raises
+    ------
+    ConfigError
+        If the half width is negative, above pi or not finite.
+
+    """
+
+    observer: str
+    target: str
+    range_error: RangeErrorModel | None = None
+    bearing_half_width_rad: float | None = None
+    bearing_expected_error_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        name = f'links[{self.observer}->{self.target}]'
+        for part, least in (('half_width', 0.0), ('expected_error', -math.pi)):
+            value = getattr(self, f'bearing_{part}_rad')
+            if value is not None:
+                require_number(
+                    f'{name}.bearing_{part}_rad', value, at_least=least, at_most=math.pi
+                )
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """
+    A point whose coordinates are known.
+
+    Parameters
+    ----------
+    coordinates_m : tuple of float, length q
+        Where it is, in the fixed frame.
+    bound_m : float
+        How far the true point may be from there, in m.
+
+    Raises
+    ------
+    ConfigError
+        If a coordinate is not finite or the bound is negative.
+
+    """
+
+    coordinates_m: tuple[float, ...]
+    bound_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for value in self.coordinates_m:
+            require_number('anchor.coordinates_m', value)
+        object.__setattr__(self, 'coordinates_m', tuple(float(v) for v in self.coordinates_m))
+        require_number('anchor.bound_m', self.bound_m, at_least=0.0)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """
+    A sensor at a known place on a robot.
+
+    Parameters
+    ----------
+    position_m : tuple of float, length q
+        Where it is in the body frame of the robot.
+    bound_m : float
+        How far the sensor may be from there, in m.
+    rotation_xyzw : tuple of float, length 4
+        Unit quaternion from the frame of the sensor to that of the body: rays are given in the
+        frame of the sensor that sees them.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite, the bound is negative, or the quaternion is not a unit one.
+
+    """
+
+    position_m: tuple[float, ...]
+    bound_m: float = 0.0
+    rotation_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for name in ('position_m', 'rotation_xyzw'):
+            for value in getattr(self, name):
+                require_number(f'mount.{name}', value)
+            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+        require_number('mount.bound_m', self.bound_m, at_least=0.0)
+        is_unit = (
+            len(self.rotation_xyzw) == 4 and abs(math.hypot(*self.rotation_xyzw) - 1.0) < 0.01
+        )
+        if not is_unit:
+            raise ConfigError(
+                f'mount.rotation_xyzw: {self.rotation_xyzw!r} is not allowed, it must be a unit '
+                'quaternion'
+            )
+
+
+def check_mounts(
+    mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]],
+    robots: Collection[str],
+    dimension: int,
+) -> None:
+    """Raise `ConfigError` on a sensor without a name or robot, or of another dimension."""
+    for robot, sensors in mounts.items():
+        if robot not in robots:
+            raise ConfigError(
+                f'mounts: {robot!r} is not allowed, it must be one of {list(robots)}'
+            )
+        for name, mount in sensors.items():
+            if not isinstance(name, str) or not name or '/' in name:
+                raise ConfigError(
+                    f'mounts[{robot}]: {name!r} is not allowed, a sensor needs a name without a '
+                    'slash'
+                )
+            position_m = mount.position_m if isinstance(mount, Mount) else mount
+            if len(position_m) != dimension:
+                raise ConfigError(
+                    f'mounts[{robot}][{name}].position_m: {position_m!r} is not allowed, it must '
+                    f'have {dimension} coordinates (dimension)'
+                )
+
+
+def check_elevations(
+    elevations_m: Mapping[str, tuple[float, ...]], points: Collection[str], dimension: int
+) -> None:
+    """Raise `ConfigError` on elevations of unknown points, reversed ones, or any in space."""
+    for point, bounds_m in elevations_m.items():
+        if dimension != 2 or point not in points:
+            wanted = 'none in space, where points have coordinates of their own'
+            if dimension == 2:
+                wanted = f'one of {list(points)}'
+            raise ConfigError(f'elevations_m: {point!r} is not allowed, it must be {wanted}')
+        for value in bounds_m:
+            require_number(f'elevations_m[{point}]', value)
+        if len(bounds_m) != 2 or bounds_m[0] > bounds_m[1]:
+            raise ConfigError(
+                f'elevations_m[{point}]: {bounds_m!r} is not allowed, it must be the least and '
+                'the greatest elevation'
+            )

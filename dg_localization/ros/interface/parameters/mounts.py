@@ -1,0 +1,127 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The parameters of sensors at known places on robots, and of elevations."""
+
+from collections.abc import Iterator, Mapping
+import math
+from typing import Any
+
+from dg_localization.fleet import Mount
+from dg_localization.ros.interface.parameters.spec import (
+    DOUBLE,
+    DOUBLES,
+    STRINGS,
+    Section,
+    Spec,
+    WrongParameterError,
+)
+
+
+def mount_specs(name: str) -> tuple[Spec, ...]:
+    """Return the parameters of one sensor, ``ROBOT/SENSOR``."""
+    prefix = f'mounts.{name.replace("/", ".")}'
+    return (
+        Spec(f'{prefix}.position', DOUBLES, [], 'place of the sensor in the body frame', 'm'),
+        Spec(f'{prefix}.bound', DOUBLE, 0.0, 'how far it may be from there', 'm', 0.0),
+        Spec(
+            f'{prefix}.rotation',
+            DOUBLES,
+            [0.0, 0.0, 0.0],
+            'roll, pitch and yaw from the body frame to that of the sensor',
+            'rad',
+        ),
+    )
+
+
+def elevation_spec(name: str) -> Spec:
+    """Return the parameter of the elevation of one point."""
+    return Spec(
+        f'elevations.{name.replace("/", ".")}', DOUBLES, [], 'least and greatest elevation', 'm'
+    )
+
+
+MOUNTS = Section(
+    'Sensors on robots',
+    'Sensors away from the origin of the body frame. The sensor `left` of `robot_1` is called '
+    '`robot_1/left` wherever an observer or a target is named.',
+    (
+        Spec(
+            'mounts.names',
+            STRINGS,
+            [],
+            "sensors at known places on robots, 'ROBOT/SENSOR'",
+            examples=(
+                "names: ['robot_1/left', 'robot_1/camera']",
+                'robot_1:',
+                '  left: {position: [0.3, 0.2]}',
+                '  camera: {position: [0.4, 0.0], bound: 0.01, rotation: [0.0, 0.0, 1.57]}',
+            ),
+        ),
+        Spec(
+            'elevations.names',
+            STRINGS,
+            [],
+            'points in the plane whose elevation is known: robots, anchors and sensors',
+            details='Ranges are then those between their projections on the plane. A sensor that '
+            'is not named has the elevation of its robot, and all else is at 0.',
+            examples=(
+                "names: ['robot_1', 'beacon_1']",
+                'robot_1: [0.4, 0.5]',
+                'beacon_1: [2.1, 2.1]',
+            ),
+        ),
+    ),
+)
+
+
+def specs_of_mounts(values: Mapping[str, Any]) -> Iterator[Spec]:
+    """Yield the parameters of the sensors and the elevations that are named."""
+    for name in values['mounts.names']:
+        if len(name.split('/')) != 2:
+            raise WrongParameterError(
+                f"parameter 'mounts.names': '{name}' is not allowed, it must read 'ROBOT/SENSOR'"
+            )
+        yield from mount_specs(name)
+    yield from (elevation_spec(name) for name in values['elevations.names'])
+
+
+def mounts_from(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
+    """Return the sensors of each robot."""
+    mounts: dict[str, dict[str, Mount]] = {}
+    for full_name in values['mounts.names']:
+        robot, name = full_name.split('/')
+        prefix = f'mounts.{robot}.{name}'
+        rotation_rad = values[f'{prefix}.rotation']
+        if len(rotation_rad) != 3:
+            raise WrongParameterError(
+                f"parameter '{prefix}.rotation': {rotation_rad!r} is not allowed, it must be "
+                'roll, pitch and yaw (rad)'
+            )
+        mounts.setdefault(robot, {})[name] = Mount(
+            tuple(values[f'{prefix}.position']),
+            values[f'{prefix}.bound'],
+            quaternion_xyzw(*rotation_rad),
+        )
+    return mounts
+
+
+def elevations_from(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Return the bounds of each elevation."""
+    return {
+        name: tuple(values[f'elevations.{name.replace("/", ".")}'])
+        for name in values['elevations.names']
+    }
+
+
+def quaternion_xyzw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, ...]:
+    """Return the rotation about the fixed axes x, y and z, in this order."""
+    (sr, cr), (sp, cp), (sy, cy) = (
+        (math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in (roll_rad, pitch_rad, yaw_rad)
+    )
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )

@@ -1,0 +1,395 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sensors at known places on robots: bodies of several points, and headings from these."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions
+from dg_localization.fleet import (
+    Anchor,
+    ConfigError,
+    FleetConfig,
+    Localizer,
+    Mount,
+    RangeErrorModel,
+)
+from dg_localization.fleet.mounts import mount_geometry
+
+NOW_S = 10.0
+RANGE_ERROR = 0.02
+RAY_ERROR_RAD = 0.02
+MOUNTS = {
+    2: {'left': (0.5, 0.3), 'right': (0.5, -0.3)},
+    3: {'left': (0.5, 0.3, 0.1), 'right': (0.5, -0.3, 0.2), 'top': (-0.2, 0.1, 0.8)},
+}
+ANCHORS = {2: np.array([[0.0, 0.0], [9.0, 0.0], [2.0, 8.0]])}
+ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
+
+
+def rotation(rng, dimension):
+    if dimension == 3:
+        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        return turned * np.linalg.det(turned)
+    c, s = np.cos(angle := rng.uniform(-3.0, 3.0)), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+class Truth:
+    """Robots with sensors: where all of their points are."""
+
+    def __init__(self, seed, dimension, robots=2):
+        self.rng = np.random.default_rng(seed)
+        self.dimension = dimension
+        self.frames = {f'r{k}': rotation(self.rng, dimension) for k in range(robots)}
+        self.points = {}
+        for robot, frame in self.frames.items():
+            self.points[robot] = self.rng.uniform(1.0, 7.0, dimension)
+            for name, arm in MOUNTS[dimension].items():
+                self.points[f'{robot}/{name}'] = self.points[robot] + frame @ arm
+        self.anchors = {f'a{k}': place for k, place in enumerate(ANCHORS[dimension])}
+
+    def localizer(self, **settings):
+        return Localizer(
+            FleetConfig(
+                robots=list(self.frames),
+                dimension=self.dimension,
+                mounts=dict.fromkeys(self.frames, MOUNTS[self.dimension]),
+                range_error=RangeErrorModel(0.0, 0.0, -RANGE_ERROR, RANGE_ERROR),
+                bearing_half_width_rad=RAY_ERROR_RAD,
+                **settings,
+            )
+        )
+
+    def range_between(self, localizer, first, second):
+        places = {**self.points, **self.anchors}
+        error = self.rng.uniform(-RANGE_ERROR, RANGE_ERROR)
+        range_m = math.dist(places[first], places[second]) / (1.0 - error)
+        assert localizer.add_range(first, second, range_m, NOW_S, NOW_S) is None
+
+    def look(self, localizer, observer, target, camera=None):
+        """See a target; `camera` is the rotation from the frame of the sensor to the body."""
+        places = {**self.points, **self.anchors}
+        ray = np.zeros(3)
+        frame = self.frames[observer.partition('/')[0]]
+        ray[: self.dimension] = frame.T @ (places[target] - places[observer])
+        ray = ray if camera is None else camera.T @ ray
+        assert localizer.add_bearing(observer, target, ray, NOW_S, NOW_S) is None
+
+    def holds(self, placement):
+        """Return whether positions and headings of all robots are in their bounds."""
+        for row, (robot, frame) in enumerate(self.frames.items()):
+            low, high = placement.enclosure_m[row]
+            if not ((low <= self.points[robot]).all() and (self.points[robot] <= high).all()):
+                return False
+            if placement.heading_known[row]:
+                found = matrix(placement.orientations_xyzw[row])[: self.dimension]
+                found = found[:, : self.dimension]
+                cosine = (np.trace(found.T @ frame) - self.dimension + 2.0) / 2.0
+                if math.acos(np.clip(cosine, -1.0, 1.0)) > placement.heading_half_width_rad[row]:
+                    return False
+        return True
+
+
+def matrix(quaternion):
+    x, y, z, w = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_ranges_between_sensors_and_anchors_hold_the_truth(dimension):
+    for seed in range(4):
+        truth = Truth(seed, dimension)
+        localizer = truth.localizer(
+            anchors={name: Anchor(tuple(place)) for name, place in truth.anchors.items()}
+        )
+        for point in truth.points:
+            for anchor in truth.anchors:
+                if '/' in point:
+                    truth.range_between(localizer, point, anchor)
+        placements = localizer.step(NOW_S).placements
+        assert any(truth.holds(placement) for placement in placements), seed
+        for placement in placements:
+            low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+            assert (low <= placement.positions_m).all() and (placement.positions_m <= high).all()
+
+
+def test_two_robots_that_range_between_their_sensors_know_left_from_right():
+    """Without cameras and anchors: the bodies are no mirror images of themselves."""
+    for seed in range(4):
+        truth = Truth(seed, 2)
+        localizer = truth.localizer()
+        for first in ('r0', 'r0/left', 'r0/right'):
+            for second in ('r1', 'r1/left', 'r1/right'):
+                truth.range_between(localizer, first, second)
+        estimate = localizer.step(NOW_S)
+        assert (estimate.frame.kind, estimate.frame.points) == ('heading', ('r0',))
+        places = truth.points['r1'] - truth.points['r0']
+        truth.points |= {'r0': np.zeros(2), 'r1': truth.frames['r0'].T @ places}
+        truth.frames |= {'r0': np.eye(2), 'r1': truth.frames['r0'].T @ truth.frames['r1']}
+        assert any(truth.holds(placement) for placement in estimate.placements), seed
+
+
+def test_a_camera_on_an_arm_sees_from_there_and_along_its_own_axes():
+    truth = Truth(1, 2, robots=1)
+    quarter = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
+    mounts = {'r0': {'left': MOUNTS[2]['left'], 'right': Mount((0.5, -0.3), 0.0, quarter)}}
+    anchors = {name: Anchor(tuple(place)) for name, place in truth.anchors.items()}
+    localizer = Localizer(
+        FleetConfig(['r0'], mounts=mounts, anchors=anchors, bearing_half_width_rad=RAY_ERROR_RAD)
+    )
+    for anchor in anchors:
+        truth.range_between(localizer, 'r0/left', anchor)
+        truth.look(localizer, 'r0/right', anchor, camera=matrix(quarter))
+    (placement,) = localizer.step(NOW_S).placements
+    assert truth.holds(placement)
+    assert placement.heading_half_width_rad[0] < 0.1
+    assert np.abs(placement.positions_m[0] - truth.points['r0']).max() < 0.2
+
+
+def test_an_old_range_of_a_sensor_is_widened_by_the_turn_of_its_robot():
+    config = FleetConfig(
+        ['r', 's'],
+        mounts={'r': {'far': (3.0, 4.0)}},
+        max_speed_m_s=0.1,
+        max_turn_rate_rad_s=0.5,
+        max_age_s=2.0,
+    )
+    localizer = Localizer(config)
+    for point in ('r', 'r/far'):
+        localizer.add_range(point, 's', 10.0, NOW_S, NOW_S)
+    links = {link.key.observer: link for link in localizer.snapshot(NOW_S + 1.0).links}
+    # Two robots at 0.1 m/s, and 5 m that turn by 0.5 rad.
+    assert links['r'].upper_m == pytest.approx(10.3 + 0.2)
+    assert links['r/far'].upper_m == pytest.approx(10.3 + 0.2 + 2.5)
+
+
+@pytest.mark.parametrize('odometry', [False, True])
+def test_old_readings_of_a_robot_that_moves_and_turns_hold_the_truth(odometry):
+    """At full speed and full turn rate: the bounds of the motion are met exactly."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        speed_m_s, rate_rad_s, yaw_rad = 0.5, rng.choice([-0.6, 0.6]), rng.uniform(-3.0, 3.0)
+        start_m, course = rng.uniform(2.0, 6.0, 2), rng.uniform(-3.0, 3.0)
+        mounts = {'left': (0.4, 0.3), 'camera': (-0.3, 0.2)}
+        localizer = Localizer(
+            FleetConfig(
+                ['r'],
+                mounts={'r': mounts},
+                anchors={f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])},
+                max_speed_m_s=speed_m_s,
+                max_turn_rate_rad_s=0.6,
+                bearing_half_width_rad=RAY_ERROR_RAD,
+                odometry_relative_error=0.0,
+            )
+        )
+        for k in range(24):
+            stamp_s = NOW_S - 0.9 + k * 0.9 / 23.0
+            since_s = stamp_s - NOW_S
+            direction = np.array([math.cos(course), math.sin(course)])
+            position_m = start_m + speed_m_s * since_s * direction
+            turn = yaw_rad + rate_rad_s * since_s
+            frame = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+            place = ANCHORS[2][k % 3]
+            if odometry:
+                quaternion = [0.0, 0.0, math.sin(turn / 2.0), math.cos(turn / 2.0)]
+                localizer.add_odometry('r', [*position_m, 0.0], quaternion, stamp_s, stamp_s)
+            left_m = position_m + frame @ mounts['left']
+            range_m = math.dist(left_m, place) * (1.0 + rng.uniform(-0.02, 0.02))
+            localizer.add_range('r/left', f'a{k % 3}', range_m, stamp_s, stamp_s)
+            line_m = frame.T @ (place - position_m) - mounts['camera']
+            localizer.add_bearing('r/camera', f'a{k % 3}', [*line_m, 0.0], stamp_s, stamp_s)
+        placements = localizer.step(NOW_S).placements
+        held = []
+        for placement in placements:
+            low, high = placement.enclosure_m[0]
+            inside = (low <= start_m).all() and (start_m <= high).all()
+            error_rad = abs(math.remainder(heading_rad(placement) - yaw_rad, 2.0 * math.pi))
+            held.append(inside and error_rad <= placement.heading_half_width_rad[0])
+        assert any(held), seed
+
+
+def test_bodies_know_their_distances_and_directions():
+    mounts = {'r': {'a': (3.0, 4.0), 'b': Mount((3.0, 0.0), 0.5), 'c': (0.0, 0.0)}}
+    geometry = mount_geometry(FleetConfig(['r'], mounts=mounts))
+    bounds = {(first, second): bounds for first, second, *bounds in geometry.distances}
+    low, high = bounds['r', 'r/a']
+    assert low <= 25.0 <= high and high - low < 1e-12
+    assert bounds['r/a', 'r/b'] == pytest.approx([3.5**2, 4.5**2])
+    rays = {ray.key.target: ray for ray in geometry.rays['r']}
+    # The origin of the robot itself has no direction from there.
+    assert rays.keys() == {'r/a', 'r/b'}
+    assert rays['r/a'].direction == pytest.approx([0.6, 0.8, 0.0])
+    assert rays['r/b'].half_width_rad >= math.asin(0.5 / 3.0)
+
+
+@pytest.mark.parametrize(
+    'changes, text',
+    [
+        ({'mounts': {'q': {'a': (0.0, 0.0)}}}, r"mounts: 'q' is not allowed"),
+        ({'mounts': {'r': {'a/b': (0.0, 0.0)}}}, r"mounts\[r\]: 'a/b' is not allowed"),
+        ({'mounts': {'r': {'a': (0.0, 0.0, 0.0)}}}, 'must have 2 coordinates'),
+        (
+            {'mounts': {'r': {'a': Mount((0.0, 0.0), 0.1)}}, 'elevations_m': {'x': (0, 1)}},
+            "'x' is",
+        ),
+        ({'elevations_m': {'r': (1.0, 0.0)}}, 'the least and the greatest elevation'),
+        ({'dimension': 3, 'elevations_m': {'r': (0.0, 1.0)}}, 'none in space'),
+    ],
+)
+def test_wrong_mounts_and_heights_are_refused(changes, text):
+    with pytest.raises(ConfigError, match=text):
+        FleetConfig(['r'], **changes)
+
+
+def test_wrong_mount_is_refused():
+    with pytest.raises(ConfigError, match='unit quaternion'):
+        Mount((0.0, 0.0), rotation_xyzw=(1.0, 1.0, 0.0, 0.0))
+    with pytest.raises(ConfigError, match='bound_m'):
+        Mount((0.0, 0.0), -1.0)
+
+
+def test_ranges_between_elevations_are_those_of_the_plane():
+    anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((6.0, 0.0)), 'c': Anchor((0.0, 6.0))}
+    elevations = {'a': (4.0, 4.0), 'b': (3.0, 3.2), 'c': (2.0, 2.0), 'r': (0.5, 0.7)}
+    exact = RangeErrorModel(-0.001, 0.001, 0.0, 0.0)
+    localizer = Localizer(
+        FleetConfig(['r'], anchors=anchors, elevations_m=elevations, range_error=exact)
+    )
+    for name, anchor in anchors.items():
+        high_m = elevations[name][0] - 0.6
+        range_m = math.dist((*anchor.coordinates_m, high_m), (2.0, 3.0, 0.0))
+        localizer.add_range('r', name, range_m, NOW_S, NOW_S)
+    (placement,) = localizer.step(NOW_S).placements
+    low, high = placement.enclosure_m[0]
+    assert (low <= [2.0, 3.0]).all() and (high >= [2.0, 3.0]).all()
+    assert (high - low).max() < 0.4
+    # Without elevations the ranges are too long for the plane.
+    plain = Localizer(FleetConfig(['r'], anchors=anchors, range_error=exact))
+    for name, anchor in anchors.items():
+        plain.add_range('r', name, math.dist((*anchor.coordinates_m, 3.4), (2, 3, 0)), 10.0, 10.0)
+    assert plain.step(NOW_S).placements == ()
+
+
+SITES = [1, 2, 3, 4, 5]
+
+
+@pytest.fixture(scope='module')
+def cart(shared):
+    """Return the geometry of three tags on a trolley among eight anchors."""
+    return json.loads((shared / 'data/lias_uwb/geometry.json').read_text())['14']
+
+
+@pytest.mark.parametrize('site', SITES)
+def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, site):
+    tag_height_m = (0.96, 0.985)
+    config = FleetConfig(
+        robots=['cart'],
+        mounts={'cart': {f't{k}': tuple(tag[:2]) for k, tag in enumerate(cart['tags'])}},
+        anchors={f'a{k}': Anchor(tuple(place[:2])) for k, place in enumerate(cart['anchors'])},
+        elevations_m={
+            'cart': tag_height_m,
+            **{f'a{k}': (place[2], place[2]) for k, place in enumerate(cart['anchors'])},
+        },
+        range_error=RangeErrorModel(-0.05, 0.6, 0.0, 0.0),
+        max_repeats=1,
+        solver=SolverOptions(resolution=0.02),
+    )
+    localizer = Localizer(config)
+    for turn in (0, 120, 240):
+        yaw_deg, x, y = cart['poses_yawdeg_x_y'][str(site)][turn // 60]
+        path = shared / f'data/lias_uwb/UWB_static_exp_8_14_pos{site}_deg_{turn}.csv'
+        with path.open() as file:
+            rows = [row for row, _ in zip(csv.reader(file), range(2), strict=False)]
+        for row in rows:
+            localizer.reset()
+            ranges = {}
+            for number, text in enumerate(row[1:25]):
+                anchor, tag = divmod(number, 3)
+                ranges[tag, anchor] = float(text)
+                localizer.add_range(f'cart/t{tag}', f'a{anchor}', float(text), NOW_S, NOW_S)
+            (placement,) = localizer.step(NOW_S).placements
+            low, high = placement.enclosure_m[0]
+            assert (low <= [x, y]).all() and ([x, y] <= high).all()
+            error_rad = heading_rad(placement) - math.radians(yaw_deg)
+            error_rad = abs(math.remainder(error_rad, 2.0 * math.pi))
+            assert error_rad <= placement.heading_half_width_rad[0]
+            exact = exact_poses(cart, ranges, tag_height_m, placement)
+            assert np.hypot(*(placement.positions_m[0] - [x, y])) < 0.3
+            # How far headings that agree are from the published one at most.
+            assert placement.heading_half_width_rad[0] <= 1.1 * exact
+            assert placement.heading_half_width_rad[0] >= exact
+
+
+def heading_rad(placement):
+    z, w = placement.orientations_xyzw[0, 2:]
+    return 2.0 * math.atan2(z, w)
+
+
+def exact_poses(cart, ranges, tag_height_m, placement):
+    """Return how far from the published heading poses agree, by sampling poses."""
+    low, high = placement.enclosure_m[0]
+    half_width = placement.heading_half_width_rad[0]
+    axes = [np.linspace(low[k], high[k], 41) for k in range(2)]
+    offsets = np.linspace(-half_width, half_width, 161)
+    x, y, offset = np.meshgrid(*axes, offsets, indexing='ij')
+    c, s = np.cos(heading_rad(placement) + offset), np.sin(heading_rad(placement) + offset)
+    agrees = np.ones(x.shape, dtype=bool)
+    for (tag, anchor), range_m in ranges.items():
+        (a, b, _), place = cart['tags'][tag], cart['anchors'][anchor]
+        squared = (x + c * a - s * b - place[0]) ** 2 + (y + s * a + c * b - place[1]) ** 2
+        rises = [place[2] - height for height in tag_height_m]
+        agrees &= squared <= (range_m + 0.05) ** 2 - min(rise**2 for rise in rises)
+        agrees &= squared >= (range_m - 0.6) ** 2 - max(rise**2 for rise in rises)
+    return np.abs(offset[agrees]).max()
+
+
+@pytest.mark.parametrize('sensor', ['r', 'r/left'])
+def test_what_is_remembered_does_not_contradict_sensors_and_elevations(sensor):
+    """A robot that drives straight ahead, ranged from above for longer than a reading counts."""
+    config = FleetConfig(
+        ['r'],
+        mounts={'r': {'left': (0.4, 0.6)}},
+        anchors={f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])},
+        elevations_m={f'a{k}': (3.0, 3.0) for k in range(3)},
+        max_speed_m_s=0.5,
+        range_error=RangeErrorModel(-0.02, 0.02, 0.0, 0.0),
+    )
+    localizer = Localizer(config)
+    for tick in range(8):
+        now_s = NOW_S + 0.5 * tick
+        position_m = np.array([2.0 + 0.2 * tick, 3.0])
+        localizer.add_odometry('r', [*position_m, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+        place_m = position_m + (config.sensors[sensor].position_m if '/' in sensor else 0.0)
+        for k, anchor in enumerate(ANCHORS[2]):
+            range_m = math.dist((*anchor, 3.0), (*place_m, 0.0))
+            localizer.add_range(sensor, f'a{k}', range_m, now_s, now_s)
+        estimate = localizer.step(now_s)
+        assert estimate.forgotten == ()
+        low, high = estimate.placements[0].enclosure_m[0]
+        assert (low <= position_m).all() and (position_m <= high).all()
+
+
+def test_a_robot_that_only_knows_its_own_sensors_is_not_connected():
+    config = FleetConfig(
+        ['alone', 'r', 's'],
+        mounts={'alone': MOUNTS[2], 'r': MOUNTS[2]},
+    )
+    localizer = Localizer(config)
+    localizer.add_range('r/left', 's', 3.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.frame.points == ('r',) and estimate.groups == ()
+    assert 'reference robot alone is not connected' in estimate.frame_doubt
+    assert 'not connected: alone' in estimate.reason
+    assert all(np.isnan(p.positions_m[0]).all() for p in estimate.placements)
