@@ -135,6 +135,13 @@ def counts(path):
         return {name: info.msgcount for name, info in reader.topics.items()}
 
 
+@pytest.mark.parametrize('duration', ['1.0', '1.5'])
+def test_a_message_at_the_very_end_of_the_duration_is_no_damage(duration, triangle_bag, localize):
+    code, report = localize(triangle_bag, '--start', '0.5', '--duration', duration)
+    assert code == 0 and report['damage'] == []
+    assert report['accepted'] == 3 * round(10 * float(duration))
+
+
 def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
     code, report = localize(triangle_bag)
     assert code == 0

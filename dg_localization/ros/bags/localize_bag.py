@@ -100,7 +100,7 @@ def localize_bag(
             malformed=localizer.intake.malformed,
             unreadable=bag.unreadable,
             notices=(*inputs.notices, *bag.notices),
-            damage=tuple(damage_of(bag, contents, None if ending else span_ns)),
+            damage=tuple(damage_of(bag, contents, None if ending else _read_ns(span_ns, options))),
             checksums=contents.checksums,
             max_boxes=settings.fleet.solver.max_boxes,
         )
@@ -156,6 +156,14 @@ def _span_ns(bag: Bag, options: argparse.Namespace, rate_hz: float) -> tuple[int
             'time is damaged, choose parts with --start and --duration'
         )
     return start_ns, end_ns
+
+
+def _read_ns(span_ns: tuple[int, int], options: argparse.Namespace) -> tuple[int, int]:
+    """Return the first and the last time of a message that was to be read."""
+    if options.duration is None:
+        return span_ns
+    # A message at the very end of the duration is not read.
+    return span_ns[0], min(span_ns[1], span_ns[0] + round(options.duration * NS_PER_S) - 1)
 
 
 def _add_copies(bag: Bag, writer: BagWriter) -> frozenset[str]:
