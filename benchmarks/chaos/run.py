@@ -17,12 +17,13 @@ from benchmarks.chaos.disturbances import DISTURBANCES
 from benchmarks.chaos.world import World, parameters
 
 START_S = 90.0
-RECOVERY_S = 30.0
+RECOVERY_S = 60.0
 CALM_S = 0.5
-EMPTIED_S = 5.0
-# The node calls an answer late after this; its diagnostics come once a second.
+EMPTIED_S = 10.0
+# The node calls an answer late after this. Its diagnostics come once a second, on a busy machine
+# somewhat later.
 OLD_S = 1.0
-TOLD_S = 2.5
+TOLD_S = 4.0
 
 
 @dataclass(frozen=True)

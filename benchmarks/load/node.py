@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from array import array
 import json
 from pathlib import Path
 import sys
@@ -25,7 +26,8 @@ class WatchedNode(LocalizerNode):
 
     def __init__(self, result: Path, **kwargs: Any) -> None:
         self._result = result
-        self._messages: list[tuple[float, float, float, float]] = []
+        # Plain numbers: a soak counts the memory of this too.
+        self._messages = array('d')
         self._answers: list[tuple[float, float, float, float, float]] = []
         self._resources: list[tuple[float, float, int, int]] = []
         super().__init__(**kwargs)
@@ -36,7 +38,7 @@ class WatchedNode(LocalizerNode):
         sec, nanosec = STAMP.unpack_from(data, STAMP_OFFSET)
         super()._on_message(link, data)
         end_s = time.thread_time()
-        self._messages.append((time.time(), sec + 1e-9 * nanosec, end_s - begin_s, end_s))
+        self._messages.extend((time.time(), sec + 1e-9 * nanosec, end_s - begin_s, end_s))
 
     def _publish(self, answer: Answer) -> None:
         begin_s = time.thread_time()

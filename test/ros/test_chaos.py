@@ -41,8 +41,8 @@ class Screen:
 
 
 def test_an_old_answer_that_looks_new_is_noticed():
-    assert old_ones(Screen(0, [2.0] * 40))
-    assert not old_ones(Screen(1, [2.0] * 40))
-    assert not old_ones(Screen(0, [0.5] * 40))
-    assert not old_ones(Screen(0, [None] * 40))
-    assert not old_ones(Screen(0, [2.0] * 20 + [0.2] + [2.0] * 20))
+    assert old_ones(Screen(0, [2.0] * 60))
+    assert not old_ones(Screen(1, [2.0] * 60))
+    assert not old_ones(Screen(0, [0.5] * 60))
+    assert not old_ones(Screen(0, [None] * 60))
+    assert not old_ones(Screen(0, [2.0] * 30 + [0.2] + [2.0] * 30))

@@ -154,7 +154,7 @@ def test_useless_messages_change_nothing_and_the_truth_is_kept(test):
     for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
         fleet = HostileFleet.make(seed)
         among_others, alone = Taker(fleet), Taker(fleet)
-        while among_others.wanted < INPUTS_PER_FLEET:
+        for _ in range(INPUTS_PER_FLEET):
             fleet.pass_time()
             link = fleet.random.choice(fleet.links)
             if fleet.random.random() < 0.5:
