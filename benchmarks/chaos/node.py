@@ -31,5 +31,5 @@ class SlowLocalizer(Localizer):
 
 
 if __name__ == '__main__':
-    spin(lambda: LocalizerNode(make_localizer=SlowLocalizer), sys.argv[2:])
+    spin(lambda: LocalizerNode(make_localizer=SlowLocalizer), sys.argv[2:], __doc__ or '')
     sys.exit(exit_code_despite_worker(0))

@@ -74,10 +74,10 @@ def live_through(names: Iterable[str]) -> Day:
             if not _recovered(world, START_S):
                 faults.append('the node has not started')
             for name in names:
-                outcomes.append(_disturb(world, name, slow, faults))
                 if node.poll() is not None:
-                    faults.append(f'{name}: the node has ended')
+                    faults.append(f'the node has ended before: {name}')
                     break
+                outcomes.append(_disturb(world, name, slow, faults))
         finally:
             slow.unlink(missing_ok=True)
             node.send_signal(signal.SIGINT)

@@ -78,7 +78,7 @@ class WatchedNode(LocalizerNode):
 def main() -> int:
     """Run the node until SIGINT."""
     result = Path(sys.argv[1])
-    spin(lambda: WatchedNode(result), sys.argv[2:])
+    spin(lambda: WatchedNode(result), sys.argv[2:], __doc__ or '')
     return exit_code_despite_worker(0)
 
 
