@@ -4,7 +4,7 @@
 """
 The published point: how far it is from the truth, as any placement and as the best one.
 
-    python -m benchmarks.points mrclam [--every 5] [--excerpt excerpt_D7_t200_440]
+    python -m benchmarks.points mrclam [--every 5] [--excerpt excerpt_D7_t200_440] [--memory 30]
     python -m benchmarks.points tiers [--every 20]
     python -m benchmarks.points lias
 
@@ -36,6 +36,7 @@ from dg_localization.fleet import (
     Anchor,
     FleetConfig,
     Localizer,
+    OdometryErrorModel,
     Placement,
     RangeErrorModel,
     Snapshot,
@@ -43,6 +44,7 @@ from dg_localization.fleet import (
 )
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
 from dg_localization.fleet.best_point.readings import terms_of
+from dg_localization.fleet.best_point.remembered import remembered_terms
 from dg_localization.fleet.best_point.terms import Term
 from dg_localization.fleet.directions import best_rotation
 from dg_localization.fleet.frames import placer
@@ -100,9 +102,12 @@ class Points:
         """Yield the placements of a snapshot, as any ones and as the best ones."""
         for name, tally in self.tallies.items():
             # Without readings to fit, the point is the placement that the fit starts from.
-            replaced = terms_of if name == 'best point' else no_terms
+            of_now, of_before = terms_of, remembered_terms
+            if name == 'any placement':
+                of_now = of_before = no_terms
             with (
-                patch.object(placer, 'terms_of', replaced),
+                patch.object(placer, 'terms_of', of_now),
+                patch.object(placer, 'remembered_terms', of_before),
                 patch.object(BestPointFinder, 'find', timed(tally.seconds)),
             ):
                 yield tally, self.localizer.estimate(snapshot).placements
@@ -203,7 +208,11 @@ def mrclam(arguments: argparse.Namespace) -> None:
         robots=tuple(f'r{k}' for k in NUMBERS),
         anchors={name: Anchor(tuple(xy), 0.01) for name, xy in drive.landmarks.items()},
         max_age_s=2.0,
-        memory_s=0.0,
+        memory_s=arguments.memory,
+        odometry_error=OdometryErrorModel(
+            translation_per_m=0.1, rotation_per_rad=0.1, constant_m=0.04, constant_rad=0.12
+        ),
+        window_outliers=5,
         max_speed_m_s=0.2,
         max_turn_rate_rad_s=0.6,
         odometry_relative_error=0.1,
@@ -362,6 +371,7 @@ def main() -> None:
     parser.add_argument('--excerpt', default='excerpt_D7_t200_440')
     parser.add_argument('--every', type=float, default=5.0)
     parser.add_argument('--expected-error', type=float)
+    parser.add_argument('--memory', type=float, default=0.0, metavar='SECONDS')
     arguments = parser.parse_args()
     warm_up()
     {'mrclam': mrclam, 'tiers': tiers, 'lias': lias}[arguments.recording](arguments)

@@ -249,6 +249,29 @@ def test_one_robot_among_anchors_has_a_point_and_alone_it_has_none():
     assert Fleet(4, robots=1, anchors=False).step().placements == ()
 
 
+def test_what_is_remembered_leads_to_the_point():
+    """A robot that drives straight on and sees one landmark at a time."""
+    off_m = {}
+    for memory_s in (0.0, 30.0):
+        anchors = {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])}
+        config = FleetConfig(['r'], anchors=anchors, memory_s=memory_s, max_age_s=0.4)
+        localizer = Localizer(config)
+        for tick in range(12):
+            now_s, yaw = NOW_S + 0.5 * tick, 0.6
+            position_m = np.array([2.0, 1.0]) + 0.2 * tick * np.array([np.cos(yaw), np.sin(yaw)])
+            quaternion = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
+            localizer.add_odometry('r', [*position_m, 0.0], quaternion, now_s, now_s)
+            line_m = ANCHORS[2][tick % 3] - position_m
+            bearing = math.atan2(line_m[1], line_m[0]) - yaw
+            ray = [math.cos(bearing), math.sin(bearing), 0.0]
+            localizer.add_range('r', f'a{tick % 3}', np.linalg.norm(line_m), now_s, now_s)
+            localizer.add_bearing('r', f'a{tick % 3}', ray, now_s, now_s)
+            placements = localizer.step(now_s).placements
+        off_m[memory_s] = np.linalg.norm(placements[0].positions_m[0] - position_m)
+        assert inside(placements[0])
+    assert off_m[30.0] < 0.02 < off_m[0.0]
+
+
 def test_a_dropped_reading_does_not_pull():
     fleet = Fleet(5, robots=2, noise=0.0)
     config = FleetConfig(robots=fleet.robots, anchors=fleet.anchors, max_outliers=1)

@@ -206,7 +206,10 @@ class BestPointFinder:
         rotations = np.tile(np.eye(3), (n_points, 1, 1))
         for observer, rays in self._rays_of.items():
             seen = np.array([ray.direction[:dimension] for ray in rays])
-            lines = start_m[[ray.target for ray in rays]] - start_m[observer]
+            targets = start_m[[ray.target for ray in rays]]
+            # How other bodies are turned is not known yet, and those that do not turn are upright.
+            arms = [(0.0,) * 3 if r.target in self._rays_of else r.target_arm_m for r in rays]
+            lines = targets + np.array(arms)[:, :dimension] - start_m[observer]
             weights = np.array([1.0 / max(ray.half_width_rad, LEAST_HALF_WIDTH) for ray in rays])
             turn = best_rotation(seen, unit_vectors(lines), weights)
             rotations[observer, :dimension, :dimension] = turn

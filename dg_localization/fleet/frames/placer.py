@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder, Sensor
 from dg_localization.fleet.best_point.readings import terms_of
+from dg_localization.fleet.best_point.remembered import remembered_terms
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.assembly import PlacedPoints, assemble
@@ -185,6 +186,9 @@ class Placer:
         by_anchors = self._plan.frame.kind == FrameKind.ANCHORS
         anchors = self._registration.anchors if by_anchors else {}
         terms = list(terms_of(snapshot, self._solved, self._dropped, anchors))
+        if not self._dropped:
+            # What contradicts the rest now may have been wrong before.
+            terms += remembered_terms(snapshot, self._solved, anchors)
         rows = self._solved.rows
         sensors = [
             Sensor(rows[point], rows[self._config.robot_of(point)], arm_m)
