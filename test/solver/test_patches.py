@@ -29,6 +29,8 @@ def first_and_last(seeds):
 def small_patches(request, monkeypatch):
     """Have small problems solved in patches, with or without a contraction of the whole."""
     monkeypatch.setattr(pieces, 'MOST_WHOLE', 3)
+    # They are not tried in one box first.
+    monkeypatch.setattr(pieces, 'MOST_CONTRACTED', 0)
     monkeypatch.setattr(solver, 'PATCH_POINTS', 4)
     monkeypatch.setattr(neighborhoods, 'SEAM_POINTS', 5)
     if request.param == 'chained':

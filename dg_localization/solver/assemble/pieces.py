@@ -136,9 +136,14 @@ def _searched(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
 ) -> _Search:
     """Solve a piece for one choice of what it is given, with a share of what is left."""
-    large = None
-    if problem.n_points > MOST_WHOLE:
-        large = solve_large(problem, budget, share, within)
+    if problem.n_points <= MOST_WHOLE:
+        cover = budget.search(problem, share, within)
+        return _Search(problem, cover.kept, cover.pending)
+    if within is None and problem.n_points <= MOST_CONTRACTED:
+        in_one_box = budget.search_in_one_box(problem)
+        if in_one_box is not None:
+            return _Search(problem, in_one_box.kept, in_one_box.pending)
+    large = solve_large(problem, budget, share, within)
     if large is None:
         cover = budget.search(problem, share, within)
     else:

@@ -43,7 +43,7 @@ class ChainedHypothesis(Hypothesis):
         The number of points.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
-    positions : ndarray, shape (n, q)
+    positions : ndarray, shape (n, q), or None
         A placement in m.
     proved : bool
         Whether it meets every constraint.
@@ -61,7 +61,7 @@ class ChainedHypothesis(Hypothesis):
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        positions: FloatArray,
+        positions: FloatArray | None,
         proved: bool,
         flexible: bool,
     ) -> None:
@@ -188,9 +188,13 @@ class PatchAnswers:
         for choice in self._choices(min(most, max(1, MOST_NUMBERS // n_points**2))):
             low, high = self._chosen(choice)
             graph = ChainGraph(n_points, self._solved.known.pairs, low, high)
-            positions = self._placement(choice or self._ambiguities.first(), stopped)
-            proved = agrees(self._problem, positions)
-            flexible = self._is_flexible(positions)
+            if found and stopped():
+                # Without time for one of its own it has the placement of another.
+                positions, proved, flexible = found[0].positions, False, found[0].flexible
+            else:
+                positions = self._placement(choice or self._ambiguities.first(), stopped)
+                proved = agrees(self._problem, positions)
+                flexible = self._is_flexible(positions)
             found.append(
                 ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
             )
