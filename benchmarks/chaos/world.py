@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 import math
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import rclpy
@@ -33,9 +34,7 @@ OFFSETS_M = np.array([[0.0, 0.0], [4.0, 0.5], [1.0, 4.0], [5.0, 5.0]])
 CENTER_M = np.array([8.0, 6.0])
 RADIUS_M = 4.0
 SPEED_M_S = 1.0
-# A placement that agrees with all measurements is no farther from the truth at its stamp, even
-# where a busy machine makes them old; that of 7 s before is.
-NEAR_ENOUGH_M = 4.0
+ROUNDING_M = 1e-3
 SENSOR_PERIOD_S = 0.1
 CLOCK_PERIOD_S = 0.02
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -98,6 +97,9 @@ class World:
         self._clock = self.node.create_publisher(Clock, '/clock', 10)
         listen = self.node.create_subscription
         listen(PoseArray, '/localizer/feasible_poses', self._on_answer, LATCHED)
+        for robot in ROBOTS:
+            topic = f'/localizer/{robot}/pose'
+            listen(PoseWithCovarianceStamped, topic, partial(self._on_pose, robot), 10)
         listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.begin_s = self._last_wall_s = time.monotonic()
         self._next_sensor_s = self._next_clock_s = self.begin_s
@@ -225,18 +227,19 @@ class World:
         self._stamp_s = poses.stamp_s
         if poses.stamp_s > self.now_s + 0.2:
             self.faults.append(f'{self.now_s:.2f}: an answer from the future, {poses.stamp_s:.2f}')
-        truth = self.positions_m(poses.stamp_s)[: len(ROBOTS)]
-        placements = poses.positions_m.reshape(-1, len(ROBOTS), 3)[..., :2]
-        errors_m = np.linalg.norm(placements - truth, axis=-1)
-        if np.isfinite(errors_m).all():
+        if np.isfinite(poses.positions_m).all():
             self.complete_stamp_s = poses.stamp_s
-        # A robot that nobody measures any more is in none of them.
-        nearest_m = np.nanmin(np.nan_to_num(errors_m, nan=0.0).max(axis=1))
-        if poses.frame_id == 'map' and nearest_m > NEAR_ENOUGH_M:
-            self.faults.append(
-                f'{self.now_s:.2f}: no placement of {poses.stamp_s:.2f} is nearer than '
-                f'{nearest_m:.2f} m'
-            )
+
+    def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
+        """Check that the truth at the stamp of a pose lies within its bounds."""
+        pose = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message(message)
+        truth_m = self.positions_m(pose.stamp_s)[ROBOTS.index(robot)]
+        half_widths_m = np.sqrt(np.diag(pose.covariance)[:2])
+        if (
+            pose.frame_id == 'map'
+            and (np.abs(pose.position_xyz[:2] - truth_m) > half_widths_m + ROUNDING_M).any()
+        ):
+            self.faults.append(f'{self.now_s:.2f}: {robot} was not there at {pose.stamp_s:.2f}')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
