@@ -247,6 +247,8 @@ def test_one_wrong_range_never_costs_the_truth(seed, size):
     assert estimate.verdict in (Verdict.COVERED, Verdict.OUT_OF_BUDGET)
     if not estimate.conflicts:
         return
+    if estimate.n_hypotheses > len(estimate.placements):
+        return  # the truth may be among those that are only counted
     origin, towards = (ROBOTS.index(name) for name in estimate.frame.points)
     local = places - places[origin]
     axis = local[towards] / np.linalg.norm(local[towards])
