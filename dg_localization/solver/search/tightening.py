@@ -26,6 +26,7 @@ import numpy as np
 from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
 from dg_localization.solver.contract.fixed_point import Pruned
+from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.hypotheses import place_problem
@@ -47,7 +48,10 @@ LEAST_SLICES = 4
 """An end for which fewer slices than this are left is not bisected."""
 
 MOST_IDLE_SLICES = 100
-"""Tightening ends after so many slices in a row that cut nothing off."""
+"""Tightening ends after so many slices in a row that cut nothing off, in a small fleet."""
+
+SLICE_POWER = 4
+"""The work of a slice grows with this power of the points: fewer idle ones are accepted."""
 
 LEAST_CUT_OF_INTERVAL = 0.01
 """A smaller cut, as a fraction of the interval, counts as none."""
@@ -71,6 +75,8 @@ class _Slicer:
         self.box = box
         self.slices = slices
         self._idle_slices = 0
+        ratio = min(1.0, SMALL_FLEET / pruner.problem.n_points)
+        self._most_idle = max(1, round(MOST_IDLE_SLICES * ratio**SLICE_POWER))
 
     def trim(self, pair: Pair, end: int) -> bool:
         """Cut slices of decreasing thickness off one end; return whether anything is left."""
@@ -134,7 +140,7 @@ class _Slicer:
 
     def _may_go_on(self, reserve: int = 0) -> bool:
         """Return whether slices and time are left, and slices still cut something off."""
-        idle = self._idle_slices >= MOST_IDLE_SLICES
+        idle = self._idle_slices >= self._most_idle
         return self.slices > reserve and not idle and not self._stopped()
 
     def _width(self, pair: Pair) -> float:
