@@ -186,8 +186,8 @@ def given_values(node: Node) -> dict[str, Any]:
     """
     Return what files and command line give for the parameters of a node that are not declared.
 
-    rclpy has no public way to list them before they are declared, and refuses to declare one
-    that was given with another type than its own; a check that names what is right needs both.
+    A check that names what is right needs them as they were given. The public way is to have them
+    declared automatically; rclpy then refuses an empty list, with an error that names nothing.
     """
     overrides: Mapping[str, Parameter] = node._parameter_overrides
     return {name: p.value for name, p in overrides.items() if not node.has_parameter(name)}
