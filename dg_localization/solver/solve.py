@@ -177,7 +177,7 @@ def _cross_polytope(dimension: int) -> Problem:
 
 def _braced_grid() -> Problem:
     """Return a piece that is large enough to be solved in patches."""
-    corners = np.stack(np.unravel_index(np.arange(42), (7, 6)), axis=1).astype(np.float64)
+    corners = np.stack(np.unravel_index(np.arange(63), (9, 7)), axis=1).astype(np.float64)
     squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     upper = np.where(squared < 2.5, 1.02 * squared, np.inf)
     return Problem(np.where(squared < 2.5, squared, 0.0), upper)

@@ -31,10 +31,11 @@ def small_patches(request, monkeypatch):
     monkeypatch.setattr(pieces, 'MOST_WHOLE', 3)
     # They are not tried in one box first.
     monkeypatch.setattr(pieces, 'MOST_CONTRACTED', 0)
+    monkeypatch.setattr(pieces, 'MOST_TOGETHER', 0)
     monkeypatch.setattr(solver, 'PATCH_POINTS', 4)
     monkeypatch.setattr(neighborhoods, 'SEAM_POINTS', 5)
     if request.param == 'chained':
-        monkeypatch.setattr(large_pieces, 'MOST_CONTRACTED', 0)
+        monkeypatch.setattr(large_pieces, 'MOST_TOGETHER', 0)
     return request.param
 
 
@@ -153,6 +154,8 @@ def test_a_contradiction_between_patches_is_a_proof():
 def test_a_patch_that_takes_many_boxes_is_done_again_as_smaller_ones(monkeypatch):
     problem, positions = braced_grid(6, 8, 0.01)
     monkeypatch.setattr(solver, 'MOST_PATCH_BOXES', 1)
+    for module in (pieces, large_pieces):
+        monkeypatch.setattr(module, 'MOST_TOGETHER', 0)
     (piece,) = solve(problem, SolverOptions(max_boxes=10**4)).pieces
     assert min(len(patch.points) for patch in piece.patches) <= solver.SMALL_POINTS
     covered = np.eye(48, dtype=bool)

@@ -4,7 +4,7 @@
 """
 How a large piece is solved: its patches first, then what they leave open.
 
-Up to `MOST_CONTRACTED` points all pairs of the piece are contracted together afterwards, within
+Up to `MOST_TOGETHER` points all pairs of the piece are contracted together afterwards, within
 what its patches allow. Where the patches hold it together that is one step for each choice of
 their hypotheses, else the ordinary search. The answer of a larger piece is that of its patches.
 """
@@ -15,13 +15,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.patches.answers import PatchAnswers
 from dg_localization.solver.patches.solver import PatchSolver, SolvedPatches
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.branch_and_prune import Cover
+
+MOST_TOGETHER = 60
+"""Up to so many points a piece is contracted as a whole: far pairs are bounded far better."""
 
 PATCHES_SHARE = 0.5
 """Patches may take this part of the time of a piece that is contracted afterwards,"""
@@ -77,7 +79,7 @@ def solve_large(
         None where the neighborhoods of the piece are not rigid; patches are of no use then.
 
     """
-    is_whole = problem.n_points <= MOST_CONTRACTED
+    is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE
     solved = PatchSolver(problem, budget, share_of_patches * share, within).run()
     if solved is None:

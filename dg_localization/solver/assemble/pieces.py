@@ -20,7 +20,7 @@ import numpy as np
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
-from dg_localization.solver.assemble.large_pieces import LargePiece, solve_large
+from dg_localization.solver.assemble.large_pieces import MOST_TOGETHER, LargePiece, solve_large
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition, pairs_of
@@ -139,7 +139,7 @@ def _searched(
     if problem.n_points <= MOST_WHOLE:
         cover = budget.search(problem, share, within)
         return _Search(problem, cover.kept, cover.pending)
-    if within is None and problem.n_points <= MOST_CONTRACTED:
+    if within is None and problem.n_points <= MOST_TOGETHER:
         in_one_box = budget.search_in_one_box(problem)
         if in_one_box is not None:
             return _Search(problem, in_one_box.kept, in_one_box.pending)
