@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 import math
 from typing import TypeAlias
 
@@ -22,6 +22,7 @@ from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.mounts import NO_MOUNTS, MountGeometry
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
+from dg_localization.fleet.window.carry import CarriedWindow
 from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Window
 from dg_localization.interval.bounds import product_up, sum_down, sum_up
 
@@ -64,6 +65,11 @@ class Snapshot:
     links: tuple[LinkState, ...]
     window: Window = NO_WINDOW
     mounts: MountGeometry = NO_MOUNTS
+
+    @cached_property
+    def carried(self) -> CarriedWindow:
+        """What is remembered, seen from where the robots are now; made when it is asked for."""
+        return CarriedWindow(self.config, self.stamp_s, self.window, self.motion, self.anchors)
 
     @property
     def keys(self) -> tuple[LinkKey, ...]:

@@ -19,8 +19,8 @@ from dg_localization.fleet.best_point.terms import (
     RayTerm,
     Term,
 )
+from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.constraints.distances import squared_rise_m2
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey
 from dg_localization.interval.arrays import Interval

@@ -18,7 +18,7 @@ import numpy as np
 from dg_localization.fleet.best_point.terms import RangeTerm, RayTerm, Term
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
+from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import PairReadings
 
@@ -60,7 +60,7 @@ def remembered_terms(
     if world is not None:
         row_of[WORLD] = world
     terms: list[RangeTerm | RayTerm] = []
-    carried = CarriedWindow(snapshot)
+    carried = snapshot.carried
     for pair in carried.pairs:
         if row_of.keys() >= set(pair):
             stamps_s = carried.stamps_s(pair)

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.interval.arrays import Interval
@@ -81,16 +81,6 @@ def intersect_pair(
     """Intersect the bounds of one squared distance with others, in place."""
     lower[i, j] = lower[j, i] = max(lower[i, j], s_lower_m2)
     upper[i, j] = upper[j, i] = min(upper[i, j], s_upper_m2)
-
-
-def squared_rise_m2(config: FleetConfig, first: str, second: str) -> tuple[float, float]:
-    """Return bounds of the squared difference of the elevations of two points, in m^2."""
-    one, other = config.elevation_m(first), config.elevation_m(second)
-    if one == other and one[0] == one[1]:
-        return 0.0, 0.0
-    upper_m = max(sum_up(other[1], -one[0]), sum_up(one[1], -other[0]))
-    lower_m = max(sum_down(other[0], -one[1]), sum_down(one[0], -other[1]))
-    return squared_distance(lower_m, upper_m)
 
 
 def _in_plane(

@@ -12,6 +12,7 @@ assemble the rows.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,7 @@ class Placer:
         plan: FramePlan,
         dropped: frozenset[LinkKey],
     ) -> None:
+        self._snapshot = snapshot
         self._config = snapshot.config
         self._plan = plan
         self._dropped = dropped
@@ -85,9 +87,8 @@ class Placer:
         )
         self._rigid = rigid_with(self._registration.cores[0], self._solved)
         self._encloser = Encloser(self._solved, self._registration)
-        held = () if self._reference is None else (self._reference,)
-        self._best_points = self._best_point_finder(snapshot, held)
-        self._body_poses = BodyPoses(snapshot, self._solved, held)
+        self._held = () if self._reference is None else (self._reference,)
+        self._body_poses = BodyPoses(snapshot, self._solved, self._held)
 
     def placements(self, hypothesis: Hypothesis, *, alone: bool) -> list[Placement]:
         """
@@ -181,8 +182,10 @@ class Placer:
             dropped=self._dropped,
         )
 
-    def _best_point_finder(self, snapshot: Snapshot, held: tuple[int, ...]) -> BestPointFinder:
-        """Return what finds the best points, by all readings between the solved points."""
+    @cached_property
+    def _best_points(self) -> BestPointFinder:
+        """What finds the best points, by all readings; a contradiction does not need it."""
+        snapshot = self._snapshot
         by_anchors = self._plan.frame.kind == FrameKind.ANCHORS
         anchors = self._registration.anchors if by_anchors else {}
         terms = list(terms_of(snapshot, self._solved, self._dropped, anchors))
@@ -195,7 +198,7 @@ class Placer:
             for point, arm_m in snapshot.mounts.arms_m.items()
             if point in rows
         ]
-        return BestPointFinder(self._solved.problem(), terms, held, sensors)
+        return BestPointFinder(self._solved.problem(), terms, self._held, sensors)
 
     @property
     def _reference(self) -> int | None:

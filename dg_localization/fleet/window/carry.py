@@ -11,17 +11,19 @@ odometry is left out: how far it may have moved soon says nothing.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.constraints.distances import squared_rise_m2
+from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
-from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, OdometryReading
-from dg_localization.fleet.window.memory import Observation
+from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import NO_RAY_RAD, PairReadings, PastPoses
 
@@ -49,16 +51,30 @@ class CarriedWindow:
 
     Parameters
     ----------
-    snapshot : Snapshot
-        In the plane.
+    config : FleetConfig
+        Of a fleet in the plane.
+    now_s : float
+    window : Window
+    motion : Motion
+    anchors : AnchorGeometry
 
     """
 
-    def __init__(self, snapshot: Snapshot) -> None:
-        self._snapshot = snapshot
+    def __init__(
+        self,
+        config: FleetConfig,
+        now_s: float,
+        window: Window,
+        motion: Motion,
+        anchors: AnchorGeometry,
+    ) -> None:
+        self._config = config
+        self._now_s = now_s
+        self._motion = motion
+        self._anchors = anchors
         self._rows: dict[Pair, list[_Row]] = {}
-        index = {name: i for i, name in enumerate(snapshot.config.points)}
-        for (observer, target), observations in snapshot.window.observations.items():
+        index = {name: i for i, name in enumerate(config.points)}
+        for (observer, target), observations in window.observations.items():
             self._add(index[observer], index[target], observations)
         self._poses = {body: self._past_poses(body) for body in self._bodies}
 
@@ -79,20 +95,18 @@ class CarriedWindow:
             ranks.update(pair)
         return tuple(near)
 
-    @cached_property
-    def links(self) -> frozenset[LinkKey]:
-        """The links of the moment between bodies that observed each other in the window."""
-        points = self._snapshot.config.points
-        index = {name: i for i, name in enumerate(points)}
+    def links_among(self, keys: Iterable[LinkKey]) -> frozenset[LinkKey]:
+        """Return the links between bodies that observed each other in the window."""
+        index = {name: i for i, name in enumerate(self._config.points)}
         return frozenset(
             key
-            for key in self._snapshot.keys
+            for key in keys
             if self._pair_of(index[key.observer], index[key.target]) in self._rows
         )
 
     def span_s(self, pair: Pair) -> float:
         """Return the age of the oldest observation of a pair."""
-        return self._snapshot.stamp_s - min(self._stamps_of(pair))
+        return self._now_s - min(self._stamps_of(pair))
 
     def stamps_s(self, pair: Pair) -> NDArray[np.float64]:
         """Return the times of the observations of a pair, newest first."""
@@ -149,19 +163,19 @@ class CarriedWindow:
         first, second = self._body_of(observer), self._body_of(target)
         if first is None or second is None or first == second:
             return None
-        config = self._snapshot.config
+        config = self._config
         if squared_rise_m2(config, config.points[observer], config.points[target])[1] > 0.0:
             return None
         return min(first, second), max(first, second)
 
     def _body_of(self, point: int) -> int | None:
         """Return the body of a point; None for a sensor, or a robot whose motion is not known."""
-        name = self._snapshot.config.points[point]
-        if name in self._snapshot.config.sensors:
+        name = self._config.points[point]
+        if name in self._config.sensors:
             return None
-        if name in self._snapshot.config.anchors:
+        if name in self._config.anchors:
             return WORLD
-        return point if self._snapshot.motion.odometry.get(name) else None
+        return point if self._motion.odometry.get(name) else None
 
     @cached_property
     def _bodies(self) -> tuple[int, ...]:
@@ -176,9 +190,9 @@ class CarriedWindow:
         stamps = np.unique(
             [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
         )
-        config = self._snapshot.config
+        config = self._config
         name = config.robots[robot]
-        track = self._snapshot.motion.odometry[name]
+        track = self._motion.odometry[name]
         path = OdometryPath(
             [reading.stamp_s for reading in track],
             np.array([reading.position_m for reading in track]) * [1.0, 1.0, 0.0],
@@ -186,7 +200,7 @@ class CarriedWindow:
             config.odometry_error,
             MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
         )
-        return stamps, path.past_poses(stamps, self._snapshot.stamp_s)
+        return stamps, path.past_poses(stamps, self._now_s)
 
     def _of(self, robot: int, stamps: NDArray[np.float64]) -> PastPoses:
         """Return where a robot was at some of these times."""
@@ -204,7 +218,7 @@ class CarriedWindow:
 
     def _places(self, rows: list[_Row]) -> Interval:
         """Return the places of the anchors of some rows, shape (m, 3)."""
-        boxes = self._snapshot.anchors.boxes
+        boxes = self._anchors.boxes
         lower, upper = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
         for number, row in enumerate(rows):
             if row.anchor is not None:

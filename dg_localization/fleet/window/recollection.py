@@ -13,7 +13,7 @@ from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
-from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
+from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.forgetting import Forgotten, also_forgotten
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
@@ -179,12 +179,12 @@ def recall(snapshot: Snapshot, cancel: Cancel | None) -> Recollection:
     allowance = Allowance(config.memory_max_seconds, cancel)
     if config.dimension != 2 or not snapshot.window.observations:
         return Recollection(config, snapshot.stamp_s, allowance)
-    carried = CarriedWindow(snapshot)
+    carried = snapshot.carried
     pose_sets, forgotten = place_robots(snapshot, carried, allowance)
     contradicting = also_forgotten({}, forgotten)
     replaced = frozenset(
         key
-        for key in carried.links
+        for key in carried.links_among(snapshot.keys)
         if config.window_outliers and not contradicting.keys() & {key.ends, key.ends[::-1]}
     )
     return Recollection(
