@@ -139,12 +139,7 @@ def camera_to_message(reading: CameraReading) -> Any:
 def apriltags_from_message(message: Any) -> PixelReading:
     """Read an `apriltag_msgs/AprilTagDetectionArray`; an id is ``FAMILY:ID``."""
     centers = [(tag.centre.x, tag.centre.y) for tag in message.detections]
-    return PixelReading(
-        stamp_s=stamp_from_message(message.header.stamp),
-        target_ids=tuple(f'{tag.family}:{int(tag.id)}' for tag in message.detections),
-        pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
-        frame_id=message.header.frame_id,
-    )
+    return _pixels(message, [f'{tag.family}:{int(tag.id)}' for tag in message.detections], centers)
 
 
 def apriltags_to_message(reading: PixelReading) -> Any:
@@ -166,12 +161,7 @@ def detections_2d_from_message(message: Any) -> PixelReading:
         (detection.bbox.center.position.x, detection.bbox.center.position.y)
         for detection in message.detections
     ]
-    return PixelReading(
-        stamp_s=stamp_from_message(message.header.stamp),
-        target_ids=tuple(_class_of(detection) for detection in message.detections),
-        pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
-        frame_id=message.header.frame_id,
-    )
+    return _pixels(message, [_class_of(detection) for detection in message.detections], centers)
 
 
 def detections_2d_to_message(reading: PixelReading) -> Any:
@@ -214,6 +204,17 @@ def detections_3d_to_message(reading: IdentifiedReading) -> Any:
         detection.results.append(_result(target_id))
         message.detections.append(detection)
     return message
+
+
+def _pixels(
+    message: Any, target_ids: Sequence[str], centers: Sequence[tuple[float, float]]
+) -> PixelReading:
+    return PixelReading(
+        stamp_s=stamp_from_message(message.header.stamp),
+        target_ids=tuple(target_ids),
+        pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
+        frame_id=message.header.frame_id,
+    )
 
 
 def _class_of(detection: Any) -> str:

@@ -50,21 +50,7 @@ def _least_spread(positions: FloatArray) -> float:
 
 
 class _Layer:
-    """
-    Lays the placements of patches against each other, those first that are held best.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    patches : sequence of (tuple of int, ndarray)
-        The points of each patch and a placement of them in m, of either chirality.
-    pairs : ndarray of int, shape (m, 2)
-        Known pairs.
-    lower, upper : ndarray, shape (m,)
-        Bounds of their squared distances in m^2.
-
-    """
+    """Lays patches against each other, those first that are held best; see `laid_together`."""
 
     def __init__(
         self,
