@@ -1,16 +1,24 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fleets that drive about in the plane, what they measure, and what is true at any time."""
+"""
+Fleets that drive about in the plane, what they measure, and what is true at any time.
 
+    python test/fleet/histories.py STEPS [--first SEED]
+
+plays histories of successive seeds until so many estimates were made, and ends at the first truth
+that is lost.
+"""
+
+import argparse
 import bisect
 from dataclasses import dataclass, field
 import math
 
 import numpy as np
 
-from dg_localization import SolverOptions
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
 from dg_localization.fleet.odometry import OdometryErrorModel
 
 SAMPLE_S = 0.1
@@ -77,10 +85,11 @@ class History:
     rng: np.random.Generator
     extreme: bool
     calls: list = field(default_factory=list)
+    arms_m: dict = field(default_factory=dict)
 
     @classmethod
-    def draw(cls, seed, robots, anchors, seconds, **settings):
-        """Draw a history of a seed."""
+    def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
+        """Draw a history of a seed; `mounted` robots have two sensors each."""
         rng = np.random.default_rng(seed)
         error = OdometryErrorModel(
             translation_per_m=rng.choice([0.0, 0.05, 0.2]),
@@ -95,6 +104,7 @@ class History:
         config = FleetConfig(
             robots=tuple(f'r{i}' for i in range(robots)),
             anchors={f'a{i}': Anchor(tuple(rng.uniform(-5.0, 5.0, 2))) for i in range(anchors)},
+            mounts={f'r{i}': draw_mounts(rng) for i in range(mounted)},
             max_age_s=MAX_AGE_S,
             range_error=RangeErrorModel(
                 min_error_relative=-high, max_error_relative=high * 0.5, max_error_m=0.02
@@ -111,6 +121,7 @@ class History:
         )
         start_s = float(rng.choice([1.0, 1.7e9]))
         history = cls(config, drives, start_s, rng, worst)
+        history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
         history.measure(seconds, cameras=bool(rng.random() < 0.4))
         return history
 
@@ -119,9 +130,9 @@ class History:
         for robot, drive in enumerate(self.drives):
             if self.rng.random() < 0.9:
                 self.calls += [self._odometry(robot, drive, k) for k in range(len(drive.true))]
-        places = len(self.config.points)
-        pairs = [(i, j) for i in range(places) for j in range(places) if i != j]
-        pairs = [pair for pair in pairs if min(pair) < len(self.drives)]
+        places = range(len(self.config.points))
+        bodies = [self.body(place) for place in places]
+        pairs = [(i, j) for i in places for j in places if bodies[i] != bodies[j]]
         for observer, target in pairs:
             if self.rng.random() < 0.3:
                 continue
@@ -129,7 +140,7 @@ class History:
             offset_s = self.rng.uniform(0.0, every_s)
             for time_s in np.arange(offset_s, seconds, every_s):
                 self.calls.append(self._range(observer, target, time_s))
-                if cameras and observer < len(self.drives):
+                if cameras and bodies[observer] is not None:
                     self.calls.append(self._ray(observer, target, time_s))
         self.calls.sort(key=lambda call: call[0])
 
@@ -172,17 +183,32 @@ class History:
 
         def call(localizer, now_s):
             gap = self.place(target, time_s) - self.place(observer, time_s)
-            angle = math.atan2(gap[1], gap[0]) - self.drives[observer].pose(time_s)[2] + off
+            yaw = self.drives[self.body(observer)].pose(time_s)[2]
+            angle = math.atan2(gap[1], gap[0]) - yaw + off
             ray = [math.cos(angle), math.sin(angle), 0.0]
             return localizer.add_bearing(*names, ray, self.start_s + time_s, now_s)
 
         return self._arrival_s(time_s), call
 
+    def body(self, point):
+        """Return the robot that a point belongs to; None for an anchor."""
+        robot = self.config.robot_of(self.config.points[point])
+        return None if robot in self.config.anchors else self.config.robots.index(robot)
+
+    def draw_arm(self, mount):
+        """Return where a sensor truly is in the body frame: anywhere within its bound."""
+        angle = self.rng.uniform(-math.pi, math.pi)
+        off_m = 0.999 * mount.bound_m * np.array([math.cos(angle), math.sin(angle)])
+        return np.array(mount.position_m) + off_m
+
     def place(self, point, time_s):
         """Return where a point truly is, some seconds after the start."""
-        if point < len(self.drives):
-            return self.drives[point].pose(time_s)[:2]
-        return np.array(self.config.anchors[self.config.points[point]].coordinates_m)
+        name, body = self.config.points[point], self.body(point)
+        if body is None:
+            return np.array(self.config.anchors[name].coordinates_m)
+        x, y, yaw = self.drives[body].pose(time_s)
+        c, s = math.cos(yaw), math.sin(yaw)
+        return np.array([x, y]) + np.array([[c, -s], [s, c]]) @ self.arms_m.get(name, np.zeros(2))
 
     def truth(self, time_s, frame):
         """Return positions (n, 2) and yaws (n,) of the robots in a frame."""
@@ -216,6 +242,14 @@ class History:
             yield time_s, localizer.step(now_s)
 
 
+def draw_mounts(rng):
+    """Draw two sensors of a robot."""
+    return {
+        name: Mount(tuple(rng.uniform(-0.4, 0.4, 2)), bound_m=float(rng.choice([0.0, 0.02])))
+        for name in ('left', 'right')
+    }
+
+
 def localizer_of(history):
     return Localizer(history.config)
 
@@ -244,3 +278,59 @@ def truth_is_inside(history, time_s, estimate):
         any(holds(placement, *history.truth(time_s, frame)) for placement in placements)
         for frame, placements in answers
     )
+
+
+def draw_any(seed, seconds):
+    """Draw a history of a seed that also says who is in it and what is remembered."""
+    rng = np.random.default_rng([seed, 1])
+    robots = int(rng.integers(1, 5))
+    return History.draw(
+        seed,
+        robots,
+        int(rng.choice([0, 0, 1, 2, 3])),
+        seconds,
+        mounted=int(rng.choice([0, 0, 1, 2])) if robots > 1 else 0,
+        memory_s=float(rng.choice([0.0, 2.0, 6.0, 30.0])),
+        window_outliers=int(rng.choice([0, 0, 1])),
+    )
+
+
+def play_without_a_loss(history, seconds, resets):
+    """Play a history, with resets if so; return how many steps it had. No truth may be lost."""
+    ticks_s = np.sort(history.rng.uniform(0.3, seconds, round(seconds)))
+
+    def between(localizer, time_s):
+        if resets and history.rng.random() < 0.15:
+            localizer.reset()
+        return localizer
+
+    for time_s, estimate in history.play(localizer_of(history), ticks_s, between):
+        assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
+        assert not estimate.forgotten
+        assert estimate.n_hypotheses == len(estimate.placements)
+        assert truth_is_inside(history, time_s, estimate), time_s
+    return len(ticks_s)
+
+
+def main():
+    """Play many histories, and print how many steps there were."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('steps', type=int)
+    parser.add_argument('--first', type=int, default=0, metavar='SEED')
+    parser.add_argument('--seconds', type=float, default=8.0, help='of each history')
+    arguments = parser.parse_args()
+    steps, seed = 0, arguments.first
+    while steps < arguments.steps:
+        history = draw_any(seed, arguments.seconds)
+        try:
+            steps += play_without_a_loss(history, arguments.seconds, resets=seed % 2 == 1)
+        except AssertionError as error:
+            raise SystemExit(f'seed {seed}, after {steps} steps: {error}') from error
+        seed += 1
+        if seed % 100 == 0:
+            print(f'{steps} steps of {seed - arguments.first} histories, none lost', flush=True)
+    print(f'{steps} steps of {seed - arguments.first} histories, none lost')
+
+
+if __name__ == '__main__':
+    main()

@@ -11,11 +11,24 @@ import numpy as np
 import pytest
 
 from dg_localization import Problem
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
 from dg_localization.fleet.best_point.best_point import BestPointFinder
 from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
 from dg_localization.fleet.best_point.normal_equations import normal_equations
-from dg_localization.fleet.best_point.terms import PackedTerms, PlaceTerm, RangeTerm, RayTerm
+from dg_localization.fleet.best_point.terms import (
+    STEP,
+    TURN,
+    PackedTerms,
+    PlaceTerm,
+    RangeTerm,
+    RayTerm,
+)
 from dg_localization.fleet.error_models import likeliest_distance_m
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
@@ -92,10 +105,20 @@ def random_terms(rng, bodies):
     return terms
 
 
-def cost_and_slope(packed, positions_m, rotations, columns):
+def random_steps(rng, bodies):
+    """Return steps and turns of odometry from each body to the next."""
+    pairs = np.array([(k, k + 1) for k in range(bodies - 1) for _ in (STEP, TURN)])
+    arms_m = rng.normal(size=(len(pairs), 2, 3))
+    axes = rng.normal(size=(len(pairs), 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    kinds = np.array([STEP, TURN] * (bodies - 1))
+    return PackedTerms(kinds, pairs, arms_m, axes, np.full(len(pairs), 5.0))
+
+
+def cost_and_slope(packed, robust, positions_m, rotations, columns):
     matrix, vector = np.empty((18, 18)), np.empty(18)
     fields = packed.kinds, packed.bodies, packed.arms_m, packed.values, packed.weights
-    cost = normal_equations(*fields, positions_m, rotations, columns, matrix, vector)
+    cost = normal_equations(*fields, robust, positions_m, rotations, columns, matrix, vector)
     return cost, matrix, vector
 
 
@@ -109,13 +132,14 @@ def turn(axis, angle_rad):
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_the_gradient_is_that_of_the_cost(seed):
+@pytest.mark.parametrize('robust', [False, True])
+def test_the_gradient_is_that_of_the_cost(seed, robust):
     rng = np.random.default_rng(seed)
-    packed = PackedTerms.of(random_terms(rng, 3))
+    packed = PackedTerms.joined([PackedTerms.of(random_terms(rng, 3)), random_steps(rng, 3)])
     columns = np.arange(18).reshape(3, 6)
     positions_m = rng.normal(size=(3, 3))
     rotations = np.array([rotation(rng, 3) for _ in range(3)])
-    _, matrix, vector = cost_and_slope(packed, positions_m, rotations, columns)
+    _, matrix, vector = cost_and_slope(packed, robust, positions_m, rotations, columns)
     step = 1e-6
     for body, axis in np.ndindex(3, 6):
         costs = []
@@ -125,14 +149,15 @@ def test_the_gradient_is_that_of_the_cost(seed):
                 moved[body, axis] += sign * step
             else:
                 turned[body] = turn(axis - 3, sign * step) @ turned[body]
-            costs.append(cost_and_slope(packed, moved, turned, columns)[0])
+            costs.append(cost_and_slope(packed, robust, moved, turned, columns)[0])
         slope = (costs[0] - costs[1]) / (2.0 * step)
         assert 2.0 * vector[6 * body + axis] == pytest.approx(slope, rel=1e-4, abs=1e-3)
     assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > -1e-6
 
 
 @pytest.mark.parametrize('seed', range(20))
-def test_a_fit_is_never_worse_than_its_start_and_stays_in_its_bounds(seed):
+@pytest.mark.parametrize('robust', [False, True])
+def test_a_fit_is_never_worse_than_its_start_and_stays_in_its_bounds(seed, robust):
     rng = np.random.default_rng(seed)
     start_m = rng.normal(size=(3, 3))
     start = Bodies(
@@ -143,9 +168,9 @@ def test_a_fit_is_never_worse_than_its_start_and_stays_in_its_bounds(seed):
         rng.random((3, 6)) < 0.7,
     )
     packed = PackedTerms.of(random_terms(rng, 3))
-    fit = fit_terms(packed, start)
+    fit = fit_terms(packed, start, robust=robust)
     fixed = replace(start, free=np.zeros((3, 6), dtype=bool))
-    assert fit.cost < fit_terms(packed, fixed).cost
+    assert fit.cost < fit_terms(packed, fixed, robust=robust).cost
     assert (start.lower_m <= fit.positions_m).all() and (fit.positions_m <= start.upper_m).all()
     held = ~start.free[:, :3]
     assert (fit.positions_m[held] == start_m[held]).all()
@@ -270,6 +295,79 @@ def test_what_is_remembered_leads_to_the_point():
         off_m[memory_s] = np.linalg.norm(placements[0].positions_m[0] - position_m)
         assert inside(placements[0])
     assert off_m[30.0] < 0.02 < off_m[0.0]
+
+
+def drive(localizer, anchors_m, seconds, sees, drift_rad=0.0, misread=()):
+    """
+    Drive in a circle and see one landmark at a time; return the true pose at the end.
+
+    `sees` says at which of the times there is a landmark in sight, `drift_rad` is by how much the
+    odometry turns too far at each step, and `misread` are the times when another one is named.
+    """
+    pose, stated = np.array([2.0, 1.0, 0.6]), np.array([2.0, 1.0, 0.6])
+    for tick in range(round(seconds / 0.5)):
+        now_s = NOW_S + 0.5 * tick
+        for here, turn_rad in ((pose, 0.05), (stated, 0.05 + drift_rad)):
+            here += [0.2 * math.cos(here[2]), 0.2 * math.sin(here[2]), turn_rad]
+        quaternion = [0.0, 0.0, math.sin(stated[2] / 2.0), math.cos(stated[2] / 2.0)]
+        localizer.add_odometry('r', [*stated[:2], 0.0], quaternion, now_s, now_s)
+        if sees(tick):
+            line_m = anchors_m[tick % 3] - pose[:2]
+            bearing = math.atan2(line_m[1], line_m[0]) - pose[2]
+            name = f'a{(tick + (tick in misread)) % 3}'
+            ray = [math.cos(bearing), math.sin(bearing), 0.0]
+            localizer.add_range('r', name, np.linalg.norm(line_m), now_s, now_s)
+            localizer.add_bearing('r', name, ray, now_s, now_s)
+    return pose, now_s
+
+
+def driver(memory_s=30.0, **settings):
+    """Return a localizer for a robot whose odometry turns too far, among landmarks."""
+    anchors = {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])}
+    error = OdometryErrorModel(
+        translation_per_m=0.1, rotation_per_rad=0.3, constant_m=0.02, constant_rad=0.02
+    )
+    return Localizer(
+        FleetConfig(
+            ['r'],
+            anchors=anchors,
+            memory_s=memory_s,
+            memory_max_seconds=math.inf,
+            max_age_s=0.4,
+            odometry_error=error,
+            range_error=RangeErrorModel(min_error_relative=-0.1, max_error_relative=0.1),
+            bearing_half_width_rad=0.1,
+            **settings,
+        )
+    )
+
+
+def test_the_drift_of_odometry_is_shared_by_what_came_before_it():
+    localizer = driver()
+    pose, now_s = drive(localizer, ANCHORS[2], 15.0, lambda tick: True, drift_rad=0.012)
+    (placement,) = localizer.step(now_s).placements
+    assert inside(placement) and placement.proved
+    # Carried by odometry alone, readings of 15 s ago would be 0.36 rad off.
+    assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.1
+
+
+def test_misread_landmarks_hardly_pull():
+    localizer = driver(window_outliers=3)
+    misread = (20, 23, 26)
+    pose, now_s = drive(localizer, ANCHORS[2], 15.0, lambda tick: True, misread=misread)
+    (placement,) = localizer.step(now_s).placements
+    assert inside(placement)
+    assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
+
+
+def test_a_robot_that_sees_nothing_now_has_its_point_by_what_it_saw():
+    localizer = driver()
+    pose, now_s = drive(localizer, ANCHORS[2], 15.0, lambda tick: tick < 26)
+    # Something has to be measured now for an answer.
+    localizer.add_range('r', 'a0', np.linalg.norm(pose[:2] - ANCHORS[2][0]), now_s, now_s)
+    (placement,) = localizer.step(now_s).placements
+    assert inside(placement)
+    assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
 
 
 def test_a_dropped_reading_does_not_pull():

@@ -4,21 +4,24 @@
 """
 The best point of a hypothesis: the placement that fits the likeliest readings best.
 
-The fit starts at a placement of the hypothesis and stays in its enclosure. Its result is published
-as it is when it agrees with the problem, and else the point towards the start that does. Where no
-other hypothesis is left, further starts look for a better minimum.
+The fit starts at a placement of the hypothesis and stays in its enclosure. Where no other
+hypothesis is left, further starts look for a better minimum. What is remembered joins in a second
+fit. The result is published as it is when it agrees with the problem, and else the point towards
+the start that does.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
 from dg_localization.fleet.best_point.normal_equations import LEFT_OUT
+from dg_localization.fleet.best_point.past import Past
 from dg_localization.fleet.best_point.terms import (
     LEAST_HALF_WIDTH,
     PackedTerms,
@@ -120,6 +123,10 @@ class BestPointFinder:
         Bodies whose rotation is that of the fixed frame.
     sensors : sequence of Sensor, optional
         Points that move with a body.
+    past : Past, optional
+        What is remembered.
+    beside_past : sequence of Term
+        What was measured but is not in `past`.
 
     """
 
@@ -129,6 +136,8 @@ class BestPointFinder:
         terms: Sequence[Term],
         held: Collection[int],
         sensors: Sequence[Sensor] = (),
+        past: Past | None = None,
+        beside_past: Sequence[Term] = (),
     ) -> None:
         self._problem = problem
         self._terms = PackedTerms.of(terms)
@@ -136,10 +145,17 @@ class BestPointFinder:
         for term in terms:
             if isinstance(term, RayTerm) and term.observer not in held:
                 self._rays_of.setdefault(term.observer, []).append(term)
+        self._held = held
         self._sensors = sensors
         for sensor in sensors:
             if sensor.body not in held:
                 self._rays_of.setdefault(sensor.body, []).extend(sensor.ray())
+        self._past = None
+        if past is not None:
+            past = past.of_robots({*held, *self._rays_of, *past.guesses})
+            self._past = replace(
+                past, terms=PackedTerms.joined([PackedTerms.of(beside_past), past.terms])
+            )
         self._effort = 0
 
     def find(
@@ -182,18 +198,53 @@ class BestPointFinder:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
+        if self._past is not None:
+            bodies = self._with_past(self._past, fit, bodies)
+            self._effort += int(bodies.free.sum()) ** 3
+            rough = fit_terms(self._past.terms, bodies)
+            bodies = replace(bodies, positions_m=rough.positions_m, rotations=rough.rotations)
+            fit = fit_terms(self._past.terms, bodies, robust=True)
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m, proved)
-        return BestPoint(positions_m, proved, fit.rotations, _covariances(fit, bodies))
+        n_points = len(start_m)
+        covariances = _covariances(fit, bodies)[:n_points]
+        return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
         """Return the positions of a fit, with the sensors where their bodies have them."""
-        positions_m = fit.positions_m.copy()
+        positions_m = fit.positions_m[: len(enclosure.lower)].copy()
         for sensor in self._sensors:
             arm_m = fit.rotations[sensor.body] @ sensor.arm_m
             positions_m[sensor.row] = positions_m[sensor.body] + arm_m
         positions_m = positions_m[:, : enclosure.lower.shape[1]]
         return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
+
+    def _with_past(self, past: Past, fit: Fit, bodies: Bodies) -> Bodies:
+        """Return where a fit with what is remembered starts: at that of the moment."""
+        positions_m, rotations = fit.positions_m.copy(), fit.rotations.copy()
+        free = bodies.free.copy()
+        for row in {*past.rows.tolist()} - {*self._held}:
+            if row in self._rays_of:
+                free[row, 5] = True
+            elif row in past.guesses:
+                # It has seen nothing lately.
+                free[row, 5] = True
+                x, y, yaw = past.guesses[row]
+                guess_m = np.clip([x, y, 0.0], bodies.lower_m[row], bodies.upper_m[row])
+                positions_m[row] = np.where(free[row, :3], guess_m, positions_m[row])
+                rotations[row] = _yaw_rotation(yaw)
+        turns = rotations[past.rows]
+        arms_m = np.pad(past.poses[:, :2], ((0, 0), (0, 1)))
+        unbounded = np.full((len(arms_m), 3), math.inf)
+        return Bodies(
+            np.vstack(
+                [positions_m, positions_m[past.rows] + np.einsum('kij,kj->ki', turns, arms_m)]
+            ),
+            np.vstack([rotations, turns @ np.array([_yaw_rotation(p[2]) for p in past.poses])]),
+            np.vstack([bodies.lower_m, -unbounded]),
+            np.vstack([bodies.upper_m, unbounded]),
+            np.vstack([free, np.tile([True, True, False, False, False, True], (len(arms_m), 1))]),
+        )
 
     def _bodies(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
         """Return where the fit starts and where it may go."""
@@ -220,6 +271,12 @@ class BestPointFinder:
             np.pad(enclosure.upper, missing),
             free,
         )
+
+
+def _yaw_rotation(yaw_rad: float) -> FloatArray:
+    """Return the rotation about the vertical axis."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _further_starts(start_m: FloatArray, enclosure: Interval) -> Iterator[FloatArray]:

@@ -4,7 +4,7 @@
 """
 Levenberg-Marquardt steps, projected on a box.
 
-Every step that is taken lowers the sum of squares and stays in the box. Nothing is rounded
+Every step that is taken lowers the cost and stays in the box. Nothing is rounded
 outward: the result is an estimate.
 """
 
@@ -27,7 +27,7 @@ FIRST_DAMPING = 1e-3
 LEAST_DAMPING = 1e-9
 MOST_DAMPING = 1e6
 LEAST_GAIN = 1e-6
-"""A step that lowers the sum of squares by less than this fraction is the last."""
+"""A step that lowers the cost by less than this fraction is the last."""
 
 LEAST_TURN_RAD = 1e-12
 """A smaller turn does not count."""
@@ -81,6 +81,7 @@ def descend(
     arms_m: FloatArray,
     values: FloatArray,
     weights: FloatArray,
+    robust: bool,
     positions_m: FloatArray,
     rotations: FloatArray,
     lower_m: FloatArray,
@@ -89,12 +90,14 @@ def descend(
     size: int,
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """
-    Lower the sum of squared residuals from a start, within bounds.
+    Lower the cost of some terms from a start, within bounds.
 
     Parameters
     ----------
     kinds, bodies, arms_m, values, weights
         The fields of `PackedTerms`.
+    robust : bool
+        See `normal_equations`.
     positions_m, rotations
         The start, which lies within the bounds.
     lower_m, upper_m : numpy.ndarray, shape (n, 3)
@@ -106,7 +109,6 @@ def descend(
     Returns
     -------
     cost : float
-        Sum of the squared residuals.
     positions_m, rotations, matrix : numpy.ndarray
         The result, and its normal equations.
 
@@ -117,7 +119,7 @@ def descend(
     factor, step, held = np.empty((size, size)), np.empty(size), np.empty(size, dtype=np.bool_)
     best_m, turned = positions_m.copy(), rotations.copy()
     cost = normal_equations(
-        kinds, bodies, arms_m, values, weights, best_m, turned, columns, matrix, vector
+        kinds, bodies, arms_m, values, weights, robust, best_m, turned, columns, matrix, vector
     )
     damping = FIRST_DAMPING
     for _ in range(MOST_STEPS):
@@ -153,6 +155,7 @@ def descend(
             arms_m,
             values,
             weights,
+            robust,
             trial_m,
             trial_turned,
             columns,

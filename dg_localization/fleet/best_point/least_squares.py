@@ -53,7 +53,7 @@ class Fit:
     positions_m : numpy.ndarray, shape (n, 3)
     rotations : numpy.ndarray, shape (n, 3, 3)
     cost : float
-        Sum of the squared residuals, in half widths.
+        Sum of the squared residuals, in half widths; less for those that are robust.
     columns : numpy.ndarray of int, shape (n, 6)
         The row of each coordinate in `matrix`, or `LEFT_OUT`.
     matrix : numpy.ndarray, shape (k, k)
@@ -68,7 +68,7 @@ class Fit:
     matrix: FloatArray
 
 
-def fit_terms(terms: PackedTerms, start: Bodies) -> Fit:
+def fit_terms(terms: PackedTerms, start: Bodies, *, robust: bool = False) -> Fit:
     """
     Lower the sum of squared residuals from a start, within bounds.
 
@@ -76,6 +76,8 @@ def fit_terms(terms: PackedTerms, start: Bodies) -> Fit:
     ----------
     terms : PackedTerms
     start : Bodies
+    robust : bool
+        Whether readings far beyond their bounds pull little; see `normal_equations`.
 
     Returns
     -------
@@ -93,6 +95,7 @@ def fit_terms(terms: PackedTerms, start: Bodies) -> Fit:
         terms.arms_m,
         terms.values,
         terms.weights,
+        robust,
         start.positions_m,
         start.rotations,
         start.lower_m,

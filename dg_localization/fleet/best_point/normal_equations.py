@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.terms import PLACE, RANGE
+from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN
 from dg_localization.interval.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -35,6 +35,7 @@ def normal_equations(
     arms_m: FloatArray,
     values: FloatArray,
     weights: FloatArray,
+    robust: bool,
     positions_m: FloatArray,
     rotations: FloatArray,
     columns: IntArray,
@@ -42,12 +43,15 @@ def normal_equations(
     vector: FloatArray,
 ) -> float:
     """
-    Write the normal equations of some terms; return their sum of squared residuals.
+    Write the normal equations of some terms; return their cost.
 
     Parameters
     ----------
     kinds, bodies, arms_m, values, weights
         The fields of `PackedTerms`.
+    robust : bool
+        Whether a range or a ray costs log(1 + e) instead of its squared residual e (Cauchy), so
+        that what is far beyond its bounds pulls little. Their rows are weighted to match.
     positions_m : numpy.ndarray, shape (n, 3)
         Of the bodies.
     rotations : numpy.ndarray, shape (n, 3, 3)
@@ -62,6 +66,7 @@ def normal_equations(
     Returns
     -------
     float
+        The sum of the squared residuals, but for those that are robust.
 
     """
     matrix[:] = 0.0
@@ -102,6 +107,16 @@ def normal_equations(
             residual[0] = weight * (length - values[term, 0])
             for axis in range(3):
                 change[0, axis] = weight * line[axis] / length
+        elif kind == STEP:
+            for row in range(3):
+                residual[row] = weight * line[row]
+                for axis in range(3):
+                    change[row, axis] = weight if row == axis else 0.0
+        elif kind == TURN:
+            for axis in range(3):
+                residual[axis] = weight * (rotations[second, axis, 0] - sight[axis])
+                for row in range(3):
+                    change[row, axis] = 0.0
         else:
             for axis in range(3):
                 unit[axis] = line[axis] / length
@@ -124,11 +139,26 @@ def normal_equations(
                 # A rotation about an axis moves an arm r by the vector product of the two.
                 slopes[row, axis + 3] = arms[0, b] * change[row, a] - arms[0, a] * change[row, b]
                 slopes[row, axis + 9] = arms[1, a] * change[row, b] - arms[1, b] * change[row, a]
-                if kind != RANGE and row == a:
+                if kind in (RAY, TURN) and row == a:
                     slopes[row, axis + 3] += weight * sight[b]
-                elif kind != RANGE and row == b:
+                elif kind in (RAY, TURN) and row == b:
                     slopes[row, axis + 3] -= weight * sight[a]
-            total += residual[row] * residual[row]
+                if kind == TURN and row == a:
+                    slopes[row, axis + 9] -= weight * rotations[second, b, 0]
+                elif kind == TURN and row == b:
+                    slopes[row, axis + 9] += weight * rotations[second, a, 0]
+        squared = 0.0
+        for row in range(n_rows):
+            squared += residual[row] * residual[row]
+        if robust and kind in (RANGE, RAY):
+            total += math.log1p(squared)
+            share = 1.0 / math.sqrt(1.0 + squared)
+            for row in range(n_rows):
+                residual[row] *= share
+                for i in range(12):
+                    slopes[row, i] *= share
+        else:
+            total += squared
         for i in range(12):
             column = columns[first, i] if i < 6 else columns[second, i - 6]
             if column == LEFT_OUT:

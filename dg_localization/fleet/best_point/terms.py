@@ -7,6 +7,8 @@ The terms of a least-squares fit: what was likely measured, and how wrong it may
 A term joins bodies, each of which has a position and a rotation. Its ends are arms in their body
 frames: sensors away from the origin of a robot, or where its odometry says that it was before.
 Residuals are in half widths, so that a reading at the end of its bounds counts 1.
+
+A robot that moves is one body now and others before: steps and turns of its odometry join these.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-RANGE, RAY, PLACE = 0, 1, 2
+RANGE, RAY, PLACE, STEP, TURN = 0, 1, 2, 3, 4
 
 AT_ORIGIN = (0.0, 0.0, 0.0)
 
@@ -110,10 +112,12 @@ class PackedTerms:
     Parameters
     ----------
     kinds : numpy.ndarray of int, shape (m,)
+        A `STEP` says that its two ends are one point, a `TURN` where the second body has its x
+        axis.
     bodies : numpy.ndarray of int, shape (m, 2)
     arms_m : numpy.ndarray, shape (m, 2, 3)
     values : numpy.ndarray, shape (m, 3)
-        A distance has one number only.
+        A distance has one number only, a step none; a turn has the axis seen from the first body.
     weights : numpy.ndarray, shape (m,)
         One over the half widths.
 
@@ -139,6 +143,27 @@ class PackedTerms:
         for row, term in enumerate(terms):
             packed._put(row, term)
         return packed
+
+    @classmethod
+    def joined(cls, parts: Sequence[PackedTerms]) -> PackedTerms:
+        """Return the terms of all parts."""
+        return cls(
+            np.concatenate([part.kinds for part in parts]),
+            np.concatenate([part.bodies for part in parts]),
+            np.concatenate([part.arms_m for part in parts]),
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.weights for part in parts]),
+        )
+
+    def chosen(self, rows: IntArray) -> PackedTerms:
+        """Return some of the terms."""
+        return PackedTerms(
+            self.kinds[rows],
+            self.bodies[rows],
+            self.arms_m[rows],
+            self.values[rows],
+            self.weights[rows],
+        )
 
     def _put(self, row: int, term: Term) -> None:
         """Write a term."""

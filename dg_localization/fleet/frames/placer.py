@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder, Sensor
+from dg_localization.fleet.best_point.past import past_of
 from dg_localization.fleet.best_point.readings import terms_of
-from dg_localization.fleet.best_point.remembered import remembered_terms
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.assembly import PlacedPoints, assemble
@@ -189,16 +189,19 @@ class Placer:
         by_anchors = self._plan.frame.kind == FrameKind.ANCHORS
         anchors = self._registration.anchors if by_anchors else {}
         terms = list(terms_of(snapshot, self._solved, self._dropped, anchors))
-        if not self._dropped:
-            # What contradicts the rest now may have been wrong before.
-            terms += remembered_terms(snapshot, self._solved, anchors)
+        # What contradicts the rest now may have been wrong before.
+        past = None if self._dropped else past_of(snapshot, self._solved)
+        covered = past.ends if past is not None else frozenset()
+        in_past = frozenset(key for key in snapshot.keys if key.ends in covered)
+        beside_past = list(terms_of(snapshot, self._solved, self._dropped | in_past, anchors))
         rows = self._solved.rows
         sensors = [
             Sensor(rows[point], rows[self._config.robot_of(point)], arm_m)
             for point, arm_m in snapshot.mounts.arms_m.items()
             if point in rows
         ]
-        return BestPointFinder(self._solved.problem(), terms, self._held, sensors)
+        problem = self._solved.problem()
+        return BestPointFinder(problem, terms, self._held, sensors, past, beside_past)
 
     @property
     def _reference(self) -> int | None:

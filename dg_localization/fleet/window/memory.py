@@ -37,6 +37,8 @@ class Observation:
         Unit vector in the body frame of the observer.
     half_width_rad : float
         Greatest angle between the direction and the true one.
+    likeliest_m : float
+        The likeliest distance; NaN where none was measured.
 
     """
 
@@ -45,6 +47,7 @@ class Observation:
     upper_m: float = math.inf
     direction: np.ndarray | None = None
     half_width_rad: float = math.inf
+    likeliest_m: float = math.nan
 
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
@@ -53,6 +56,7 @@ class Observation:
                 self,
                 lower_m=max(self.lower_m, reading.lower_m),
                 upper_m=min(self.upper_m, reading.upper_m),
+                likeliest_m=reading.likeliest_m,
             )
         if reading.half_width_rad >= self.half_width_rad:
             return self

@@ -1,0 +1,336 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What is remembered as terms of a fit: a window smoother.
+
+A robot that moves is a body now and one at each of a few earlier times. Its odometry joins each of
+them to the next, as right as its bounds say. A reading belongs to the bodies nearest in time, and
+where its ends were just then is an arm in their frames. So all readings of a window count, and an
+error of the odometry is shared by all that came before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.best_point.stated_way import StatedWay, seen_from
+from dg_localization.fleet.best_point.terms import (
+    LEAST_HALF_WIDTH,
+    RANGE,
+    RAY,
+    STEP,
+    TURN,
+    PackedTerms,
+)
+from dg_localization.fleet.bodies import squared_rise_m2
+from dg_localization.fleet.constraints.constrain import Constraints
+from dg_localization.fleet.directions import best_rotation
+from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.memory import Ends, Observation
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LONGEST_S = 30.0
+"""What is older has little to say, since odometry drifts."""
+
+SPACING_S = 3.0
+"""Between two bodies of a robot, at least."""
+
+MOST_POSES = 60
+"""Of all robots before now: a fit takes the cube of their number."""
+
+LEAST_STEP_ERROR = 1e-3
+"""Odometry is never as exact as its bounds may say, in m and in rad."""
+
+GUESS_ROUNDS = 5
+GUESS_SCALE_M = 0.5
+"""A landmark that is farther off than this counts less when a pose is guessed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """
+    Poses that robots had, and what was measured from there.
+
+    Parameters
+    ----------
+    terms : PackedTerms
+        The bodies are the points of the problem, and after these the past poses.
+    rows : numpy.ndarray of int, shape (k,)
+        The robot of each past pose.
+    first_body : int
+        The first past pose; those before are the points of the problem.
+    poses : numpy.ndarray, shape (k, 3)
+        x, y and yaw of each, seen from where its robot is now, as odometry states them.
+    guesses : dict of int to numpy.ndarray, shape (3,)
+        Poses of robots among landmarks, from what they saw of these.
+    ends : frozenset of (str, str)
+        Whose measurements the terms contain.
+
+    """
+
+    terms: PackedTerms
+    rows: IntArray
+    first_body: int
+    poses: FloatArray
+    guesses: dict[int, FloatArray]
+    ends: frozenset[Ends]
+
+    def of_robots(self, rows: Collection[int]) -> Past:
+        """Return this without the readings of all robots but some."""
+        others = np.setdiff1d(self.rows, list(rows))
+        past = self.first_body + np.flatnonzero(np.isin(self.rows, others))
+        left_out = np.isin(self.terms.bodies, np.concatenate([others, past]))
+        kept = np.flatnonzero(np.count_nonzero(left_out, axis=1) == 0)
+        return replace(self, terms=self.terms.chosen(kept))
+
+
+def past_of(snapshot: Snapshot, solved: Constraints) -> Past | None:
+    """
+    Return what a window says of the points that are placed together; None when nothing.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    solved : Constraints
+        Of the points that are placed together; a body is one of them.
+
+    """
+    config, observations = snapshot.config, snapshot.window.observations
+    if config.dimension != 2 or not observations:
+        return None
+    moving = _moving(snapshot, solved)
+    times_s = _times_s(snapshot, len(moving))
+    if not moving or times_s[-1] >= snapshot.stamp_s:
+        return None
+    ways: dict[str, _Poses] = {}
+    for robot in moving:
+        ways[robot] = _Poses(
+            StatedWay(snapshot.motion.odometry[robot], float(times_s[-1])),
+            times_s,
+            solved.rows[robot],
+            len(solved.points) + (len(times_s) - 1) * len(ways),
+        )
+    parts: list[PackedTerms] = []
+    guesses, ends = _Guesses(), set()
+    fixed = config.anchors.keys() & solved.rows.keys()
+    for (observer, target), seen in observations.items():
+        if not {observer, target} <= ways.keys() | fixed or {observer, target} <= fixed:
+            continue
+        if squared_rise_m2(config, observer, target)[1] > 0.0:
+            continue
+        both = [ways.get(end) or _Fixed(solved.rows[end]) for end in (observer, target)]
+        error_rad = config.bearing_expected_error_of(observer, target)
+        recent = _Seen.of([one for one in seen if one.stamp_s >= times_s[-1]], error_rad)
+        parts += _terms_of(recent, *both)
+        ends.add((observer, target))
+        if target in fixed and observer in ways:
+            box = snapshot.anchors.boxes[config.points.index(target)]
+            guesses.add(ways[observer], recent, 0.5 * (box.lower + box.upper))
+    parts += [part for way in ways.values() for part in way.steps(config.odometry_error)]
+    return Past(
+        PackedTerms.joined(parts),
+        np.concatenate([np.full(len(times_s) - 1, way.row) for way in ways.values()]),
+        len(solved.points),
+        np.concatenate([way.seen_from_now[1:] for way in ways.values()]),
+        guesses.poses(),
+        frozenset(ends),
+    )
+
+
+def _moving(snapshot: Snapshot, solved: Constraints) -> list[str]:
+    """Return the robots with odometry up to now that have seen others: their rotation is known."""
+    config, odometry = snapshot.config, snapshot.motion.odometry
+    since_s = snapshot.stamp_s - min(LONGEST_S, config.memory_s)
+    cameras = {
+        observer
+        for (observer, _), seen in snapshot.window.observations.items()
+        if any(one.direction is not None and one.stamp_s >= since_s for one in seen)
+    }
+    return [
+        robot
+        for robot in config.robots
+        if robot in cameras & odometry.keys() & solved.rows.keys()
+        and robot not in config.anchors
+        and odometry[robot][-1].stamp_s >= snapshot.stamp_s - config.max_age_s
+    ]
+
+
+def _times_s(snapshot: Snapshot, robots: int) -> FloatArray:
+    """Return the times of the bodies of each robot, now first."""
+    oldest_s = min(seen[0].stamp_s for seen in snapshot.window.observations.values())
+    span_s = min(LONGEST_S, snapshot.stamp_s - oldest_s)
+    count = min(math.ceil(span_s / SPACING_S), MOST_POSES // max(1, robots))
+    return snapshot.stamp_s - np.linspace(0.0, span_s, max(1, count) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Observations of one target by one observer."""
+
+    stamps_s: FloatArray
+    distances_m: FloatArray
+    half_widths_m: FloatArray
+    bearings_rad: FloatArray
+    errors_rad: FloatArray
+
+    @classmethod
+    def of(cls, seen: list[Observation], expected_error_rad: float) -> _Seen:
+        """Return observations as arrays; NaN is what was not measured."""
+        rows = [
+            (
+                one.stamp_s,
+                one.likeliest_m,
+                0.5 * (one.upper_m - one.lower_m),
+                math.nan if one.direction is None else math.atan2(*one.direction[1::-1]),
+                one.half_width_rad,
+            )
+            for one in seen
+        ]
+        columns = np.array(rows).reshape(-1, 5).T.copy()
+        columns[3] -= expected_error_rad
+        # Who may look anywhere has seen nothing.
+        columns[3, columns[4] >= math.pi] = math.nan
+        return cls(*columns)
+
+
+class _Fixed:
+    """A landmark as an end of readings."""
+
+    def __init__(self, row: int) -> None:
+        self._row = row
+
+    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the bodies at some times, and the pose of the point in their frames."""
+        return np.full(len(stamps_s), self._row), np.zeros((len(stamps_s), 3))
+
+
+class _Poses:
+    """
+    A robot as an end of readings: its bodies now and before.
+
+    Parameters
+    ----------
+    way : StatedWay
+    times_s : numpy.ndarray, shape (k,)
+        Of the bodies, now first.
+    row : int
+        The body of now.
+    first_past : int
+        That of the second time; the others follow.
+
+    """
+
+    def __init__(self, way: StatedWay, times_s: FloatArray, row: int, first_past: int) -> None:
+        self.way, self.row = way, row
+        self._times_s = times_s
+        self._bodies = np.concatenate([[row], first_past + np.arange(len(times_s) - 1)])
+        self._stated = way.poses(times_s)
+        self.seen_from_now = seen_from(self._stated[0], self._stated)
+
+    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the bodies nearest to some times, and the pose at each time in their frames."""
+        spacing_s = self._times_s[0] - self._times_s[1]
+        nearest = np.rint((self._times_s[0] - stamps_s) / spacing_s).astype(int)
+        nearest = np.clip(nearest, 0, len(self._times_s) - 1)
+        return self._bodies[nearest], seen_from(self._stated[nearest], self.way.poses(stamps_s))
+
+    def points_now(self, seen: _Seen) -> FloatArray:
+        """Return where the observations have their target, in the body frame of now."""
+        x, y, yaw = seen_from(self._stated[0], self.way.poses(seen.stamps_s)).T
+        angles = yaw + seen.bearings_rad
+        away = seen.distances_m * np.stack([np.cos(angles), np.sin(angles)])
+        return np.asarray((np.stack([x, y]) + away).T)
+
+    def steps(self, error: OdometryErrorModel) -> Iterator[PackedTerms]:
+        """Yield the terms that odometry makes of the bodies."""
+        bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
+        between = seen_from(self._stated[:-1], self._stated[1:])
+        errors_m, errors_rad = self.way.errors(error, self._times_s[1:], self._times_s[:-1])
+        ends = np.zeros((len(bodies), 2, 3))
+        ends[:, 0, :2] = between[:, :2]
+        nothing = np.zeros((len(bodies), 3))
+        yield _packed(STEP, bodies, ends, nothing, np.maximum(errors_m, LEAST_STEP_ERROR))
+        axes = _directions(between[:, 2])
+        errors_rad = np.maximum(errors_rad, LEAST_STEP_ERROR)
+        yield _packed(TURN, bodies, np.zeros((len(bodies), 2, 3)), axes, errors_rad)
+
+
+def _terms_of(
+    seen: _Seen, observer: _Poses | _Fixed, target: _Poses | _Fixed
+) -> list[PackedTerms]:
+    """Return the ranges and the rays of some observations."""
+    first, second = observer.ends(seen.stamps_s), target.ends(seen.stamps_s)
+    bodies = np.stack([first[0], second[0]], axis=-1)
+    arms_m = np.zeros((len(bodies), 2, 3))
+    arms_m[:, 0, :2], arms_m[:, 1, :2] = first[1][:, :2], second[1][:, :2]
+    distances_m = np.zeros((len(bodies), 3))
+    distances_m[:, 0] = seen.distances_m
+    directions = _directions(first[1][:, 2] + seen.bearings_rad)
+    ranged = np.isfinite(seen.distances_m) & np.isfinite(seen.half_widths_m)
+    # How what is fixed is turned is not known.
+    sighted = np.isfinite(seen.bearings_rad) & isinstance(observer, _Poses)
+    return [
+        _packed(kind, bodies[known], arms_m[known], values[known], half_widths[known])
+        for kind, known, values, half_widths in (
+            (RANGE, ranged, distances_m, seen.half_widths_m),
+            (RAY, sighted, directions, seen.errors_rad),
+        )
+    ]
+
+
+def _packed(
+    kind: int, bodies: IntArray, arms_m: FloatArray, values: FloatArray, half_widths: FloatArray
+) -> PackedTerms:
+    """Return terms of one kind."""
+    weights = 1.0 / np.maximum(half_widths, LEAST_HALF_WIDTH)
+    return PackedTerms(np.full(len(bodies), kind), bodies, arms_m, values, weights)
+
+
+def _directions(angles_rad: FloatArray) -> FloatArray:
+    """Return unit vectors in the plane, shape (m, 3)."""
+    return np.stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))], axis=-1)
+
+
+class _Guesses:
+    """Poses of robots from the landmarks that they saw: these laid on the map, roughly."""
+
+    def __init__(self) -> None:
+        self._pairs: dict[int, list[tuple[FloatArray, FloatArray]]] = {}
+
+    def add(self, robot: _Poses, seen: _Seen, place_m: FloatArray) -> None:
+        """Add where a robot saw a landmark."""
+        points_m = robot.points_now(seen)
+        points_m = points_m[np.isfinite(points_m).all(axis=1)]
+        pair = points_m, np.tile(place_m, (len(points_m), 1))
+        self._pairs.setdefault(robot.row, []).append(pair)
+
+    def poses(self) -> dict[int, FloatArray]:
+        """Return x, y and yaw by the row of the robot."""
+        found = {}
+        for row, pairs in self._pairs.items():
+            seen_m, true_m = (np.concatenate(column) for column in zip(*pairs, strict=True))
+            if len(np.unique(true_m, axis=0)) > 1:
+                found[row] = _laid_on(seen_m, true_m)
+        return found
+
+
+def _laid_on(seen_m: FloatArray, true_m: FloatArray) -> FloatArray:
+    """Return the pose (x, y, yaw) under which points are where they are known to be."""
+    weights = np.ones(len(seen_m))
+    for _ in range(GUESS_ROUNDS):
+        shares = weights / weights.sum()
+        seen_middle_m, true_middle_m = shares @ seen_m, shares @ true_m
+        turn = best_rotation(seen_m - seen_middle_m, true_m - true_middle_m, shares)
+        origin_m = true_middle_m - turn @ seen_middle_m
+        off_m = np.linalg.norm(seen_m @ turn.T + origin_m - true_m, axis=1)
+        weights = 1.0 / (1.0 + (off_m / GUESS_SCALE_M) ** 2)
+    return np.array([*origin_m, math.atan2(turn[1, 0], turn[0, 0])])
