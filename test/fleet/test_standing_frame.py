@@ -219,9 +219,11 @@ def test_old_odometry_widens_the_answer():
         localizer.add_odometry('a', [1.0, 2.0, 0.0], unturned(0.5), START_S, START_S, 'odom')
         localizer.add_range('a', 'b', 3.0, now_s, now_s)
         localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], now_s, now_s)
+        localizer.add_bearing('b', 'a', [1.0, 0.0, 0.0], now_s, now_s)
         estimate = localizer.step(now_s)
         (placement,) = estimate.placements
         assert estimate.frame.kind == 'odometry'
+        assert age_s + 0.05 < placement.heading_half_width_rad[1] < age_s + 0.3
         assert placement.heading_half_width_rad[0] == pytest.approx(age_s, abs=1e-6)
         assert np.ptp(placement.enclosure_m[0], axis=0) == pytest.approx(2 * 0.5 * age_s)
         assert placement.positions_m[0] == pytest.approx([1.0, 2.0])
