@@ -21,6 +21,7 @@ SWITCHES = {
     'cameras': ('true', 'whether the robots see each other'),
     'landmarks': ('false', 'whether there are three beacons, ranged and seen by all'),
     'odometry': ('false', 'whether the robots publish odometry'),
+    'publish_tf': ('false', 'whether /tf has the true places of all frames in `world` (tf2_msgs)'),
     'peers': ('false', 'whether each robot sends all ranges and bearings in one message'),
 }
 
@@ -34,7 +35,7 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         'frame',
         default_value='robot_2/base_link',
-        description='fixed frame of RViz: the frame_id of the markers',
+        description='fixed frame of RViz: frame_id of the markers (with odometry robot_2/odom)',
     ),
     *(
         DeclareLaunchArgument(

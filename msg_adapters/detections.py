@@ -58,7 +58,8 @@ class CameraReading:
         """Return the rays of pixels of shape (k, 2), x forward, y left, z up, shape (k, 3)."""
         optical = np.ones((len(pixels_xy), 3))
         optical[:, :2] = (pixels_xy - np.array(self.center_px)) / np.array(self.focal_px)
-        return optical @ FROM_OPTICAL.T
+        with np.errstate(invalid='ignore'):  # a pixel at infinity has no ray
+            return optical @ FROM_OPTICAL.T
 
 
 @dataclass(frozen=True, eq=False)

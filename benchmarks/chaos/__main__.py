@@ -1,14 +1,23 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Chaos for some rounds: ``python -m benchmarks.chaos [--rounds N] [--picture FILE]``."""
+"""
+Chaos: ``python -m benchmarks.chaos [--rounds N] [--minutes M] [--seed S] [--picture FILE]``.
+
+Each disturbance happens once in a round, in an order of its own; with a time, any of them happens
+next until it is over.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 import os
 import random
 import sys
+import time
+
+import numpy as np
 
 from benchmarks.chaos.disturbances import DISTURBANCES
 from benchmarks.chaos.run import Day, live_through
@@ -18,6 +27,20 @@ from dg_localization.ros.domain import claim_domain
 
 COLORS = ('#2ca02c', '#ffbf00', '#d62728', '#7f7f7f')
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+
+
+def in_rounds(rounds: int, seed: int) -> Iterator[str]:
+    """Yield the disturbances of some rounds; the first is in the order of the table."""
+    yield from DISTURBANCES
+    for number in range(1, rounds):
+        yield from random.Random(seed + number).sample(list(DISTURBANCES), len(DISTURBANCES))
+
+
+def for_minutes(minutes: float, seed: int) -> Iterator[str]:
+    """Yield any disturbances until the time is over."""
+    source, end_s = random.Random(seed), time.monotonic() + 60.0 * minutes
+    while time.monotonic() < end_s:
+        yield source.choice(list(DISTURBANCES))
 
 
 def draw(day: Day, path: str) -> None:
@@ -69,28 +92,33 @@ def draw(day: Day, path: str) -> None:
 
 
 def main() -> None:
-    """Live through some rounds in random order, and print what came of them."""
+    """Live through some disturbances, and print what came of them."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.chaos', description=__doc__)
     parser.add_argument('--rounds', type=int, default=1, help='how often each happens (1)')
+    parser.add_argument('--minutes', type=float, help='any of them in random order for so long')
+    parser.add_argument('--seed', type=int, default=0, help='of the order (0)')
     parser.add_argument('--picture', metavar='FILE', help='where to draw the timeline')
     options = parser.parse_args()
     warm_up()
     claim = claim_domain()
     os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    names = list(DISTURBANCES)
-    order = [*names]
-    for seed in range(1, options.rounds):
-        order += random.Random(seed).sample(names, len(names))
-    day = live_through(order)
+    if options.minutes:
+        day = live_through(for_minutes(options.minutes, options.seed))
+    else:
+        day = live_through(in_rounds(options.rounds, options.seed))
     lines = []
-    for name in names:
+    for name in DISTURBANCES:
         times = [o.recovery_s for o in day.outcomes if o.name == name and o.recovery_s is not None]
-        span = f'{min(times):.1f} to {max(times):.1f}' if times else '-'
+        span = f'{np.median(times):.1f} / {max(times):.1f}' if times else '-'
         survived = f'{len(times)} of {sum(o.name == name for o in day.outcomes)}'
         lines.append([name, survived, span])
-    print(f'{machine()}\n\n' + table(('disturbance', 'survived', 'recovery in s'), lines))
-    print(f'\n{day.world.answers} answers; exit code {day.exit_code}; faults: {len(day.faults)}')
+    header = 'disturbance', 'survived', 'recovery in s, median / worst'
+    print(f'{machine()}\n\n' + table(header, lines))
+    print(
+        f'\n{len(day.outcomes)} disturbances in {day.world.wall_s / 60.0:.1f} minutes, '
+        f'{day.world.answers} answers; exit code {day.exit_code}; faults: {len(day.faults)}'
+    )
     for fault in day.faults:
         print(f'- {fault}')
     if options.picture:

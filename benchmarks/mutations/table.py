@@ -553,6 +553,36 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'frames/odometry_frame',
+        ('test/fleet/test_standing_frame.py',),
+        (
+            'the turn since the newest odometry is forgotten',
+            'float(placement.heading_half_width_rad[row]) + pose.error_rad',
+            'float(placement.heading_half_width_rad[row])',
+        ),
+        (
+            'the way since the newest odometry is forgotten',
+            'Interval.around(pose.position_m[None, :], pose.error_m)',
+            'Interval.around(pose.position_m[None, :], 0.0)',
+        ),
+        (
+            'headings in the odometry frame are as sharp as those in the body frame',
+            'angle_up(placement.heading_half_width_rad + turn.half_width_rad)',
+            'angle_up(placement.heading_half_width_rad)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'frames/standing_frame',
+        ('test/fleet/test_standing_frame.py',),
+        (
+            'a frame that was left is taken up again at once',
+            'self._wait_s = WAIT_S',
+            'self._wait_s = 0.0',
+        ),
+    ),
+    *_in(
+        'fleet',
         'frames/registration',
         ('test/fleet/test_fixed_frame.py',),
         (

@@ -21,6 +21,9 @@ class FrameKind(StrEnum):
     ANCHORS = 'anchors'
     """The coordinates of the anchors."""
 
+    ODOMETRY = 'odometry'
+    """The odometry frame of the reference robot."""
+
     HEADING = 'heading'
     """The body frame of the reference robot, which its bearings fix."""
 
@@ -40,15 +43,24 @@ class FixedFrame:
         The anchors, the reference robot alone, or the reference robot and the robots that define
         the axes: the second lies on the positive x axis (dimension 3: the third in the half plane
         of positive y).
+    name : str
+        That of the odometry frame, as the odometry states it.
+    restarted_s : float
+        When the odometry started anew: its frame has been another one since; 0 for never.
 
     """
 
     kind: FrameKind
     points: tuple[str, ...]
+    name: str = ''
+    restarted_s: float = 0.0
 
     def __str__(self) -> str:
         if self.kind == FrameKind.ANCHORS:
             return f'coordinates of the anchors {", ".join(self.points)}'
+        if self.kind == FrameKind.ODOMETRY:
+            restart = f', started anew at {self.restarted_s:.3f} s' if self.restarted_s else ''
+            return f'odometry frame {self.name} of {self.points[0]}{restart}'
         if self.kind == FrameKind.HEADING:
             return f'body frame of {self.points[0]}'
         text = f'origin at {self.points[0]}'

@@ -14,6 +14,7 @@ from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import Estimate, FixedFrame
 from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.frames.standing_frame import StandingFrame
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
 from dg_localization.fleet.mounts import mount_geometry
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
@@ -28,8 +29,8 @@ class Localizer:
     Every placement of a fleet that agrees with its measurements.
 
     Adding measurements, taking snapshots and `reset` change or read the same store: call them
-    from one thread. `estimate` reads nothing but its snapshot and the last frame, and may run in
-    another.
+    from one thread. `estimate` reads nothing but its snapshot and what it keeps of the last one,
+    and may run in another.
 
     Parameters
     ----------
@@ -45,6 +46,7 @@ class Localizer:
         self._mounts = mount_geometry(config)
         self._frame: FixedFrame | None = None
         self._follower = Follower()
+        self._standing_frame = StandingFrame()
 
     @property
     def config(self) -> FleetConfig:
@@ -55,6 +57,7 @@ class Localizer:
         """Forget all measurements and counts."""
         self._store = MeasurementStore(self._config)
         self._follower = self._follower.started_anew()
+        self._standing_frame = StandingFrame()
 
     @default_environment()
     def add_range(
@@ -129,6 +132,7 @@ class Localizer:
         orientation_xyzw: ArrayLike,
         stamp_s: float,
         now_s: float,
+        frame: str = '',
     ) -> Rejection | None:
         """
         Add an odometry pose, which bounds how far a robot has moved and turned.
@@ -142,6 +146,9 @@ class Localizer:
             Unit quaternion from body to odometry frame.
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
+        frame : str, optional
+            The name of the odometry frame. Estimates are in the odometry frame of the reference
+            robot only if it has one.
 
         Returns
         -------
@@ -150,7 +157,9 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.ODOMETRY, robot, '')
-        return self._store.add_odometry(key, position_xyz, orientation_xyzw, float(stamp_s), now_s)
+        return self._store.add_odometry(
+            key, position_xyz, orientation_xyzw, float(stamp_s), now_s, frame
+        )
 
     @default_environment()
     def add_peers(
@@ -206,11 +215,11 @@ class Localizer:
         Estimate
 
         """
-        follower = self._follower
+        follower, standing_frame = self._follower, self._standing_frame
         estimate = estimate_snapshot(snapshot, cancel)
         if cancel is not None and cancel.is_set():
             return estimate
-        estimate = follower.follow(snapshot, estimate)
+        estimate = standing_frame.turn(snapshot, follower.follow(snapshot, estimate))
         if estimate.frame is None:
             return estimate
         previous, self._frame = self._frame, estimate.frame

@@ -132,6 +132,7 @@ class MeasurementStore:
         orientation_xyzw: ArrayLike,
         stamp_s: float,
         now_s: float,
+        frame: str,
     ) -> Rejection | None:
         """Accept an odometry pose, or return why not."""
         rejection = self._check_robot(key.observer) or self._check_stamp(stamp_s, now_s)
@@ -143,7 +144,7 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
-        self._track(key.observer).append(OdometryReading(stamp_s, position, rotation))
+        self._track(key.observer).append(OdometryReading(stamp_s, position, rotation, frame))
         self._input(key).count_accepted(stamp_s)
         return None
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -69,6 +69,7 @@ class OdometryTrack:
         self._tolerance = 1.0 + relative_error + 1e-9
         self._keep_s = keep_s
         self._readings: list[OdometryReading] = []
+        self._restarted_s = 0.0
 
     @property
     def readings(self) -> tuple[OdometryReading, ...]:
@@ -79,21 +80,23 @@ class OdometryTrack:
         """
         Add a reading, which must be newer than the last one.
 
-        A step or a turn that is faster than the robot can be is a restart of the odometry. It
-        says nothing about the motion before it, so the older readings are forgotten.
+        A step or a turn that is faster than the robot can be is a restart of the odometry, and so
+        is another frame. It says nothing about the motion before it, so the older readings are
+        forgotten.
         """
-        if self._readings:
-            last = self._readings[-1]
-            step_m = float(np.linalg.norm(reading.position_m - last.position_m))
-            turn_rad = rotation_angle_rad(last.rotation.T @ reading.rotation)
-            if self._restarted(step_m, turn_rad, elapsed_up(reading.stamp_s, last.stamp_s)):
-                self._readings.clear()
-        self._readings.append(reading)
+        if self._readings and self._restarted(self._readings[-1], reading):
+            self._readings.clear()
+            self._restarted_s = reading.stamp_s
+        self._readings.append(replace(reading, restarted_s=self._restarted_s))
         self._forget_before(reading.stamp_s - self._keep_s)
 
-    def _restarted(self, step_m: float, turn_rad: float, elapsed_s: float) -> bool:
-        """Return whether a step or a turn is more than the robot can do in that time."""
-        longest_s = elapsed_s * self._tolerance
+    def _restarted(self, last: OdometryReading, reading: OdometryReading) -> bool:
+        """Return whether a reading is of another frame, or more than the robot can do away."""
+        if reading.frame != last.frame:
+            return True
+        step_m = float(np.linalg.norm(reading.position_m - last.position_m))
+        turn_rad = rotation_angle_rad(last.rotation.T @ reading.rotation)
+        longest_s = elapsed_up(reading.stamp_s, last.stamp_s) * self._tolerance
         too_far = step_m > self._max_speed_m_s * longest_s
         return too_far or turn_rad > angle_up(self._max_turn_rate_rad_s * longest_s)
 

@@ -123,12 +123,18 @@ class OdometryReading:
     position_m : numpy.ndarray, shape (3,)
     rotation : numpy.ndarray, shape (3, 3)
         From body to odometry frame.
+    frame : str
+        The name of the odometry frame; empty where it has none.
+    restarted_s : float
+        When this odometry started anew, as far as it showed; 0 when it never did.
 
     """
 
     stamp_s: float
     position_m: np.ndarray
     rotation: np.ndarray
+    frame: str = ''
+    restarted_s: float = 0.0
 
 
 class RejectionReason(Enum):

@@ -5,11 +5,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import time
 import traceback
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -18,6 +19,39 @@ from dg_localization.ros.executables import UsageError
 from dg_localization.ros.signals import StopRequest, stop_request, waking
 
 REPEATED_ERROR_S = 5.0
+# A message waits for up to this long.
+BATCH_S = 0.005
+
+
+class BatchExecutor(SingleThreadedExecutor):
+    """
+    Runs what is ready together, and then waits a little for more.
+
+    To look for what is ready takes rclpy a time that grows with the number of subscriptions, 0.3
+    ms for 20 of them and 6 ms for 240. To do so for each message would take a processor.
+    """
+
+    def spin_batch(self) -> None:
+        """Run everything that is ready; where that is nothing, wait until something is."""
+        began_s = time.monotonic()
+        if self._run_ready():
+            time.sleep(max(0.0, BATCH_S - (time.monotonic() - began_s)))
+        else:
+            self.spin_once()
+
+    def _run_ready(self) -> bool:
+        """Run everything that is ready, and return whether that was anything."""
+        ran = False
+        while True:
+            try:
+                task, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
+            except (TimeoutException, ShutdownException):
+                return ran
+            ran = True
+            task()
+            error = task.exception()
+            if error is not None:
+                raise error
 
 
 @contextmanager
@@ -111,14 +145,14 @@ def _spin_until(stop: StopRequest, node: Node) -> None:
     Some callbacks are those of rclpy, and raise because of what others send: the one of `/clock`
     for a negative time.
     """
-    executor = SingleThreadedExecutor()
+    executor = BatchExecutor()
     executor.add_node(node)
     # The executor returns from its wait when a callback of the node is due.
     guard = node.create_guard_condition(lambda: None)
     with waking(guard.trigger):
         while not stop.is_set() and node.context.ok():
             try:
-                executor.spin_once()
+                executor.spin_batch()
             except Exception:
                 node.get_logger().error(
                     f'a callback failed, the node goes on:\n{traceback.format_exc()}',

@@ -146,8 +146,13 @@ class FleetOdometry:
             pose_s = max(pose_s, self._state.time_s)
         self._asked_s = time_s
         before, self._state = self._state, self._motion.state(pose_s)
-        for robot, name in enumerate(ROBOTS):
+        for robot in range(len(ROBOTS)):
             self._take_step(robot, before)
+        yield from self.newest()
+
+    def newest(self) -> Iterator[SimulatedOdometry]:
+        """Yield the samples of all robots that were measured last."""
+        for robot, name in enumerate(ROBOTS):
             x, y = self._positions_m[robot]
             yield SimulatedOdometry(name, (float(x), float(y)), float(self._yaws_rad[robot]))
 

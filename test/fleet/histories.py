@@ -154,7 +154,9 @@ class History:
         name = self.config.robots[robot]
 
         def call(localizer, now_s):
-            return localizer.add_odometry(name, [x, y, 0.0], orientation, stamp_s, now_s)
+            return localizer.add_odometry(
+                name, [x, y, 0.0], orientation, stamp_s, now_s, f'{name}/odom'
+            )
 
         return stamp_s, call
 
@@ -218,6 +220,9 @@ class History:
         if frame.kind == 'anchors':
             return places[: len(yaws)], yaws
         rows = [points.index(name) for name in frame.points]
+        if frame.kind == 'odometry':
+            assert frame.name == f'{frame.points[0]}/odom'
+            return self._in_odometry_frame(rows[0], time_s, places[: len(yaws)], yaws)
         angle = 0.0
         if frame.kind == 'heading':
             angle = yaws[rows[0]]
@@ -227,6 +232,14 @@ class History:
         c, s = math.cos(angle), math.sin(angle)
         local = (places - places[rows[0]]) @ np.array([[c, -s], [s, c]])
         return local[: len(yaws)], yaws - angle
+
+    def _in_odometry_frame(self, robot, time_s, places, yaws):
+        """Return a truth in the frame where the newest odometry of a robot states its pose."""
+        sample = min(math.floor(time_s / SAMPLE_S + 1e-9), len(self.drives[robot].true) - 1)
+        true, stated = self.drives[robot].true[sample], self.drives[robot].stated[sample]
+        c, s = math.cos(stated[2] - true[2]), math.sin(stated[2] - true[2])
+        moved = (places - true[:2]) @ np.array([[c, s], [-s, c]]) + stated[:2]
+        return moved, yaws + stated[2] - true[2]
 
     def play(self, localizer, ticks_s, between=lambda localizer, time_s: localizer):
         """Yield the times since the start and the estimates of a localizer."""

@@ -3,7 +3,7 @@
 
 """The true placement, in the fixed frame, lies in a published one: random fleets of all kinds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import os
 
 from hypothesis import given, settings, strategies as st
@@ -60,6 +60,8 @@ class World:
     start_s: float
     positions: np.ndarray
     rotations: np.ndarray
+    odometry: dict = field(default_factory=dict)
+    """The tick, position and rotation of the newest odometry, by row of the robot."""
 
     @property
     def n_robots(self):
@@ -80,6 +82,12 @@ class World:
         if frame.kind == 'anchors':
             return positions, rotations
         rows = [points.index(name) for name in frame.points]
+        if frame.kind == 'odometry':
+            assert frame.name == f'odom of {frame.points[0]}'
+            tick, stated, rotation = self.odometry[rows[0]]
+            turn = rotation @ self.rotations[tick, rows[0]].T
+            local = positions - self.positions[tick, rows[0]]
+            return local @ turn[:q, :q].T + stated[:q], turn @ rotations
         local = positions - positions[rows[0]]
         if frame.kind == 'heading':
             axes = rotations[rows[0]]
@@ -236,8 +244,10 @@ def feed_odometry(localizer, world, rng):
                     quaternion_of(rotation),
                     world.stamp_s(tick),
                     world.now_s,
+                    f'odom of {world.config.robots[robot]}',
                 )
                 assert rejection is None
+                world.odometry[robot] = tick, position, rotation
 
 
 def holds(placement, world, frame):

@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from hostile_ids import IdFleet  # noqa: E402
 from hostile_messages import CLOUD, HostileFleet, serialized  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 
@@ -36,10 +37,10 @@ TOLERANCE_M = 1e-7
 class Taker:
     """An intake of a fleet, and what it should have counted by now."""
 
-    def __init__(self, fleet):
+    def __init__(self, fleet, ids=None):
         self.fleet = fleet
         self.localizer = Localizer(fleet.config)
-        self.intake = Intake(self.localizer, use_header_stamp=True)
+        self.intake = Intake(self.localizer, True, ids or {})
         self.wanted = 0
 
     def take(self, link, data):
@@ -245,6 +246,78 @@ def test_nonsense_of_adapters_is_counted_and_never_enters():
                 taker.intake.take(link, serialized(message), fleet.now_s)
             if taker.malformed(link) > before[1]:
                 assert taker.counted == before[0] + 1, value
+        snapshot = taker.localizer.snapshot(fleet.now_s)
+        check_snapshot(snapshot)
+        check_estimate(taker.localizer.estimate(snapshot), taker)
+
+
+@pytest.fixture
+def as_objects(third_party_messages, monkeypatch):
+    """Have messages of packages that are not installed arrive without serialization."""
+    arriving = {}
+
+    def deserialize(data, message_class):
+        return arriving.pop(data) if data in arriving else deserialize_message(data, message_class)
+
+    def arrive(taker, link, message):
+        arriving[link.topic.encode()] = message
+        return taker.intake.take(link, link.topic.encode(), taker.fleet.now_s)
+
+    monkeypatch.setattr('dg_localization.ros.interface.intake.deserialize_message', deserialize)
+    return arrive
+
+
+def make_takers(fleet, ids, number):
+    """Return so many takers that know the cameras of a fleet."""
+    takers = [Taker(fleet, ids.ids) for _ in range(number)]
+    for taker in takers:
+        for link in ids.cameras:
+            assert taker.intake.take(link, serialized(ids.camera_message()), fleet.now_s) is None
+    return takers
+
+
+@pytest.mark.parametrize('test', range(TESTS))
+def test_useless_messages_with_ids_change_nothing(as_objects, test):
+    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+        fleet = HostileFleet.make(seed)
+        ids = IdFleet(fleet)
+        among_others, alone = make_takers(fleet, ids, 2)
+        for _ in range(INPUTS_PER_FLEET):
+            fleet.pass_time()
+            link = fleet.random.choice(ids.links)
+            if fleet.random.random() < 0.5:
+                as_objects(among_others, link, ids.useless_message(link))
+            else:
+                message = ids.true_message(link)
+                before = among_others.counted
+                assert as_objects(among_others, link, message) is None, seed
+                assert as_objects(alone, link, message) is None, seed
+                assert not alone.malformed(link), (seed, alone.intake.malformed)
+                assert among_others.counted > before or not message.detections, seed
+        snapshot = among_others.localizer.snapshot(fleet.now_s)
+        check_snapshot(snapshot)
+        same_readings(snapshot, alone.localizer.snapshot(fleet.now_s))
+        estimate = among_others.localizer.estimate(snapshot)
+        check_estimate(estimate, among_others)
+        assert estimate.verdict is not Verdict.INFEASIBLE, seed
+        if estimate.placements:
+            assert any(holds_truth(placement, fleet) for placement in estimate.placements), seed
+
+
+@pytest.mark.parametrize('test', range(TESTS))
+def test_anything_with_ids_is_counted_and_answered(as_objects, test):
+    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+        fleet = HostileFleet.make(seed)
+        ids = IdFleet(fleet)
+        (taker,) = make_takers(fleet, ids, 1)
+        for _ in range(INPUTS_PER_FLEET):
+            fleet.pass_time()
+            link = fleet.random.choice(ids.links)
+            before = taker.counted
+            as_objects(taker, link, ids.any_message(link))
+            # It may have measured nobody, or nobody who counts.
+            assert taker.counted >= before, seed
+        assert taker.counted > INPUTS_PER_FLEET // 2, seed
         snapshot = taker.localizer.snapshot(fleet.now_s)
         check_snapshot(snapshot)
         check_estimate(taker.localizer.estimate(snapshot), taker)

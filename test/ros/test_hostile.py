@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
 from dg_localization.ros import spinning
-from dg_localization.ros.node import localizer
+from dg_localization.ros.node import watchdog
 from msg_adapters import Level
 
 DEADLINE_S = 20.0
@@ -31,8 +31,8 @@ DEADLINE_S = 20.0
 
 @pytest.fixture
 def quick_watchdog(monkeypatch):
-    monkeypatch.setattr(localizer, 'LEAST_PATIENCE_S', 1.5)
-    monkeypatch.setattr(localizer, 'PATIENCE', 0.0)
+    monkeypatch.setattr(watchdog, 'LEAST_PATIENCE_S', 1.5)
+    monkeypatch.setattr(watchdog, 'PATIENCE', 0.0)
 
 
 def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_watchdog):

@@ -3,6 +3,7 @@
 
 """The executable `simulate_fleet`, over real topics and as a process."""
 
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
@@ -25,6 +26,7 @@ from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
+from dg_localization.ros.interface.transforms import RigidPose  # noqa: E402
 from dg_localization.ros.simulation.messages import SimulatedFleet, quaternions  # noqa: E402
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
@@ -35,6 +37,7 @@ from dg_localization.simulation import moving_fleet as simulation  # noqa: E402
 from msg_adapters.peers import peers_from_message  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
+DEFAULTS = {spec.name: spec.default for spec in PARAMETERS}
 EDGES = [(simulation.ROBOTS[a], simulation.ROBOTS[b]) for a, b in simulation.EDGES]
 
 
@@ -224,6 +227,56 @@ def test_the_file_of_beacons_is_that_of_the_simulation():
     assert anchors == {
         name: {'position': list(place)} for name, place in simulation.LANDMARKS_M.items()
     }
+
+
+def test_odometry_names_its_frames():
+    fleet = simulated_fleet({**DEFAULTS, 'odometry': True})
+    messages = dict(fleet.odometry_messages(1.0, 2.0))
+    message = messages['robot_3/odom']
+    assert message.header.frame_id == 'robot_3/odom'
+    assert message.child_frame_id == 'robot_3/base_link'
+
+
+@pytest.mark.parametrize('odometry', [True, False])
+def test_true_transforms_lead_from_the_world_to_the_bodies(odometry):
+    fleet = simulated_fleet({**DEFAULTS, 'odometry': odometry, 'rotation_per_m': 0.3})
+    for time_s in (0.0, 2.0, 4.0):
+        list(fleet.odometry_messages(time_s, 2.0))
+        found = {entry.child_frame_id: entry for entry in fleet.true_transforms(time_s, 2.0)}
+        truth = fleet.ground_truth(time_s, 2.0)
+        assert len(found) == 2 * 6 if odometry else 6
+        for robot, pose in zip(simulation.ROBOTS, truth.poses, strict=True):
+            entry = found[f'{robot}/base_link']
+            body = RigidPose(entry.translation_m, entry.rotation_xyzw)
+            if odometry:
+                assert entry.frame_id == f'{robot}/odom'
+                entry = found[f'{robot}/odom']
+                body = RigidPose(entry.translation_m, entry.rotation_xyzw).times(body)
+            assert entry.frame_id == truth.header.frame_id == 'world'
+            place = [pose.position.x, pose.position.y, pose.position.z]
+            assert body.position_m == pytest.approx(place, abs=1e-9)
+            turn = [pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w]
+            assert abs(body.xyzw @ turn) == pytest.approx(1.0)
+
+
+def test_transforms_are_published_when_asked_for(context, transform_class):
+    node = FleetSimulator(
+        context=context,
+        parameter_overrides=[
+            Parameter('publish_tf', value=True),
+            Parameter('odometry', value=True),
+        ],
+    )
+    assert node.count_publishers('/tf') == 1
+    node.publish_odometry()
+    node.publish_measurements()
+    node.destroy_node()
+
+
+@pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
+def test_transforms_need_their_package(context):
+    with pytest.raises(WrongParameterError, match='publish_tf.*tf2_msgs'):
+        FleetSimulator(context=context, parameter_overrides=[Parameter('publish_tf', value=True)])
 
 
 def test_quaternions_turn_about_z():

@@ -212,10 +212,10 @@ def _spatial_heading(sights: _Sights) -> Heading | None:
     least = float(np.where(usable, up(chords / np.where(usable, levers, 1.0)), np.inf).min())
     if least >= 1.0:
         return None
-    return Heading(_quaternion_of(rotation), angle_up(2.0 * arcsine_up(least)))
+    return Heading(quaternion_of(rotation), angle_up(2.0 * arcsine_up(least)))
 
 
-def _quaternion_of(rotation: FloatArray) -> FloatArray:
+def quaternion_of(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion xyzw of a rotation matrix."""
     m = rotation
     squares = np.array(

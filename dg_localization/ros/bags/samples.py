@@ -124,6 +124,7 @@ class _Gatherer(Localizer):
         orientation_xyzw: ArrayLike,
         stamp_s: float,
         now_s: float,
+        frame: str = '',
     ) -> None:
         """Keep a pose that has an orientation."""
         turn = np.asarray(orientation_xyzw, dtype=float)

@@ -9,6 +9,15 @@ BODY_FRAME = 'base_link'
 SHAPE_FRAME = 'fleet'
 
 
+LONGEST_FRAME_ID = 255
+"""Longer names of others are not published, nor are those that cannot be printed."""
+
+
+def usable_frame_id(name: str) -> str:
+    """Return the name of a frame as a message states it; empty where it is not fit to publish."""
+    return name if len(name) <= LONGEST_FRAME_ID and name.isprintable() else ''
+
+
 def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
     """
     Return the name of a frame, which says what it is tied to.
@@ -23,11 +32,13 @@ def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
     Returns
     -------
     str
-        `fixed_frame`, the body frame of a robot, or that of a shape only.
+        `fixed_frame`, the odometry or the body frame of a robot, or that of a shape only.
 
     """
     if frame is None or frame.kind == FrameKind.ANCHORS:
         return fixed_frame
+    if frame.kind == FrameKind.ODOMETRY:
+        return frame.name
     if frame.kind == FrameKind.HEADING:
         return f'{frame.points[0]}/{BODY_FRAME}'
     return SHAPE_FRAME

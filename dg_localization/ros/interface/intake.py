@@ -21,6 +21,7 @@ from rclpy.serialization import deserialize_message
 
 from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
 from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed, shortened
+from dg_localization.ros.interface.frames import usable_frame_id
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.transforms import OdometryPoses
@@ -223,7 +224,12 @@ def add_reading(
             return localizer.add_bearing(key.observer, key.target, reading.ray_xyz, stamp_s, now_s)
         case OdometryReading():
             return localizer.add_odometry(
-                key.observer, reading.position_xyz, reading.orientation_xyzw, stamp_s, now_s
+                key.observer,
+                reading.position_xyz,
+                reading.orientation_xyzw,
+                stamp_s,
+                now_s,
+                frame=usable_frame_id(reading.frame_id),
             )
         case PeersReading():
             # All rows before the first: a message that cannot be read must not be taken in part.

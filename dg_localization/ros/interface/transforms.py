@@ -109,8 +109,8 @@ def transforms(
     Return the transforms from the frame of the anchors to the robots of an estimate.
 
     There are some only while one hypothesis is left, in the frame of the anchors, and for robots
-    whose heading is known: any other frame moves with a robot. A frame that more than one robot
-    calls its own is left out, since it can have one place only.
+    whose heading is known: any other frame moves or drifts with a robot. A frame that more than
+    one robot calls its own is left out, since it can have one place only.
 
     Parameters
     ----------

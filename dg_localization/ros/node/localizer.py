@@ -46,6 +46,7 @@ from dg_localization.ros.node.clock import NodeTime
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.transitions import transition
+from dg_localization.ros.node.watchdog import Watchdog
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
 from msg_adapters import Diagnostics
@@ -56,9 +57,8 @@ DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
 SILENT_CLOCK_S = 3.0
-# An estimate that takes so many times its limits, and at least so long, will never end.
-PATIENCE = 5.0
-LEAST_PATIENCE_S = 10.0
+# For each message, the longest time that an estimate which is late gets the interpreter for.
+LONGEST_REST_S = 0.01
 
 
 class Answer(NamedTuple):
@@ -88,6 +88,7 @@ class LocalizerNode(LifecycleNode):
 
     _outputs: EstimatePublishers
     _worker: EstimateWorker[Answer]
+    _watchdog: Watchdog
     _warm_up_began_s: float
 
     def __init__(
@@ -136,6 +137,8 @@ class LocalizerNode(LifecycleNode):
             warm_up,
             self._make_wake_up(self._on_warm),
         )
+        fleet = self.settings.fleet
+        self._watchdog = Watchdog(fleet.solver.max_seconds + fleet.max_conflict_seconds)
         made.callback(self._worker.close)
         self.get_logger().info('loading the solver')
         for warning in solver_warnings():
@@ -215,11 +218,15 @@ class LocalizerNode(LifecycleNode):
         now_s = self._now_s()
         if now_s is None:
             return
+        began_s = time.monotonic()
         rejection = self._intake.take(link, data, now_s)
         if rejection is not None:
             self.get_logger().warning(
                 shortened(f'{link.topic}: {rejection}'), throttle_duration_sec=REPEATED_WARNING_S
             )
+        if self._watchdog.is_late(self._worker.busy_s):
+            # More messages than can be taken must not starve the estimate that they are for.
+            time.sleep(min(LONGEST_REST_S, time.monotonic() - began_s))
 
     def _on_tick(self) -> None:
         """Have the newest measurements answered, unless the worker is still at older ones."""
@@ -286,18 +293,11 @@ class LocalizerNode(LifecycleNode):
         self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1
         if self._state == 'active':
             self._now_s()
-            if self._worker.busy_s > self._patience_s:
+            if self._watchdog.is_hopeless(self._worker.busy_s, self._worker.cpu_s):
                 self._give_up_estimate()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
             self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
         self._diagnostics.publish(self._diagnose())
-
-    @property
-    def _patience_s(self) -> float:
-        """How long an estimate may take: several times what its limits allow."""
-        fleet = self.settings.fleet
-        limits_s = fleet.solver.max_seconds + fleet.max_conflict_seconds
-        return max(LEAST_PATIENCE_S, PATIENCE * limits_s)
 
     def _give_up_estimate(self) -> None:
         """Take back the last answer, and answer the next snapshot in a new thread."""

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from importlib import import_module
 
 from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dg_localization.fleet import Estimate
@@ -42,6 +44,11 @@ def transform_message_class() -> type:
     return message_class
 
 
+def make_transform_publisher(node: Node) -> Publisher:
+    """Return a publisher on /tf; see `transform_message_class` for what it raises."""
+    return node.create_publisher(transform_message_class(), TRANSFORM_TOPIC, DYNAMIC)
+
+
 class TransformPublisher:
     """
     Publishes the transforms of estimates.
@@ -62,9 +69,7 @@ class TransformPublisher:
         self._node = node
         self._fixed_frame = fixed_frame
         self._odometry = odometry
-        self._publisher = node.create_publisher(
-            transform_message_class(), TRANSFORM_TOPIC, DYNAMIC
-        )
+        self._publisher = make_transform_publisher(node)
 
     def publish(self, estimate: Estimate) -> None:
         """Publish where the robots are, if that is known; silence says that it is not."""

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 import os
 import sys
-from threading import Event, Lock, enumerate as running_threads, get_native_id
+from threading import Event, Lock, enumerate as running_threads, get_ident, get_native_id
 import time
 from typing import Any, Generic, TypeVar
 
@@ -22,7 +22,7 @@ CLOSE_S = 2.0
 # messages wait for a turn among them and are lost (docs/reliability.md).
 NICENESS = 5
 # A thread cannot be ended from outside. One that never returns costs a processor.
-MOST_RESTARTS = 3
+MOST_STUCK = 3
 
 
 def _nothing() -> None:
@@ -61,9 +61,9 @@ class EstimateWorker(Generic[A]):
     ) -> None:
         self._estimate = estimate
         self._wake = wake
-        self._pool = _new_pool()
-        self._began_s = 0.0
-        self._n_restarts = 0
+        self._pool, self._threads = _new_pool()
+        self._began_s = self._began_cpu_s = 0.0
+        self._stuck: list[Future[Any]] = []
         self._wanted: Future[A] | None = None
         self._cancel = Event()
         self._closed = Event()
@@ -82,9 +82,20 @@ class EstimateWorker(Generic[A]):
         """For how long it has been `busy`, in s."""
         return time.monotonic() - self._began_s if self.busy else 0.0
 
+    @property
+    def cpu_s(self) -> float:
+        """How much of a processor the thread has used while `busy`; no more than `busy_s`."""
+        return self._thread_s() - self._began_cpu_s if self.busy else 0.0
+
+    def _thread_s(self) -> float:
+        """Return the processor time of the thread; where that is not known, the time."""
+        if not hasattr(time, 'pthread_getcpuclockid'):
+            return time.monotonic()
+        return sum(time.clock_gettime(time.pthread_getcpuclockid(one)) for one in self._threads)
+
     def submit(self, snapshot: Snapshot) -> None:
         """Start on a snapshot; only while not `busy`."""
-        self._began_s = time.monotonic()
+        self._began_s, self._began_cpu_s = time.monotonic(), self._thread_s()
         cancel = self._cancel = Event()
         self._newest = self._wanted = self._pool.submit(self._estimate, snapshot, cancel)
         self._wanted.add_done_callback(lambda _: self._call_unless(cancel, self._wake))
@@ -123,15 +134,17 @@ class EstimateWorker(Generic[A]):
         Returns
         -------
         bool
-            False when that was done so often that it does not help, and nothing has changed.
+            False when so many threads are stuck that one more does not help, and nothing has
+            changed.
 
         """
-        if self._n_restarts == MOST_RESTARTS:
+        self._stuck = [future for future in self._stuck if not future.done()]
+        if len(self._stuck) == MOST_STUCK:
             return False
-        self._n_restarts += 1
+        self._stuck.append(self._newest)
         self.cancel()
         self._pool.shutdown(wait=False)
-        self._pool = _new_pool()
+        self._pool, self._threads = _new_pool()
         return True
 
     def close(self) -> None:
@@ -143,8 +156,15 @@ class EstimateWorker(Generic[A]):
         self._pool.shutdown(wait=not late)
 
 
-def _new_pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(1, THREAD_NAME, _step_back)
+def _new_pool() -> tuple[ThreadPoolExecutor, list[int]]:
+    """Return a pool of one thread, and a list that will hold its identifier."""
+    threads: list[int] = []
+
+    def begin() -> None:
+        threads.append(get_ident())
+        _step_back()
+
+    return ThreadPoolExecutor(1, THREAD_NAME, begin), threads
 
 
 def _step_back() -> None:

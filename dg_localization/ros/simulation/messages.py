@@ -11,6 +11,8 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.ros.interface.frames import BODY_FRAME
+from dg_localization.ros.interface.transforms import RigidPose
 from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry
 from msg_adapters.bearings import BearingReading, bearing_to_message
@@ -18,9 +20,11 @@ from msg_adapters.odometry import OdometryReading, odometry_to_message
 from msg_adapters.peers import PeersReading, peers_to_message
 from msg_adapters.poses import PoseList, pose_array_to_message
 from msg_adapters.ranges import RangeReading, range_to_message
+from msg_adapters.transforms import Transform
 
 # Not that of the localizer, whose frame moves with a robot where there are no anchors.
 TRUTH_FRAME = 'world'
+ODOMETRY_FRAME = 'odom'
 MIN_RANGE_M = 0.1
 NO_RAY = (np.nan, np.nan, np.nan)
 
@@ -101,8 +105,8 @@ class SimulatedFleet:
                         stamp_s,
                         np.array([*sample.position_m, 0.0]),
                         quaternions([sample.yaw_rad])[0],
-                        frame_id=f'{sample.robot}/odom',
-                        child_frame_id=sample.robot,
+                        frame_id=f'{sample.robot}/{ODOMETRY_FRAME}',
+                        child_frame_id=f'{sample.robot}/{BODY_FRAME}',
                     )
                 ),
             )
@@ -123,6 +127,49 @@ class SimulatedFleet:
             PoseList(stamp_s, TRUTH_FRAME, positions_m, quaternions(state.yaws_rad))
         )
         return message
+
+    def true_transforms(self, time_s: float, stamp_s: float) -> Iterator[Transform]:
+        """
+        Yield where the frames of the robots truly are.
+
+        With odometry, a robot is where that says in its odometry frame, which drifts in the
+        world; otherwise its body is placed in the world.
+
+        Parameters
+        ----------
+        time_s, stamp_s : float
+            As for `measurements`.
+
+        """
+        state = self.motion.state(time_s)
+        truth = _rigid_poses(state.positions_m, state.yaws_rad)
+        if self.odometry is None:
+            for robot, body in zip(simulation.ROBOTS, truth, strict=True):
+                yield _transform(stamp_s, TRUTH_FRAME, f'{robot}/{BODY_FRAME}', body)
+            return
+        samples = list(self.odometry.newest())
+        stated = _rigid_poses(
+            [sample.position_m for sample in samples], [sample.yaw_rad for sample in samples]
+        )
+        for sample, body, pose in zip(samples, truth, stated, strict=True):
+            frame_id = f'{sample.robot}/{ODOMETRY_FRAME}'
+            yield _transform(stamp_s, TRUTH_FRAME, frame_id, body.times(pose.inverse()))
+            yield _transform(stamp_s, frame_id, f'{sample.robot}/{BODY_FRAME}', pose)
+
+
+def _rigid_poses(
+    positions_m: NDArray[np.float64] | Sequence[tuple[float, float]],
+    yaws_rad: Sequence[float] | NDArray[np.float64],
+) -> list[RigidPose]:
+    """Return poses in the plane, (n, 2) and (n,), as poses in space."""
+    return [
+        RigidPose(np.array([x, y, 0.0]), xyzw)
+        for (x, y), xyzw in zip(positions_m, quaternions(yaws_rad), strict=True)
+    ]
+
+
+def _transform(stamp_s: float, frame_id: str, child_frame_id: str, pose: RigidPose) -> Transform:
+    return Transform(stamp_s, frame_id, child_frame_id, pose.position_m, pose.xyzw)
 
 
 def _pair_messages(

@@ -13,7 +13,8 @@ It publishes, at `rate` and in its namespace:
 - `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6;
 
 and, at `odometry_rate` and when `odometry` is true, `{robot}/odom` (nav_msgs/Odometry), which
-drifts within the bounds given.
+drifts within the bounds given. When `publish_tf` is true, `/tf` has where all these frames truly
+are, so that answers in any of them can be compared with the truth.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,10 +35,12 @@ from dg_localization.ros.interface.parameters.spec import (
     declare,
     given_values,
 )
+from dg_localization.ros.node.transforms import make_transform_publisher
 from dg_localization.ros.simulation.messages import SimulatedFleet
 from dg_localization.ros.spinning import spin
 from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
+from msg_adapters.transforms import transforms_to_cdr
 
 PARAMETERS = (
     Spec('ranges', BOOL, True, 'whether the robots measure ranges'),
@@ -62,6 +65,7 @@ PARAMETERS = (
     Spec('translation_per_rad', DOUBLE, 0.0, 'error of odometry per rad turned', 'm', 0.0, 1.0),
     Spec('rotation_per_m', DOUBLE, 0.0, 'error of a turn per m travelled', 'rad', 0.0, 1.0),
     Spec('rotation_per_rad', DOUBLE, 0.05, 'error of a turn per rad turned', 'rad', 0.0, 1.0),
+    Spec('publish_tf', BOOL, False, 'whether /tf has the true places of the frames (tf2_msgs)'),
     Spec('seed', INTEGER, 0, 'seed of the motion and of the errors', '', 0, 2**31 - 1),
 )
 
@@ -151,6 +155,9 @@ class FleetSimulator(Node):
             for topic, message in first
         }
         self._truth_publisher = self.create_publisher(PoseArray, '~/ground_truth', LATCHED)
+        self._transform_publisher = (
+            make_transform_publisher(self) if values['publish_tf'] else None
+        )
         self.create_timer(1.0 / values['rate'], self.publish_measurements)
         if values['odometry']:
             self.create_timer(1.0 / values['odometry_rate'], self.publish_odometry)
@@ -167,12 +174,21 @@ class FleetSimulator(Node):
         stamp_s = self._now_s()
         time_s = stamp_s - self._start_s
         self._publish(self._fleet.measurements(time_s, stamp_s))
+        if self._fleet.odometry is None:
+            self._publish_transforms(time_s, stamp_s)
         self._truth_publisher.publish(self._fleet.ground_truth(time_s, stamp_s))
 
     def publish_odometry(self) -> None:
         """Publish one sample of the odometry of every robot, at the present time."""
         stamp_s = self._now_s()
-        self._publish(self._fleet.odometry_messages(stamp_s - self._start_s, stamp_s))
+        time_s = stamp_s - self._start_s
+        self._publish(self._fleet.odometry_messages(time_s, stamp_s))
+        self._publish_transforms(time_s, stamp_s)
+
+    def _publish_transforms(self, time_s: float, stamp_s: float) -> None:
+        if self._transform_publisher is not None:
+            found = list(self._fleet.true_transforms(time_s, stamp_s))
+            self._transform_publisher.publish(transforms_to_cdr(found))
 
     def _publish(self, messages: Iterable[tuple[str, Any]]) -> None:
         for topic, message in messages:

@@ -46,8 +46,8 @@ FLEET = Section(
             STRING,
             'map',
             'name of the frame of the anchors',
-            details='Without anchors the frame is named after what it is tied to, '
-            '`ROBOT/base_link` or `fleet`.',
+            details='Without anchors the frame is named after what it is tied to: the odometry '
+            'frame of the reference robot as its messages name it, `ROBOT/base_link`, or `fleet`.',
         ),
         Spec(
             'reference_robot',

@@ -1,0 +1,242 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The odometry frame of a robot: its pose there, and placements turned into it.
+
+By definition the newest odometry states the true pose of the body in this frame. What the robot
+can have moved and turned since then widens the answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
+from dg_localization.fleet.frames.headings import quaternion_of
+from dg_localization.fleet.motion import rotation_of_quaternion
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.interval.angles import angle_up, chord_up, rotation_2d
+from dg_localization.interval.arrays import Interval, rotate
+
+FloatArray = NDArray[np.float64]
+
+MOST_TILT_RAD = 0.2
+"""An odometry frame that is tilted more than this is not that of a robot in the plane."""
+
+FARTHEST_M = 1e9
+"""Farther from the origin coordinates have too few digits."""
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """
+    The pose of a robot in its odometry frame at the time of an estimate.
+
+    Parameters
+    ----------
+    frame : FixedFrame
+    position_m : numpy.ndarray, shape (q,)
+    rotation : numpy.ndarray, shape (3, 3)
+        From body to odometry frame; in the plane about the vertical axis alone.
+    error_m, error_rad : float
+        Greatest errors of the two.
+
+    """
+
+    frame: FixedFrame
+    position_m: FloatArray
+    rotation: FloatArray
+    error_m: float
+    error_rad: float
+
+
+@dataclass(frozen=True)
+class FrameTurn:
+    """
+    The rotation from the frame of a placement to the odometry frame.
+
+    Parameters
+    ----------
+    rotation : numpy.ndarray, shape (3, 3)
+    half_width_rad : float
+        Greatest angle to the true rotation.
+
+    """
+
+    rotation: FloatArray
+    half_width_rad: float
+
+
+def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
+    """
+    Return the pose of a robot in its odometry frame at the time of a snapshot.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    robot : str
+
+    Returns
+    -------
+    BodyPose or None
+        None where its odometry is too old, has no name for its frame, or does not fit the plane.
+
+    """
+    config, now_s = snapshot.config, snapshot.stamp_s
+    track = snapshot.motion.odometry.get(robot, ())
+    last = next((reading for reading in reversed(track) if reading.stamp_s <= now_s), None)
+    if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s:
+        return None
+    if np.abs(last.position_m).max() > FARTHEST_M:
+        return None
+    turn, error_rad = snapshot.motion.turn(robot, last.stamp_s, now_s)
+    rotation = last.rotation @ turn.T
+    if config.dimension == 2:
+        if rotation[2, 2] < math.cos(MOST_TILT_RAD):
+            return None
+        rotation = _about_z(math.atan2(rotation[1, 0], rotation[0, 0]))
+    return BodyPose(
+        _frame_of(robot, last),
+        last.position_m[: config.dimension],
+        rotation,
+        snapshot.motion.displacement_m(robot, last.stamp_s, now_s),
+        error_rad,
+    )
+
+
+def frame_turn(placement: Placement, row: int, pose: BodyPose) -> FrameTurn | None:
+    """
+    Return how the frame of a placement is turned to the odometry frame of a robot.
+
+    Parameters
+    ----------
+    placement : Placement
+    row : int
+        That of the robot, which is in the origin.
+    pose : BodyPose
+
+    Returns
+    -------
+    FrameTurn or None
+        None where the heading of the robot is not known.
+
+    """
+    if not placement.heading_known[row]:
+        return None
+    own = rotation_of_quaternion(placement.orientations_xyzw[row])
+    half_width_rad = angle_up(float(placement.heading_half_width_rad[row]) + pose.error_rad)
+    return FrameTurn(pose.rotation @ own.T, half_width_rad)
+
+
+def in_odometry_frame(
+    placement: Placement, row: int, pose: BodyPose, turn: FrameTurn
+) -> Placement:
+    """
+    Return a placement in the odometry frame of a robot.
+
+    Parameters
+    ----------
+    placement : Placement
+    row : int
+        That of the robot, which is in the origin.
+    pose : BodyPose
+        Of the robot in its odometry frame.
+    turn : FrameTurn
+        Of the frame of the placement; less than a half turn wide.
+
+    Returns
+    -------
+    Placement
+        Rounded outward. Distances stay as they are.
+
+    """
+    q = len(pose.position_m)
+    enclosure_m = _moved(placement.enclosure_m, pose, turn)
+    landmark_enclosure_m = _moved(placement.landmark_enclosure_m, pose, turn)
+    half_widths_rad = angle_up(placement.heading_half_width_rad + turn.half_width_rad)
+    half_widths_rad[row] = angle_up(pose.error_rad)
+    known = placement.heading_known & (half_widths_rad < math.pi)
+    orientations = np.full(placement.orientations_xyzw.shape, np.nan)
+    for robot in np.flatnonzero(known):
+        body = rotation_of_quaternion(placement.orientations_xyzw[robot])
+        orientations[robot] = quaternion_of(turn.rotation @ body)
+    positions_m = placement.positions_m @ turn.rotation[:q, :q].T + pose.position_m
+    landmarks_m = placement.landmarks_m @ turn.rotation[:q, :q].T + pose.position_m
+    return replace(
+        placement,
+        positions_m=np.clip(positions_m, enclosure_m[:, 0], enclosure_m[:, 1]),
+        enclosure_m=enclosure_m,
+        orientations_xyzw=orientations,
+        heading_known=known,
+        heading_half_width_rad=np.where(known, half_widths_rad, math.pi),
+        landmarks_m=np.clip(landmarks_m, landmark_enclosure_m[:, 0], landmark_enclosure_m[:, 1]),
+        landmark_enclosure_m=landmark_enclosure_m,
+        covariances=_moved_covariances(placement, row, pose, turn),
+    )
+
+
+def _frame_of(robot: str, reading: OdometryReading) -> FixedFrame:
+    return FixedFrame(FrameKind.ODOMETRY, (robot,), reading.frame, reading.restarted_s)
+
+
+def _about_z(yaw_rad: float) -> FloatArray:
+    """Return the rotation about the vertical axis."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _moved(boxes_m: FloatArray, pose: BodyPose, turn: FrameTurn) -> FloatArray:
+    """Return boxes, shape (n, 2, q), in the odometry frame; infinite where a side is."""
+    if len(boxes_m) == 0:
+        return boxes_m
+    bounded = np.asarray(np.isfinite(boxes_m).all(axis=(1, 2)))
+    known = np.where(bounded[:, None, None], boxes_m, 0.0)
+    origin = Interval.around(pose.position_m[None, :], pose.error_m)
+    moved = rotate(_axes(turn, boxes_m.shape[2]), Interval(known[:, 0], known[:, 1]))
+    moved = moved + origin
+    result = np.stack([moved.lower, moved.upper], axis=1)
+    result[~bounded, 0], result[~bounded, 1] = -np.inf, np.inf
+    return np.asarray(result)
+
+
+def _axes(turn: FrameTurn, dimension: int) -> Interval:
+    """Return bounds of the rotation, shape (q, q)."""
+    rotation, half_width_rad = turn.rotation, angle_up(turn.half_width_rad)
+    if dimension == 2:
+        return rotation_2d(math.atan2(rotation[1, 0], rotation[0, 0]), half_width_rad)
+    return Interval.around(rotation, chord_up(min(math.pi, half_width_rad)))
+
+
+def _moved_covariances(
+    placement: Placement, row: int, pose: BodyPose, turn: FrameTurn
+) -> FloatArray | None:
+    """
+    Return covariances in the odometry frame, shape (n, 6, 6).
+
+    Least squares knows nothing of the odometry: bounds take the place of its deviations. An error
+    of the rotation moves what is far from the robot across the line to it.
+    """
+    if placement.covariances is None:
+        return None
+    q = len(pose.position_m)
+    turning = np.zeros((6, 6))
+    turning[:3, :3] = turning[3:, 3:] = turn.rotation
+    found = turning @ placement.covariances @ turning.T
+    arms_m = np.zeros((len(found), 3))
+    arms_m[:, :q] = placement.positions_m @ turn.rotation[:q, :q].T
+    for axis in np.eye(3)[2:] if q == 2 else np.eye(3):
+        swing = np.concatenate([np.cross(axis, arms_m), np.tile(axis, (len(found), 1))], axis=1)
+        found += turn.half_width_rad**2 * swing[:, :, None] * swing[:, None, :]
+    # The odometry itself states how the robot is turned.
+    found[row] = 0.0
+    turns = slice(5, 6) if q == 2 else slice(3, 6)
+    found[row, turns, turns] = pose.error_rad**2 * np.eye(len(found[row, turns]))
+    places = np.arange(q)
+    found[:, places, places] += pose.error_m**2
+    return np.asarray(found)

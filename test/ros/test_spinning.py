@@ -1,0 +1,83 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How the executables spin: what is ready together is run together."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+
+from dg_localization.ros.spinning import BATCH_S, BatchExecutor  # noqa: E402
+
+NUMBER = 20
+
+
+@pytest.fixture
+def node():
+    context = Context()
+    rclpy.init(context=context)
+    node = Node('batches', context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+class Counting(BatchExecutor):
+    """An executor that counts how often it looks for what is ready."""
+
+    looked = 0
+
+    def get_nodes(self):
+        self.looked += 1
+        return super().get_nodes()
+
+
+def make_ready(node, callback):
+    guards = [node.create_guard_condition(lambda i=i: callback(i)) for i in range(NUMBER)]
+    for guard in guards:
+        guard.trigger()
+    return guards
+
+
+def test_what_is_ready_together_is_run_after_one_look(node):
+    called = []
+    executor = Counting(context=node.context)
+    executor.add_node(node)
+    make_ready(node, called.append)
+    executor.spin_batch()
+    assert called == list(range(NUMBER))
+    assert executor.looked == 1
+    executor.shutdown()
+
+
+def test_a_callback_that_raises_does_not_drop_the_others(node):
+    called = []
+
+    def callback(number):
+        called.append(number)
+        if number == 3:
+            raise ValueError('wrong')
+
+    executor = BatchExecutor(context=node.context)
+    executor.add_node(node)
+    make_ready(node, callback)
+    with pytest.raises(ValueError, match='wrong'):
+        executor.spin_batch()
+    executor.spin_batch()
+    assert called == list(range(NUMBER))
+    executor.shutdown()
+
+
+def test_without_anything_ready_it_waits(node):
+    called = []
+    executor = BatchExecutor(context=node.context)
+    executor.add_node(node)
+    timer = node.create_timer(20.0 * BATCH_S, lambda: called.append(1))
+    executor.spin_batch()
+    assert called == [1]
+    node.destroy_timer(timer)
+    executor.shutdown()
