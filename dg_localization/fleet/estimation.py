@@ -10,8 +10,14 @@ from dataclasses import replace
 from dg_localization import SolverOptions
 from dg_localization.fleet.answers import Answer, answer
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.conflicts import Explanation, Links, explain
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
+from dg_localization.fleet.contradictions.explanation import (
+    explain_snapshot,
+    lineup_of,
+    links_of_conflicts,
+    reason_of,
+    suspects_of,
+)
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
@@ -23,9 +29,6 @@ from dg_localization.fleet.window.recollection import recall
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
-
-EXPLANATION_BOXES = 32
-"""Most boxes of one problem of an explanation: a contradiction shows early or hardly ever."""
 
 _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
@@ -192,31 +195,46 @@ def _explained(
 ) -> Estimate:
     """Return the estimate when no placement agrees with all measurements."""
     config = snapshot.config
-    explanation = _explanation(snapshot, cancel)
-    forgotten = _forget_guilty(snapshot, explanation.conflicts)
-    corrections = explanation.corrections if explanation.complete else ()
+    lineup = lineup_of(snapshot)
+    explanation = explain_snapshot(snapshot, lineup, cancel)
+    conflicts = links_of_conflicts(lineup, explanation)
+    suspects = suspects_of(lineup, explanation)
+    blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
+    forgotten = _forget_guilty(snapshot, blamed)
+    named = lineup.covered_by(config.outlier_unit)
+    corrections = [
+        lineup.links_of(one for suspect in correction for one in named[suspect])
+        for correction in (explanation.corrections if explanation.complete else ())
+    ]
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
     plans = plan_frames(snapshot, constraints, alternatives)
     if not plans or plans[0].main is None:
         why = plans[0].reason if plans else ''
-        reason = _contradiction_reason(config, explanation, why)
-        nothing = _without_placements(
-            snapshot, Verdict.INFEASIBLE, reason, statistics, explanation.conflicts
+        estimate = _without_placements(
+            snapshot,
+            Verdict.INFEASIBLE,
+            reason_of(config, explanation, why),
+            statistics,
+            conflicts,
         )
-        return replace(nothing, forgotten=forgotten)
-    answers = [
-        answer(snapshot, alternative, planned, config.solver, dropped, cancel)
-        for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
-    ]
-    union = _union(answers, statistics)
-    estimate = _with_placements(snapshot, union, plans[0], explanation.conflicts)
-    return replace(estimate, forgotten=forgotten)
+    else:
+        answers = [
+            answer(snapshot, alternative, planned, config.solver, dropped, cancel)
+            for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
+        ]
+        union = _union(answers, statistics)
+        estimate = _with_placements(snapshot, union, plans[0], conflicts)
+    return replace(
+        estimate,
+        suspects=suspects,
+        suspected_sensors=tuple(sorted(lineup.sensors_of(suspects))),
+        forgotten=forgotten,
+    )
 
 
-def _forget_guilty(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[Forgotten, ...]:
+def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:
     """Return what to forget where links contradict each other: some of them is wrong."""
-    guilty = {key for conflict in conflicts for key in conflict} or snapshot.keys
-    ends = frozenset((key.observer, key.target) for key in guilty)
+    ends = frozenset((key.observer, key.target) for key in blamed or snapshot.keys)
     if ends.isdisjoint(snapshot.window.observations):
         return ()
     return (Forgotten(ends, snapshot.stamp_s, 'contradicting links are not remembered'),)
@@ -236,42 +254,3 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
         groups=answers[0].groups if len(answers) == 1 else (),
         rigidity=answers[0].rigidity if len(answers) == 1 else NOT_RIGID,
     )
-
-
-def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
-    """Return which links of a snapshot contradict each other."""
-    config = snapshot.config
-    everything = frozenset(snapshot.keys)
-    boxes = min(EXPLANATION_BOXES, config.solver.max_boxes)
-    brief = replace(config.solver, max_boxes=boxes, tighten_slices=0)
-
-    def is_contradiction(links: Links, thorough: bool) -> bool:
-        dropped = everything - links
-        options = config.solver if thorough else brief
-        found, _ = _solve(snapshot, constrain(snapshot, dropped), options, dropped, cancel)
-        return found.verdict is Verdict.INFEASIBLE
-
-    return explain(
-        snapshot.keys,
-        is_contradiction,
-        config.max_outliers,
-        config.max_conflict_solves,
-        config.max_conflict_seconds,
-        cancel,
-    )
-
-
-def _contradiction_reason(config: FleetConfig, explanation: Explanation, frame: str) -> str:
-    """Return why a contradiction leaves no placements."""
-    text = 'the measurements contradict each other'
-    if explanation.conflicts:
-        text += ': ' + '; '.join(
-            ', '.join(str(key) for key in conflict) for conflict in explanation.conflicts
-        )
-    if not explanation.complete:
-        text += ' (the search for the cause stopped at its budget)'
-    elif frame:
-        text += f'; without them, {frame}'
-    elif config.max_outliers:
-        text += f'; no {config.max_outliers} links can be dropped to make the rest agree'
-    return text

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.contradictions.offenders import Record
 from dg_localization.fleet.estimate import Estimate, FixedFrame
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
@@ -45,6 +46,7 @@ class Localizer:
         self._mounts = mount_geometry(config)
         self._frame: FixedFrame | None = None
         self._follower = Follower()
+        self._record = Record()
 
     @property
     def config(self) -> FleetConfig:
@@ -55,6 +57,7 @@ class Localizer:
         """Forget all measurements and counts."""
         self._store = MeasurementStore(self._config)
         self._follower = self._follower.started_anew()
+        self._record = Record()
 
     @default_environment()
     def add_range(
@@ -206,10 +209,12 @@ class Localizer:
         Estimate
 
         """
-        follower = self._follower
+        follower, record = self._follower, self._record
         estimate = estimate_snapshot(snapshot, cancel)
         if cancel is not None and cancel.is_set():
             return estimate
+        record.add(snapshot.stamp_s, estimate.suspected_sensors)
+        estimate = replace(estimate, offenders=record.offenders())
         estimate = follower.follow(snapshot, estimate)
         if estimate.frame is None:
             return estimate
