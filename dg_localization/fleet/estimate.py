@@ -178,6 +178,9 @@ class Estimate:
         the rest agree, or one sensor or robot that they have in common.
     suspected_sensors : tuple of Suspect
         The sensors that these belong to.
+    suspects_in_window : tuple of Suspect
+        The observations of the window that explain why it does not agree with itself, where
+        `window_outliers` tolerates that.
     offenders : tuple of Offender
         The sensors that were among the suspects lately, those that were most often first.
     landmarks : tuple of str
@@ -213,6 +216,7 @@ class Estimate:
     conflicts: tuple[Conflict, ...] = ()
     suspects: tuple[Suspect, ...] = ()
     suspected_sensors: tuple[Suspect, ...] = ()
+    suspects_in_window: tuple[Suspect, ...] = ()
     offenders: tuple[Offender, ...] = ()
     landmarks: tuple[str, ...] = ()
     frame: FixedFrame | None = None

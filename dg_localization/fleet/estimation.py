@@ -18,6 +18,7 @@ from dg_localization.fleet.contradictions.explanation import (
     reason_of,
     suspects_of,
 )
+from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
@@ -39,6 +40,7 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     recalled = recall(snapshot, cancel)
+    in_window = suspects_in_window(snapshot, recalled.pose_sets, cancel)
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
@@ -47,12 +49,14 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
-        return _explained(snapshot, constraints, found.statistics, cancel)
+        estimate = _explained(snapshot, constraints, found.statistics, cancel)
+        return replace(estimate, suspects_in_window=in_window)
     narrowed = narrow_answer(found, plans, recalled)
     estimate = _answered(snapshot, narrowed.answer, plans)
     return replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out)]),
+        suspects_in_window=in_window,
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
     )

@@ -213,7 +213,7 @@ class Localizer:
         estimate = estimate_snapshot(snapshot, cancel)
         if cancel is not None and cancel.is_set():
             return estimate
-        record.add(snapshot.stamp_s, estimate.suspected_sensors)
+        record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
         estimate = replace(estimate, offenders=record.offenders())
         estimate = follower.follow(snapshot, estimate)
         if estimate.frame is None:

@@ -49,14 +49,31 @@ class Record:
 
     def __init__(self) -> None:
         self._entries: list[tuple[float, frozenset[Suspect]]] = []
+        self._noted: frozenset[Suspect] = frozenset()
 
-    def add(self, stamp_s: float, sensors: Sequence[Suspect]) -> None:
-        """Note whom a contradiction of a time made suspect; where nobody, it is none."""
+    def add(
+        self, stamp_s: float, sensors: Sequence[Suspect], in_window: Sequence[Suspect] = ()
+    ) -> None:
+        """
+        Note whom an estimate made suspect.
+
+        Parameters
+        ----------
+        stamp_s : float
+        sensors : sequence of Suspect
+            By a contradiction of the moment.
+        in_window : sequence of Suspect
+            Observations of the window, which count once however long they are remembered.
+
+        """
         if self._entries and stamp_s < self._entries[-1][0]:
             # Time has jumped back: what was noted is of another time.
             self._entries.clear()
-        if sensors:
-            self._entries.append((stamp_s, frozenset(sensors)))
+        fresh = frozenset(in_window) - self._noted
+        self._noted = frozenset(in_window)
+        suspected = frozenset(sensors) | {observation.sensor for observation in fresh}
+        if suspected:
+            self._entries.append((stamp_s, suspected))
         self._entries = [
             entry for entry in self._entries if stamp_s - RECORD_S < entry[0] <= stamp_s
         ]

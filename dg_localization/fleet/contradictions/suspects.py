@@ -45,6 +45,8 @@ class Suspect:
         Of an observation.
     measures : tuple of LinkKind
         What an observation or a sensor measures.
+    stamp_s : float
+        Of an observation in the window; zero for all of the moment.
 
     """
 
@@ -52,12 +54,19 @@ class Suspect:
     name: str
     target: str = ''
     measures: tuple[LinkKind, ...] = ()
+    stamp_s: float = 0.0
+
+    @property
+    def sensor(self) -> Suspect:
+        """The sensor that an observation is of."""
+        return Suspect(SuspectKind.SENSOR, self.name, measures=self.measures)
 
     def __str__(self) -> str:
         if self.kind is SuspectKind.ROBOT:
             return self.name
         if self.kind is SuspectKind.OBSERVATION:
-            return f'{" and ".join(self.measures)} {self.name}->{self.target}'
+            when = f' at {self.stamp_s:.3f} s' if self.stamp_s else ''
+            return f'{" and ".join(self.measures)} {self.name}->{self.target}{when}'
         if '/' in self.name:
             return self.name
         return f"{self.name}'s {' and '.join(_SENSOR_NAMES[kind] for kind in self.measures)}"

@@ -3,9 +3,9 @@
 
 """Whom contradictions make suspect, in words for the diagnostics."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from dg_localization.fleet import Estimate
+from dg_localization.fleet import Estimate, Suspect
 
 LISTED = 8
 """The diagnostics show a person the first few."""
@@ -19,12 +19,19 @@ def suspect_values(estimate: Estimate) -> dict[str, str]:
     """Return who is suspected now, and who was lately."""
     values = {}
     if estimate.suspects:
-        more = len(estimate.suspects) - LISTED
-        names = [str(suspect) for suspect in estimate.suspects[:LISTED]]
-        values['suspects'] = ', '.join(names) + (f' and {more} more' if more > 0 else '')
+        values['suspects'] = _listed(estimate.suspects)
+    if estimate.suspects_in_window:
+        values['suspects_in_window'] = _listed(estimate.suspects_in_window)
     for number, offender in enumerate(estimate.offenders[:LISTED]):
         values[f'offender_{number}'] = str(offender)
     return values
+
+
+def _listed(suspects: Sequence[Suspect]) -> str:
+    """Return the first names of some, and how many there are besides."""
+    more = len(suspects) - LISTED
+    names = ', '.join(map(str, suspects[:LISTED]))
+    return f'{names} and {more} more' if more > 0 else names
 
 
 def doubts_of_sensors(estimate: Estimate | None) -> Iterator[str]:
