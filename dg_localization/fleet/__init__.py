@@ -10,6 +10,8 @@ at one time, an `Estimate` is the answer to it.
 
 from dg_localization.fleet.checks import ConfigError
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.contradictions.offenders import Offender
+from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.odometry import OdometryErrorModel
@@ -45,11 +47,14 @@ __all__ = [
     'Localizer',
     'Mount',
     'OdometryErrorModel',
+    'Offender',
     'Placement',
     'RangeErrorModel',
     'Rejection',
     'RejectionReason',
     'Snapshot',
+    'Suspect',
+    'SuspectKind',
     'solver_warnings',
     'warm_up',
     'warm_up_status',

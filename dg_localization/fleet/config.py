@@ -17,6 +17,7 @@ import math
 from types import MappingProxyType
 
 from dg_localization.fleet.checks import ConfigError, require_integer, require_number
+from dg_localization.fleet.contradictions.suspects import SuspectKind
 from dg_localization.fleet.odometry import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
@@ -90,8 +91,15 @@ class FleetConfig:
     max_hypotheses : int
         How many placements an estimate lists.
     max_outliers : int
-        How many contradicting links may be dropped to get an answer. The answer is the union over
-        all minimal sets of links whose removal makes the rest agree.
+        How many contradicting observations may be dropped to get an answer. The answer is the
+        union over all minimal sets of them whose removal makes the rest agree.
+    outlier_unit : SuspectKind
+        What counts as one of them: an observation, a whole sensor, or a whole robot.
+    stuck_readings : int
+        So many readings in a row that are equal to the last bit are called stuck, where the robots
+        moved meanwhile; ten times as many where there is no odometry. 0 calls none so.
+    drop_stuck : bool
+        Whether they are dropped.
     max_conflict_solves : int
         How many problems may be solved to explain one contradiction; 0 explains none.
     max_conflict_seconds : float
@@ -136,6 +144,9 @@ class FleetConfig:
     window_outliers: int = 0
     max_hypotheses: int = 64
     max_outliers: int = 0
+    outlier_unit: SuspectKind = SuspectKind.OBSERVATION
+    stuck_readings: int = 20
+    drop_stuck: bool = False
     max_conflict_solves: int = 200
     max_conflict_seconds: float = 2.0
     solver: SolverOptions = field(default_factory=SolverOptions)
@@ -217,7 +228,14 @@ class FleetConfig:
         require_integer('max_hypotheses', self.max_hypotheses, 1)
         require_integer('max_outliers', self.max_outliers, 0)
         require_integer('window_outliers', self.window_outliers, 0)
+        require_integer('stuck_readings', self.stuck_readings, 0)
         require_integer('max_conflict_solves', self.max_conflict_solves, 0)
+        if self.outlier_unit not in set(SuspectKind):
+            raise ConfigError(
+                f'outlier_unit: {self.outlier_unit!r} is not allowed, it must be one of '
+                f'{[str(kind) for kind in SuspectKind]}'
+            )
+        object.__setattr__(self, 'outlier_unit', SuspectKind(self.outlier_unit))
 
     def _check_anchors(self) -> None:
         """Raise `ConfigError` on an anchor without a name or of another dimension."""

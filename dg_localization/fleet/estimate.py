@@ -10,6 +10,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from dg_localization.fleet.contradictions.offenders import Offender
+from dg_localization.fleet.contradictions.suspects import Suspect
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.solver.result import Statistics, Verdict
@@ -183,6 +185,16 @@ class Estimate:
         Every link that has ever delivered, used or stale.
     conflicts : tuple of tuple of LinkKey
         Minimal sets of links that contradict each other, as far as they were found.
+    suspects : tuple of Suspect
+        Whom the contradictions make suspect: the observations of every smallest set without which
+        the rest agree, or one sensor or robot that they have in common.
+    suspected_sensors : tuple of Suspect
+        The sensors that these belong to.
+    suspects_in_window : tuple of Suspect
+        The observations of the window that explain why it does not agree with itself, where
+        `window_outliers` tolerates that.
+    offenders : tuple of Offender
+        The sensors that were among the suspects lately, those that were most often first.
     landmarks : tuple of str
         Names of the anchors that are not robots.
     frame : FixedFrame or None
@@ -214,6 +226,10 @@ class Estimate:
     statistics: Statistics | None = None
     links: tuple[LinkState, ...] = ()
     conflicts: tuple[Conflict, ...] = ()
+    suspects: tuple[Suspect, ...] = ()
+    suspected_sensors: tuple[Suspect, ...] = ()
+    suspects_in_window: tuple[Suspect, ...] = ()
+    offenders: tuple[Offender, ...] = ()
     landmarks: tuple[str, ...] = ()
     frame: FixedFrame | None = None
     previous_frame: FixedFrame | None = None

@@ -10,8 +10,15 @@ from dataclasses import replace
 from dg_localization import SolverOptions
 from dg_localization.fleet.answers import Answer, answer
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.conflicts import Explanation, Links, explain
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
+from dg_localization.fleet.contradictions.explanation import (
+    explain_snapshot,
+    lineup_of,
+    links_of_conflicts,
+    reason_of,
+    suspects_of,
+)
+from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
@@ -24,9 +31,6 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
 
-EXPLANATION_BOXES = 32
-"""Most boxes of one problem of an explanation: a contradiction shows early or hardly ever."""
-
 _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
 
@@ -36,6 +40,7 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     recalled = recall(snapshot, cancel)
+    in_window = suspects_in_window(snapshot, recalled.pose_sets, cancel)
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
@@ -44,12 +49,14 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
-        return _explained(snapshot, constraints, found.statistics, cancel)
+        estimate = _explained(snapshot, constraints, found.statistics, cancel)
+        return replace(estimate, suspects_in_window=in_window)
     narrowed = narrow_answer(found, plans, recalled)
     estimate = _answered(snapshot, narrowed.answer, plans)
     return replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out)]),
+        suspects_in_window=in_window,
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
     )
@@ -192,31 +199,46 @@ def _explained(
 ) -> Estimate:
     """Return the estimate when no placement agrees with all measurements."""
     config = snapshot.config
-    explanation = _explanation(snapshot, cancel)
-    forgotten = _forget_guilty(snapshot, explanation.conflicts)
-    corrections = explanation.corrections if explanation.complete else ()
+    lineup = lineup_of(snapshot)
+    explanation = explain_snapshot(snapshot, lineup, cancel)
+    conflicts = links_of_conflicts(lineup, explanation)
+    suspects = suspects_of(lineup, explanation)
+    blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
+    forgotten = _forget_guilty(snapshot, blamed)
+    named = lineup.covered_by(config.outlier_unit)
+    corrections = [
+        lineup.links_of(one for suspect in correction for one in named[suspect])
+        for correction in (explanation.corrections if explanation.complete else ())
+    ]
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
     plans = plan_frames(snapshot, constraints, alternatives)
     if not plans or plans[0].main is None:
         why = plans[0].reason if plans else ''
-        reason = _contradiction_reason(config, explanation, why)
-        nothing = _without_placements(
-            snapshot, Verdict.INFEASIBLE, reason, statistics, explanation.conflicts
+        estimate = _without_placements(
+            snapshot,
+            Verdict.INFEASIBLE,
+            reason_of(config, explanation, why),
+            statistics,
+            conflicts,
         )
-        return replace(nothing, forgotten=forgotten)
-    answers = [
-        answer(snapshot, alternative, planned, config.solver, dropped, cancel)
-        for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
-    ]
-    union = _union(answers, statistics)
-    estimate = _with_placements(snapshot, union, plans[0], explanation.conflicts)
-    return replace(estimate, forgotten=forgotten)
+    else:
+        answers = [
+            answer(snapshot, alternative, planned, config.solver, dropped, cancel)
+            for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
+        ]
+        union = _union(answers, statistics)
+        estimate = _with_placements(snapshot, union, plans[0], conflicts)
+    return replace(
+        estimate,
+        suspects=suspects,
+        suspected_sensors=tuple(sorted(lineup.sensors_of(suspects))),
+        forgotten=forgotten,
+    )
 
 
-def _forget_guilty(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[Forgotten, ...]:
+def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:
     """Return what to forget where links contradict each other: some of them is wrong."""
-    guilty = {key for conflict in conflicts for key in conflict} or snapshot.keys
-    ends = frozenset((key.observer, key.target) for key in guilty)
+    ends = frozenset((key.observer, key.target) for key in blamed or snapshot.keys)
     if ends.isdisjoint(snapshot.window.observations):
         return ()
     return (Forgotten(ends, snapshot.stamp_s, 'contradicting links are not remembered'),)
@@ -236,42 +258,3 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
         groups=answers[0].groups if len(answers) == 1 else (),
         rigidity=answers[0].rigidity if len(answers) == 1 else NOT_RIGID,
     )
-
-
-def _explanation(snapshot: Snapshot, cancel: Cancel | None) -> Explanation:
-    """Return which links of a snapshot contradict each other."""
-    config = snapshot.config
-    everything = frozenset(snapshot.keys)
-    boxes = min(EXPLANATION_BOXES, config.solver.max_boxes)
-    brief = replace(config.solver, max_boxes=boxes, tighten_slices=0)
-
-    def is_contradiction(links: Links, thorough: bool) -> bool:
-        dropped = everything - links
-        options = config.solver if thorough else brief
-        found, _ = _solve(snapshot, constrain(snapshot, dropped), options, dropped, cancel)
-        return found.verdict is Verdict.INFEASIBLE
-
-    return explain(
-        snapshot.keys,
-        is_contradiction,
-        config.max_outliers,
-        config.max_conflict_solves,
-        config.max_conflict_seconds,
-        cancel,
-    )
-
-
-def _contradiction_reason(config: FleetConfig, explanation: Explanation, frame: str) -> str:
-    """Return why a contradiction leaves no placements."""
-    text = 'the measurements contradict each other'
-    if explanation.conflicts:
-        text += ': ' + '; '.join(
-            ', '.join(str(key) for key in conflict) for conflict in explanation.conflicts
-        )
-    if not explanation.complete:
-        text += ' (the search for the cause stopped at its budget)'
-    elif frame:
-        text += f'; without them, {frame}'
-    elif config.max_outliers:
-        text += f'; no {config.max_outliers} links can be dropped to make the rest agree'
-    return text

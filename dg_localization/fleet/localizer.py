@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.contradictions.offenders import Record
 from dg_localization.fleet.estimate import Estimate, FixedFrame
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.frames.standing_frame import StandingFrame
@@ -47,6 +48,7 @@ class Localizer:
         self._frame: FixedFrame | None = None
         self._follower = Follower()
         self._standing_frame = StandingFrame()
+        self._record = Record()
 
     @property
     def config(self) -> FleetConfig:
@@ -58,6 +60,7 @@ class Localizer:
         self._store = MeasurementStore(self._config)
         self._follower = self._follower.started_anew()
         self._standing_frame = StandingFrame()
+        self._record = Record()
 
     @default_environment()
     def add_range(
@@ -215,10 +218,12 @@ class Localizer:
         Estimate
 
         """
-        follower, standing_frame = self._follower, self._standing_frame
+        follower, standing_frame, record = self._follower, self._standing_frame, self._record
         estimate = estimate_snapshot(snapshot, cancel)
         if cancel is not None and cancel.is_set():
             return estimate
+        record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
+        estimate = replace(estimate, offenders=record.offenders())
         estimate = standing_frame.turn(snapshot, follower.follow(snapshot, estimate))
         if estimate.frame is None:
             return estimate

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.error_models import (
     interpret_range,
     interpret_ray,
@@ -85,6 +86,7 @@ class MeasurementStore:
         self._points = frozenset(config.points)
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
+        self._stuck = StuckWatch(config)
         self.memory = Memory(config)
 
     def add_range(
@@ -105,6 +107,9 @@ class MeasurementStore:
         bounds = interpret_range(model, range_m, min_range_m, max_range_m, variance_m2)
         if isinstance(bounds, Rejection):
             return self._reject(key, bounds)
+        stuck = self._check_stuck(key, (range_m,), stamp_s)
+        if stuck:
+            return self._reject(key, stuck)
         likeliest_m = likeliest_distance_m(model, range_m)
         self._keep(DistanceReading(key, stamp_s, *bounds, likeliest_m), now_s)
         return None
@@ -121,6 +126,10 @@ class MeasurementStore:
         )
         if isinstance(direction, Rejection):
             return self._reject(key, direction)
+        values = tuple(np.asarray(ray_xyz, dtype=float).reshape(-1).tolist())
+        stuck = self._check_stuck(key, values, stamp_s)
+        if stuck:
+            return self._reject(key, stuck)
         half_width_rad = self._config.bearing_half_width_of(key.observer, key.target)
         self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
@@ -199,6 +208,7 @@ class MeasurementStore:
                 last_reason_text=source.last_reason_text,
                 age_s=now_s - source.newest_stamp_s,
                 in_use=self._is_young(source.newest_stamp_s, now_s),
+                stuck=self._stuck.sentence(key),
             )
             for key, source in sorted(self._inputs.items())
         ]
@@ -291,6 +301,16 @@ class MeasurementStore:
             )
             return Rejection(RejectionReason.FUTURE, text)
         return None
+
+    def _check_stuck(
+        self, key: LinkKey, value: tuple[float, ...], stamp_s: float
+    ) -> Rejection | None:
+        """Note a reading; return a rejection when it is stuck and such readings are dropped."""
+        robots = {self._config.robot_of(point) for point in key.ends} & self._tracks.keys()
+        newest = {robot: self._tracks[robot].newest for robot in robots}
+        self._stuck.add(key, value, stamp_s, newest)
+        sentence = self._stuck.sentence(key) if self._config.drop_stuck else ''
+        return Rejection(RejectionReason.STUCK, sentence) if sentence else None
 
     def _check_order(self, key: LinkKey, stamp_s: float) -> Rejection | None:
         """Return a rejection when odometry is not newer than the last one."""

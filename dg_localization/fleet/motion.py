@@ -76,6 +76,11 @@ class OdometryTrack:
         """The readings that are kept."""
         return tuple(self._readings)
 
+    @property
+    def newest(self) -> OdometryReading:
+        """The last reading; there is one from the first `append` on."""
+        return self._readings[-1]
+
     def append(self, reading: OdometryReading) -> None:
         """
         Add a reading, which must be newer than the last one.

@@ -10,7 +10,7 @@ its stamp: what counts is the angle between two rays, and rays of one image turn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 import math
@@ -21,7 +21,13 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.mounts import NO_MOUNTS, MountGeometry
-from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkState, RayReading
+from dg_localization.fleet.vocabulary import (
+    DistanceReading,
+    LinkKey,
+    LinkKind,
+    LinkState,
+    RayReading,
+)
 from dg_localization.fleet.window.carry import CarriedWindow
 from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Window
 from dg_localization.interval.bounds import product_up, sum_down, sum_up
@@ -53,6 +59,9 @@ class Snapshot:
     window : Window
         What is remembered of the last `memory_s`.
     mounts : MountGeometry
+    detections : frozenset of (str, str)
+        The observers and targets whose ray in use shares its stamp with one of their ranges: both
+        are of one detection, and wrong together or not at all.
 
     """
 
@@ -65,6 +74,7 @@ class Snapshot:
     links: tuple[LinkState, ...]
     window: Window = NO_WINDOW
     mounts: MountGeometry = NO_MOUNTS
+    detections: frozenset[Ends] = frozenset()
 
     @cached_property
     def carried(self) -> CarriedWindow:
@@ -106,7 +116,8 @@ def take_snapshot(
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
 
     distances, rays, links = [], [], []
-    for key, readings in store.young_readings(now_s).items():
+    young = store.young_readings(now_s)
+    for key, readings in young.items():
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
         if measured:
@@ -129,6 +140,20 @@ def take_snapshot(
         tuple(links),
         store.memory.view(now_s, forgotten),
         mounts,
+        _detections(rays, young),
+    )
+
+
+def _detections(
+    rays: Iterable[RayReading],
+    young: Mapping[LinkKey, Sequence[DistanceReading | RayReading]],
+) -> frozenset[Ends]:
+    """Return the observers and targets of rays that were measured together with a range."""
+    return frozenset(
+        ray.key.ends
+        for ray in rays
+        for reading in young.get(replace(ray.key, kind=LinkKind.RANGE), ())
+        if reading.stamp_s == ray.stamp_s
     )
 
 

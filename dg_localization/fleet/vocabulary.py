@@ -156,6 +156,7 @@ class RejectionReason(Enum):
     ZERO_RAY = 'zero_ray'
     INVALID_RAY = 'invalid_ray'
     INVALID_ODOMETRY = 'invalid_odometry'
+    STUCK = 'stuck'
 
 
 @dataclass(frozen=True)
@@ -187,6 +188,8 @@ class InputState:
         Age of the newest accepted measurement; inf when there is none.
     in_use : bool
         Whether a measurement of this input is young enough to count.
+    stuck : str
+        A sentence on readings that repeat themselves although robots move; empty if they do not.
 
     """
 
@@ -196,6 +199,7 @@ class InputState:
     last_reason_text: str
     age_s: float
     in_use: bool
+    stuck: str = ''
 
 
 @dataclass(frozen=True)

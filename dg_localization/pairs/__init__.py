@@ -7,6 +7,7 @@ The pairs room: relative poses of two bodies from everything they measured of ea
 Set inversion over a window of readings that odometry carries to now. Knows no fleet and no ROS.
 """
 
+from dg_localization.pairs.blame import find_suspects
 from dg_localization.pairs.consistency import count_agreeing
 from dg_localization.pairs.cover import Cover, Hull
 from dg_localization.pairs.headings import (
@@ -29,6 +30,7 @@ __all__ = [
     'PastPoses',
     'count_agreeing',
     'cover_poses',
+    'find_suspects',
     'heading_cells',
     'narrow_headings',
 ]

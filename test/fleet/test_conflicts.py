@@ -9,77 +9,150 @@ import threading
 from hypothesis import given, settings, strategies as st
 import pytest
 
-from dg_localization.fleet import LinkKey, LinkKind
-from dg_localization.fleet.conflicts import explain
+from dg_localization.fleet import LinkKind
+from dg_localization.fleet.contradictions.conflicts import Effort, Limits, explain
+from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 
-LINKS = tuple(LinkKey(LinkKind.RANGE, f'r{i}', 's') for i in range(8))
+SEEN = tuple(Suspect(SuspectKind.OBSERVATION, f'r{i}', 's', (LinkKind.RANGE,)) for i in range(8))
+EVERYTHING = frozenset(SEEN)
+ALONE = {one: frozenset([one]) for one in SEEN}
+SENSORS = {
+    Suspect(SuspectKind.SENSOR, f'r{i}', measures=(LinkKind.RANGE,)): frozenset(SEEN[i : i + 2])
+    for i in range(0, 8, 2)
+}
+AMPLE = (10_000, 60.0)
 
 conflict_sets = st.lists(
-    st.frozensets(st.sampled_from(LINKS), min_size=1, max_size=4), min_size=1, max_size=4
+    st.frozensets(st.sampled_from(SEEN), min_size=1, max_size=4), min_size=1, max_size=4
 )
+efforts = st.lists(st.sampled_from(Effort), min_size=4, max_size=4)
+parts = st.lists(st.frozensets(st.sampled_from(SEEN), min_size=1), max_size=3)
 
 
-def contradiction_of(conflicts):
-    def is_contradiction(links, thorough):
-        return any(conflict <= links for conflict in conflicts)
+def contradiction_of(conflicts, efforts=(Effort.BRIEF,) * 4):
+    """Return an oracle that sees each conflict from some effort on."""
 
-    return is_contradiction
+    def contradicts(observations, effort):
+        return any(
+            conflict <= observations and effort >= least
+            for conflict, least in zip(conflicts, efforts, strict=False)
+        )
+
+    return contradicts
 
 
-def subsets(links, most):
-    return [frozenset(s) for size in range(most + 1) for s in combinations(links, size)]
+def explained(conflicts, max_outliers, *, efforts=(Effort.BRIEF,) * 4, regions=(), named=(ALONE,)):
+    limits = Limits(max_outliers, *AMPLE)
+    return explain(EVERYTHING, regions, named, contradiction_of(conflicts, efforts), limits)
+
+
+def hitting(conflicts, named, most):
+    """Return all minimal sets of up to `most` suspects that are part of every conflict."""
+    sets = [frozenset(s) for size in range(most + 1) for s in combinations(named, size)]
+    covered = {s: frozenset().union(*(named[one] for one in s)) for s in sets}
+    hit = [s for s in sets if all(covered[s] & conflict for conflict in conflicts)]
+    return {s for s in hit if not any(other < s for other in hit)}
 
 
 @settings(deadline=None)
-@given(conflicts=conflict_sets, max_outliers=st.integers(0, 3))
-def test_all_minimal_corrections_and_only_minimal_conflicts(conflicts, max_outliers):
-    explanation = explain(LINKS, contradiction_of(conflicts), max_outliers, 10_000, 60.0)
-    assert explanation.complete
-    minimal = {frozenset(c) for c in conflicts if not any(o < c for o in conflicts)}
-    found = {frozenset(c) for c in explanation.conflicts}
-    assert found
-    assert found <= minimal
-    hitting = [
-        s for s in subsets(LINKS, max_outliers) if all(s & conflict for conflict in conflicts)
-    ]
-    expected = {s for s in hitting if not any(other < s for other in hitting)}
-    if max_outliers:
-        assert set(explanation.corrections) == expected
-    else:
-        assert explanation.corrections == ()
+@given(conflicts=conflict_sets, max_outliers=st.integers(0, 3), regions=parts, efforts=efforts)
+def test_all_minimal_corrections(conflicts, max_outliers, regions, efforts):
+    explanation = explained(conflicts, max_outliers, efforts=efforts, regions=regions)
+    assert explanation.complete and not explanation.stopped and not explanation.among
+    assert explanation.conflicts
+    for found in explanation.conflicts:
+        assert any(conflict <= found for conflict in conflicts)
+    expected = hitting(conflicts, ALONE, max_outliers) if max_outliers else set()
+    assert set(explanation.corrections) == expected
+
+
+@settings(deadline=None)
+@given(conflicts=conflict_sets, max_outliers=st.integers(0, 3), regions=parts)
+def test_conflicts_that_the_solver_sees_are_minimal(conflicts, max_outliers, regions):
+    explanation = explained(conflicts, max_outliers, regions=regions)
+    minimal = {c for c in conflicts if not any(o < c for o in conflicts)}
+    assert set(explanation.conflicts) <= minimal
+
+
+@settings(deadline=None)
+@given(conflicts=conflict_sets, max_outliers=st.integers(1, 3))
+def test_all_minimal_sets_of_sensors(conflicts, max_outliers):
+    explanation = explained(conflicts, max_outliers, named=(SENSORS,))
+    assert set(explanation.corrections) == hitting(conflicts, SENSORS, max_outliers)
 
 
 @settings(deadline=None)
 @given(conflicts=conflict_sets)
 def test_disjoint_conflicts_are_all_named_without_any_drop(conflicts):
-    explanation = explain(LINKS, contradiction_of(conflicts), 0, 10_000, 60.0)
+    explanation = explained(conflicts, 0)
     named = frozenset().union(*explanation.conflicts)
-    assert not contradiction_of(conflicts)(frozenset(LINKS) - named, True)
+    assert not contradiction_of(conflicts)(EVERYTHING - named, Effort.THOROUGH)
+
+
+@settings(deadline=None)
+@given(conflicts=conflict_sets)
+def test_culprits_are_the_smallest_that_explain_everything(conflicts):
+    explanation = explained(conflicts, 0, named=(ALONE, SENSORS))
+    single = [{s for (s,) in hitting(conflicts, named, 1)} for named in (ALONE, SENSORS)]
+    assert set(explanation.culprits) == (single[0] or single[1])
 
 
 @pytest.mark.parametrize(('solves', 'seconds'), [(3, 60.0), (10_000, 0.0)])
 def test_a_used_up_budget_is_reported(solves, seconds):
-    explanation = explain(LINKS, contradiction_of([frozenset(LINKS[:4])]), 2, solves, seconds)
+    limits = Limits(2, solves, seconds)
+    contradicts = contradiction_of([frozenset(SEEN[:4])])
+    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, limits)
     assert not explanation.complete
+    assert explanation.stopped
+
+
+def test_a_conflict_that_is_not_proved_minimal_is_not_called_one():
+    conflict = frozenset(SEEN[:4])
+    explanation = explain(EVERYTHING, (), (ALONE,), contradiction_of([conflict]), Limits(1, 3, 60))
+    assert explanation.conflicts == ()
+    assert conflict <= explanation.among
+
+
+def test_corrections_are_complete_although_there_is_no_time_for_conflicts():
+    conflicts = [frozenset(SEEN[:2])]
+    solves = 0
+
+    def contradicts(observations, effort):
+        nonlocal solves
+        solves += effort is not Effort.GLANCE
+        return contradiction_of(conflicts)(observations, effort)
+
+    explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE))
+    enough = solves
+    found = [
+        explain(EVERYTHING, (), (ALONE,), contradiction_of(conflicts), Limits(1, most, 60.0))
+        for most in range(enough + 1)
+    ]
+    assert any(explanation.complete and explanation.stopped for explanation in found)
+    for explanation in found:
+        if explanation.complete:
+            assert explanation.corrections == (frozenset(SEEN[:1]), frozenset(SEEN[1:2]))
 
 
 def test_a_correction_is_only_taken_after_every_effort():
     # With little effort the pair looks harmless.
-    def is_contradiction(links, thorough):
-        return {LINKS[0], LINKS[1]} <= links and (thorough or len(links) > 2)
+    def contradicts(observations, effort):
+        hard = effort is Effort.THOROUGH
+        return {SEEN[0], SEEN[1]} <= observations and (hard or len(observations) > 2)
 
-    explanation = explain(LINKS, is_contradiction, 1, 10_000, 60.0)
-    assert set(explanation.corrections) == {frozenset({LINKS[0]}), frozenset({LINKS[1]})}
+    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE))
+    assert set(explanation.corrections) == {frozenset({SEEN[0]}), frozenset({SEEN[1]})}
 
 
 def test_a_cancelled_search_claims_nothing():
     cancel = threading.Event()
 
-    def is_contradiction(links, thorough):
+    def contradicts(observations, effort):
         cancel.set()
         return True
 
-    explanation = explain(LINKS, is_contradiction, 1, 10_000, 60.0, cancel)
+    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE), cancel)
     assert not explanation.complete
     assert explanation.conflicts == ()
+    assert explanation.among == frozenset()
     assert explanation.corrections == ()

@@ -102,7 +102,7 @@ def test_more_outliers_than_allowed_give_nothing():
     estimate = localizer.step(NOW_S)
     assert estimate.verdict is Verdict.INFEASIBLE
     assert estimate.placements == ()
-    assert 'no 1 links' in estimate.reason
+    assert 'dropping 1 observation does not' in estimate.reason
 
 
 def test_two_outliers_may_be_dropped():
@@ -145,7 +145,9 @@ def test_a_misread_marker_is_found():
     assert estimate.conflicts
     marker = LinkKey(LinkKind.BEARING, 'a', 'b')
     assert all(marker in conflict for conflict in estimate.conflicts)
-    assert {placement.dropped for placement in estimate.placements} == {(marker,)}
+    # The range of the same detection goes with it.
+    assert {placement.dropped for placement in estimate.placements} == {(marker, WRONG)}
+    assert [str(suspect) for suspect in estimate.suspects] == ['bearing and range a->b']
     assert estimate.n_hypotheses == 1
     assert holds(estimate, POSITIONS)
 

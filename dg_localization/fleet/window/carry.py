@@ -112,6 +112,16 @@ class CarriedWindow:
         """Return the times of the observations of a pair, newest first."""
         return np.array(self._stamps_of(pair))
 
+    def sources(self, pair: Pair) -> tuple[tuple[str, str, Observation], ...]:
+        """Return the observations of a pair with observer and target, newest first."""
+        names = self._config.points
+        found = []
+        for row in self._rows[pair]:
+            first, second = names[pair[0] if row.anchor is None else row.anchor], names[pair[1]]
+            ends = (second, first) if row.seen_by_second else (first, second)
+            found.append((*ends, row.observation))
+        return tuple(found)
+
     def readings(self, pair: Pair, most: int | None = None) -> PairReadings:
         """Return the observations of a pair, newest first; at most `most`, spread in time."""
         first, second = pair

@@ -49,6 +49,11 @@ class Observation:
     half_width_rad: float = math.inf
     likeliest_m: float = math.nan
 
+    @property
+    def has_distance(self) -> bool:
+        """Whether it says anything about the distance."""
+        return self.lower_m > 0.0 or self.upper_m < math.inf
+
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
         if isinstance(reading, DistanceReading):

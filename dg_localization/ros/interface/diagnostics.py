@@ -18,6 +18,7 @@ from dg_localization.ros.interface.doubts import (
     doubts_of_width,
 )
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from dg_localization.ros.interface.suspects import doubts_of_sensors, suspect_values
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
@@ -128,7 +129,7 @@ def statuses(report: Report) -> tuple[Status, ...]:
 
 def _fleet_status(report: Report) -> Status:
     level, message = _fleet_state(report)
-    warnings = [*_slowness(report), *report.warnings]
+    warnings = [*_slowness(report), *doubts_of_sensors(report.estimate), *report.warnings]
     if warnings:
         level, message = max(level, Level.WARN), '; '.join([message, *warnings])
     # Peers are counted one by one.
@@ -193,6 +194,7 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         values['solve_s'] = f'{estimate.statistics.seconds:.4f}'
     for number, conflict in enumerate(estimate.conflicts):
         values[f'conflict_{number}'] = _conflict_text(conflict)
+    values.update(suspect_values(estimate))
     for number, group in enumerate(estimate.groups[:LISTED_GROUPS]):
         values[f'group_{number}'] = shortened(_group_text(group))
     return values
@@ -368,6 +370,8 @@ def _input_state(
     if state is None:
         wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
         return Level.WARN, wrong
+    if state.stuck:
+        return Level.WARN, state.stuck
     if state.in_use:
         return Level.OK, 'in use'
     if state.accepted:

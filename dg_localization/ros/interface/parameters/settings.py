@@ -15,6 +15,7 @@ from rclpy.node import Node
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
+    SuspectKind,
 )
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
@@ -326,6 +327,9 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         window_outliers=values['window_outliers'],
         max_hypotheses=values['max_hypotheses'],
         max_outliers=values['max_outliers'],
+        outlier_unit=SuspectKind(values['outlier_unit']),
+        stuck_readings=values['stuck.readings'],
+        drop_stuck=values['stuck.drop'],
         max_conflict_solves=values['conflicts.max_solves'],
         max_conflict_seconds=values['conflicts.max_seconds'],
         solver=SolverOptions(

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import math
 
 from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
+from dg_localization.ros.interface.parameters.contradictions import CONTRADICTIONS
 from dg_localization.ros.interface.parameters.links import LINKS
 from dg_localization.ros.interface.parameters.mounts import MOUNTS
 from dg_localization.ros.interface.parameters.odometry import MEMORY, ODOMETRY
@@ -287,36 +288,6 @@ ANCHORS = Section(
         ),
         Spec(
             'anchors.bound', DOUBLE, 0.0, 'how far an anchor may be from its coordinates', 'm', 0.0
-        ),
-    ),
-)
-
-CONTRADICTIONS = Section(
-    'Contradictions',
-    '',
-    (
-        Spec(
-            'max_outliers',
-            INTEGER,
-            0,
-            'most contradicting inputs that may be dropped to get an answer',
-            at_least=0,
-        ),
-        Spec(
-            'conflicts.max_solves',
-            INTEGER,
-            200,
-            'most problems solved to explain one contradiction; 0 explains none',
-            at_least=0,
-        ),
-        Spec(
-            'conflicts.max_seconds',
-            DOUBLE,
-            2.0,
-            'longest time to explain a contradiction',
-            's',
-            0.0,
-            finite=False,
         ),
     ),
 )

@@ -1,0 +1,309 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Which observations contradict each other, and whom to drop so that the rest agree.
+
+A conflict is a set of observations that no placement agrees with; it is minimal when some
+placement agrees with every proper subset. A correction is a set of suspects without whose
+observations the rest agree. Every correction shares an observation with every conflict, so the
+minimal corrections are found by branching on the suspects in one conflict after the other (Reiter,
+A theory of diagnosis from first principles, 1987). A conflict is made minimal by leaving out
+halves (Junker, QuickXplain, 2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+import time
+
+from dg_localization.fleet.contradictions.suspects import Suspect, Suspects
+from dg_localization.solver.options import Cancel
+
+
+class Effort(IntEnum):
+    """How hard to look for a contradiction."""
+
+    GLANCE = 0
+    """At pairs, triangles and angles only: takes a millisecond, and shows most contradictions."""
+
+    BRIEF = 1
+    """With the solver, at the points that are concerned."""
+
+    THOROUGH = 2
+    """With the solver, at the whole fleet and its headings."""
+
+
+Contradicts = Callable[[Suspects, Effort], bool]
+"""Whether some observations alone contradict each other: true is a proof."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    How far to search.
+
+    Parameters
+    ----------
+    max_outliers : int
+        Greatest size of a correction.
+    max_solves : int
+        How often to ask the solver.
+    max_seconds : float
+        How long to go on.
+
+    """
+
+    max_outliers: int
+    max_solves: int
+    max_seconds: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """
+    Why observations contradict each other.
+
+    Parameters
+    ----------
+    conflicts : tuple of frozenset of Suspect
+        Proved conflicts, minimal as far as the solver can tell in brief.
+    corrections : tuple of frozenset of Suspect
+        All minimal corrections of up to the number of suspects asked for.
+    complete : bool
+        Whether the limits sufficed; otherwise corrections may be missing.
+    among : frozenset of Suspect
+        Observations that contradict each other, where the limits did not suffice to find a
+        minimal conflict among them.
+    culprits : tuple of Suspect
+        Each of them alone explains everything, as far as the solver can tell in brief:
+        observations, else sensors, else robots.
+    stopped : bool
+        Whether the limits ended the search for conflicts or culprits.
+
+    """
+
+    conflicts: tuple[Suspects, ...]
+    corrections: tuple[Suspects, ...]
+    complete: bool
+    among: Suspects = frozenset()
+    culprits: tuple[Suspect, ...] = ()
+    stopped: bool = False
+
+
+class _LimitReachedError(Exception):
+    """The search for an explanation has reached a limit."""
+
+
+class _Oracle:
+    """Answers whether observations contradict each other, within limits; remembers its answers."""
+
+    def __init__(self, contradicts: Contradicts, limits: Limits, cancel: Cancel | None) -> None:
+        self._contradicts = contradicts
+        self._solves_left = limits.max_solves
+        self._deadline_s = time.monotonic() + limits.max_seconds
+        self._cancel = cancel
+        self._known: dict[tuple[Suspects, Effort], bool] = {}
+
+    def __call__(self, observations: Suspects, effort: Effort) -> bool:
+        """Return whether no placement agrees with observations; raise at a limit."""
+        if any(self._known.get((observations, less)) for less in Effort):
+            return True
+        question = (observations, effort)
+        if question not in self._known:
+            self._spend(effort)
+            answer = self._contradicts(observations, effort)
+            if self._cancelled():
+                # The answer may be that of a search that was stopped.
+                raise _LimitReachedError
+            self._known[question] = answer
+        return self._known[question]
+
+    def _spend(self, effort: Effort) -> None:
+        """Charge one question to the limits; raise when they are reached."""
+        late = time.monotonic() > self._deadline_s
+        if self._solves_left <= 0 or late or self._cancelled():
+            raise _LimitReachedError
+        self._solves_left -= effort is not Effort.GLANCE
+
+    def _cancelled(self) -> bool:
+        """Return whether to stop."""
+        return self._cancel is not None and self._cancel.is_set()
+
+
+def explain(
+    observations: Suspects,
+    regions: Sequence[Suspects],
+    named: Sequence[Mapping[Suspect, Suspects]],
+    contradicts: Contradicts,
+    limits: Limits,
+    cancel: Cancel | None = None,
+) -> Explanation:
+    """
+    Explain a contradiction.
+
+    Parameters
+    ----------
+    observations : frozenset of Suspect
+        They contradict each other.
+    regions : sequence of frozenset of Suspect
+        Parts of them that are small problems, where a contradiction is found sooner.
+    named : sequence of mapping of Suspect to frozenset of Suspect
+        Suspects with the observations that each stands for, small ones first. Corrections consist
+        of the first; all serve to name a culprit.
+    contradicts : callable
+    limits : Limits
+    cancel : Cancel, optional
+        Ends the search when set.
+
+    Returns
+    -------
+    Explanation
+
+    """
+    search = _Search(observations, regions, _Oracle(contradicts, limits, cancel))
+    complete, stopped = True, False
+    culprits: tuple[Suspect, ...] = ()
+    try:
+        complete = limits.max_outliers == 0
+        if limits.max_outliers > 0:
+            search.find_corrections(named[0], limits.max_outliers)
+            complete = True
+        search.find_disjoint_conflicts()
+        culprits = search.culprits(named)
+    except _LimitReachedError:
+        stopped = True
+    return Explanation(
+        tuple(sorted(search.conflicts, key=sorted)),
+        tuple(sorted(search.corrections, key=lambda found: (len(found), sorted(found)))),
+        complete,
+        search.among,
+        culprits,
+        stopped,
+    )
+
+
+class _Search:
+    """The search for conflicts and corrections, with what has been found so far."""
+
+    def __init__(
+        self, observations: Suspects, regions: Sequence[Suspects], oracle: _Oracle
+    ) -> None:
+        self._observations = observations
+        self._regions = regions
+        self._oracle = oracle
+        self.conflicts: list[Suspects] = []
+        self.corrections: list[Suspects] = []
+        self.among: Suspects = frozenset()
+
+    def find_corrections(self, named: Mapping[Suspect, Suspects], max_outliers: int) -> None:
+        """Find all minimal corrections of up to `max_outliers` suspects."""
+        level: list[Suspects] = [frozenset()]
+        for size in range(max_outliers + 1):
+            following: set[Suspects] = set()
+            for dropped in self._not_covered(level):
+                without = _stand_for(dropped, named)
+                # No larger corrections are wanted: there it is enough that some conflict is left.
+                conflict = self._conflict_without(without, minimal=size < max_outliers)
+                if conflict is None:
+                    self.corrections.append(dropped)
+                elif size < max_outliers:
+                    following |= {
+                        dropped | {suspect}
+                        for suspect, covered in named.items()
+                        if covered & conflict
+                    }
+            level = sorted(following, key=sorted)
+
+    def find_disjoint_conflicts(self) -> None:
+        """Find conflicts that share nothing with the known ones, until the rest agree."""
+        rest = self._observations.difference(*self.conflicts)
+        most = Effort.BRIEF if self.conflicts else Effort.THOROUGH
+        while (conflict := self._conflict_in(rest, most)) is not None:
+            self.conflicts.append(conflict)
+            if not conflict:
+                break
+            rest -= conflict
+            most = Effort.BRIEF
+
+    def culprits(self, named: Sequence[Mapping[Suspect, Suspects]]) -> tuple[Suspect, ...]:
+        """Return those of the smallest suspects without one of which the rest seem to agree."""
+        for suspects in named:
+            found = tuple(
+                suspect
+                for suspect, covered in suspects.items()
+                if all(covered & conflict for conflict in self.conflicts)
+                and not self._contradict(self._observations - covered)
+            )
+            if found:
+                return found
+        return ()
+
+    def _not_covered(self, level: list[Suspects]) -> Iterator[Suspects]:
+        """Yield the sets that contain no correction known by the time they are reached."""
+        for dropped in level:
+            if not any(correction <= dropped for correction in self.corrections):
+                yield dropped
+
+    def _conflict_without(self, dropped: Suspects, *, minimal: bool) -> Suspects | None:
+        """Return a conflict that none of the dropped observations is part of, or None."""
+        for conflict in self.conflicts:
+            if not conflict & dropped:
+                return conflict
+        rest = self._observations - dropped
+        if not minimal:
+            return rest if self._contradict(rest) or self._oracle(rest, Effort.THOROUGH) else None
+        found = self._conflict_in(rest, Effort.THOROUGH)
+        if found is not None:
+            self.conflicts.append(found)
+        return found
+
+    def _contradict(self, observations: Suspects) -> bool:
+        """Return whether observations contradict each other as far as a brief look shows."""
+        return self._where(observations, Effort.BRIEF) is not None
+
+    def _conflict_in(self, observations: Suspects, most: Effort) -> Suspects | None:
+        """Return a minimal conflict among observations; None where no effort shows one."""
+        found = self._where(observations, most)
+        if found is None:
+            return None
+        part, effort = found
+        conflict = self._minimize(part, effort)
+        if effort is Effort.GLANCE:
+            conflict = self._minimize(conflict, Effort.BRIEF)
+        self.among = frozenset()
+        return conflict
+
+    def _where(self, observations: Suspects, most: Effort) -> tuple[Suspects, Effort] | None:
+        """Return a part of observations that contradicts itself, and how hard it is to see."""
+        if self._oracle(observations, Effort.GLANCE):
+            return observations, Effort.GLANCE
+        for region in self._regions:
+            part = region & observations
+            if part and part != observations and self._oracle(part, Effort.BRIEF):
+                return part, Effort.BRIEF
+        for effort in (Effort.BRIEF, Effort.THOROUGH)[: most.value]:
+            if self._oracle(observations, effort):
+                return observations, effort
+        return None
+
+    def _minimize(self, observations: Suspects, effort: Effort) -> Suspects:
+        """Return a minimal part of contradicting observations that still contradicts itself."""
+        needed = observations
+        pending = [sorted(observations)]
+        while pending:
+            self.among = needed
+            chunk = pending.pop()
+            if self._oracle(needed.difference(chunk), effort):
+                needed = needed.difference(chunk)
+            elif len(chunk) > 1:
+                half = len(chunk) // 2
+                pending += [chunk[half:], chunk[:half]]
+        return needed
+
+
+def _stand_for(suspects: Suspects, named: Mapping[Suspect, Suspects]) -> Suspects:
+    """Return all observations that some suspects stand for."""
+    return frozenset().union(*(named[suspect] for suspect in suspects))

@@ -1,0 +1,88 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Why a snapshot contradicts itself, in words and names."""
+
+from __future__ import annotations
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.contradictions.conflicts import Explanation, Limits, explain
+from dg_localization.fleet.contradictions.oracle import ContradictionOracle, regions_of
+from dg_localization.fleet.contradictions.suspects import (
+    Lineup,
+    Suspect,
+    SuspectKind,
+    Suspects,
+    line_up,
+)
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import Conflict
+from dg_localization.solver.options import Cancel
+
+
+def lineup_of(snapshot: Snapshot) -> Lineup:
+    """Return who can be wrong in a snapshot."""
+    return line_up(snapshot.keys, snapshot.detections, snapshot.config.sensors)
+
+
+def explain_snapshot(
+    snapshot: Snapshot, lineup: Lineup, cancel: Cancel | None = None
+) -> Explanation:
+    """Return which observations of a snapshot contradict each other, and who explains it."""
+    config = snapshot.config
+    kinds = list(SuspectKind)
+    return explain(
+        lineup.observations,
+        regions_of(snapshot, lineup),
+        [lineup.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
+        ContradictionOracle(snapshot, lineup, cancel),
+        Limits(config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds),
+        cancel,
+    )
+
+
+def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]:
+    """Return whom an explanation makes suspect, with one name for what is of one sensor."""
+    found: Suspects = frozenset()
+    if explanation.complete and explanation.corrections:
+        found = found.union(*map(lineup.in_short, explanation.corrections))
+    elif explanation.culprits:
+        found = frozenset(explanation.culprits)
+    else:
+        found = explanation.among.union(*explanation.conflicts)
+    return tuple(sorted(found))
+
+
+def links_of_conflicts(lineup: Lineup, explanation: Explanation) -> tuple[Conflict, ...]:
+    """Return the conflicts of an explanation as links."""
+    return tuple(tuple(sorted(lineup.links_of(conflict))) for conflict in explanation.conflicts)
+
+
+def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
+    """
+    Return why a contradiction leaves no placements.
+
+    Parameters
+    ----------
+    config : FleetConfig
+    explanation : Explanation
+    frame : str
+        Why there is no frame for what is left without the corrections; empty if there is one.
+
+    """
+    text = 'the measurements contradict each other'
+    conflicts = [', '.join(map(str, sorted(conflict))) for conflict in explanation.conflicts]
+    if explanation.among:
+        conflicts.append(f'among {", ".join(map(str, sorted(explanation.among)))}')
+    if conflicts:
+        text += ': ' + '; '.join(conflicts)
+    if explanation.stopped:
+        text += ' (the search for the cause stopped at its budget)'
+    if frame and explanation.complete:
+        text += f'; without them, {frame}'
+    elif config.max_outliers and explanation.complete:
+        units = f'{config.outlier_unit}{"s" if config.max_outliers > 1 else ""}'
+        text += f'; dropping {config.max_outliers} {units} does not make the rest agree'
+    if explanation.culprits:
+        text += f'; each alone explains it: {", ".join(map(str, explanation.culprits))}'
+    return text

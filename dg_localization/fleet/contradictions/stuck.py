@@ -1,0 +1,131 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Stuck sensors: readings that repeat themselves to the last bit although robots move.
+
+Equal readings of robots that stand still prove nothing, since many sensors round theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.vocabulary import LinkKey, LinkKind, OdometryReading
+
+LEAST_WAY_M = 0.5
+LEAST_TURN_RAD = 0.5
+"""A robot that has gone or turned so far since a reading would read another value."""
+
+TIMES_MORE = 10
+"""Of so many times the readings nothing need be known of the motion."""
+
+UNKNOWN_MOTION = 'and no odometry says that the robots stand still'
+
+Poses = Mapping[str, OdometryReading]
+"""The newest odometry by robot."""
+
+
+@dataclass(frozen=True)
+class _Repetition:
+    """Equal readings in a row: the value, its first stamp, and where the robots were then."""
+
+    value: tuple[float, ...]
+    since_s: float
+    newest_s: float
+    count: int
+    poses: Poses
+    motion: str = ''
+
+
+class StuckWatch:
+    """
+    Watches for readings that repeat themselves.
+
+    Parameters
+    ----------
+    config : FleetConfig
+
+    """
+
+    def __init__(self, config: FleetConfig) -> None:
+        self._config = config
+        self._repetitions: dict[LinkKey, _Repetition] = {}
+
+    def add(self, key: LinkKey, value: tuple[float, ...], stamp_s: float, newest: Poses) -> None:
+        """
+        Note a reading.
+
+        Parameters
+        ----------
+        key : LinkKey
+        value : tuple of float
+            As it was read.
+        stamp_s : float
+        newest : mapping of str to OdometryReading
+            The newest odometry by robot.
+
+        """
+        before = self._repetitions.get(key)
+        if before is not None and before.newest_s == stamp_s:
+            return
+        poses = {robot: newest[robot] for robot in self._movable(key) if robot in newest}
+        equal = before is not None and before.value == value and before.newest_s < stamp_s
+        if before is None or not equal or not all(map(math.isfinite, value)):
+            self._repetitions[key] = _Repetition(value, stamp_s, stamp_s, 1, poses)
+            return
+        motion = before.motion
+        if motion in ('', UNKNOWN_MOTION):
+            motion = self._motion(key, before.poses, poses)
+        # Odometry that came later counts from then on.
+        poses |= before.poses
+        self._repetitions[key] = _Repetition(
+            value, before.since_s, stamp_s, before.count + 1, poses, motion
+        )
+
+    def sentence(self, key: LinkKey) -> str:
+        """Return that the readings of a link are stuck, with value and time; empty if not."""
+        least = self._config.stuck_readings
+        found = self._repetitions.get(key)
+        if found is None or not 0 < least <= found.count or not found.motion:
+            return ''
+        if found.motion == UNKNOWN_MOTION and found.count < TIMES_MORE * least:
+            return ''
+        numbers = ' '.join(repr(number) for number in found.value)
+        value = f'{numbers} m' if key.kind is LinkKind.RANGE else f'the ray ({numbers})'
+        return (
+            f'stuck: {found.count} readings in a row are {value}, since {found.since_s:.3f} s, '
+            f'{found.motion}'
+        )
+
+    def _movable(self, key: LinkKey) -> tuple[str, ...]:
+        """Return the robots at the ends of a link that can move."""
+        robots = dict.fromkeys(self._config.robot_of(point) for point in key.ends)
+        return tuple(robot for robot in robots if self._config.speed_m_s(robot) > 0.0)
+
+    def _motion(self, key: LinkKey, before: Poses, now: Poses) -> str:
+        """Return which robot has moved in the meantime; empty where none is known to have."""
+        movable = self._movable(key)
+        for robot in movable:
+            if robot in before and robot in now:
+                way_m = float(np.linalg.norm(now[robot].position_m - before[robot].position_m))
+                if way_m >= LEAST_WAY_M:
+                    return f'while {robot} moved by {way_m:.1f} m'
+                if key.kind is LinkKind.BEARING and robot == self._config.robot_of(key.observer):
+                    turn_rad = _angle_rad(before[robot].rotation.T @ now[robot].rotation)
+                    if turn_rad >= LEAST_TURN_RAD:
+                        return f'while {robot} turned by {turn_rad:.1f} rad'
+        if movable and not any(robot in now for robot in movable):
+            return UNKNOWN_MOTION
+        return ''
+
+
+def _angle_rad(rotation: np.ndarray) -> float:
+    """Return the angle of a rotation matrix."""
+    cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
+    return math.acos(min(1.0, max(-1.0, cosine)))

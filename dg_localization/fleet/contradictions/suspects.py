@@ -1,0 +1,189 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Who can be wrong: an observation, a sensor, a robot.
+
+An observation of the moment is what one sensor says of one target, repeats included. The range and
+the ray of one detection are one observation: they are wrong together or not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeAlias
+
+from dg_localization.fleet.vocabulary import LinkKey, LinkKind
+
+
+class SuspectKind(StrEnum):
+    """How much is suspected at once."""
+
+    OBSERVATION = 'observation'
+    """What one sensor says of one target."""
+
+    SENSOR = 'sensor'
+    """All that one sensor says: a camera, a ranging, or a mounted sensor."""
+
+    ROBOT = 'robot'
+    """All that a robot measures, and all that is measured of it."""
+
+
+@dataclass(frozen=True, order=True)
+class Suspect:
+    """
+    Something that may be wrong as a whole.
+
+    Parameters
+    ----------
+    kind : SuspectKind
+    name : str
+        Of the robot, or of the point that observes.
+    target : str
+        Of an observation.
+    measures : tuple of LinkKind
+        What an observation or a sensor measures.
+    stamp_s : float
+        Of an observation in the window; zero for all of the moment.
+
+    """
+
+    kind: SuspectKind
+    name: str
+    target: str = ''
+    measures: tuple[LinkKind, ...] = ()
+    stamp_s: float = 0.0
+
+    @property
+    def sensor(self) -> Suspect:
+        """The sensor that an observation is of."""
+        return Suspect(SuspectKind.SENSOR, self.name, measures=self.measures)
+
+    def __str__(self) -> str:
+        if self.kind is SuspectKind.ROBOT:
+            return self.name
+        if self.kind is SuspectKind.OBSERVATION:
+            when = f' at {self.stamp_s:.3f} s' if self.stamp_s else ''
+            return f'{" and ".join(self.measures)} {self.name}->{self.target}{when}'
+        if '/' in self.name:
+            return self.name
+        return f"{self.name}'s {' and '.join(_SENSOR_NAMES[kind] for kind in self.measures)}"
+
+
+_SENSOR_NAMES = {LinkKind.BEARING: 'camera', LinkKind.RANGE: 'ranging'}
+
+Suspects: TypeAlias = frozenset[Suspect]
+Links: TypeAlias = frozenset[LinkKey]
+
+
+@dataclass(frozen=True)
+class Lineup:
+    """
+    Everybody who can be wrong at one time.
+
+    Parameters
+    ----------
+    links : mapping of Suspect to frozenset of LinkKey
+        By observation, the links that it consists of.
+    sensors, robots : mapping of Suspect to frozenset of Suspect
+        By sensor and by robot, the observations that it is part of.
+
+    """
+
+    links: Mapping[Suspect, Links]
+    sensors: Mapping[Suspect, Suspects]
+    robots: Mapping[Suspect, Suspects]
+
+    @property
+    def observations(self) -> Suspects:
+        """All observations."""
+        return frozenset(self.links)
+
+    def covered_by(self, kind: SuspectKind) -> Mapping[Suspect, Suspects]:
+        """Return the suspects of a kind, with the observations that each stands for."""
+        if kind is SuspectKind.OBSERVATION:
+            return {observation: frozenset([observation]) for observation in self.links}
+        return self.sensors if kind is SuspectKind.SENSOR else self.robots
+
+    def links_of(self, observations: Iterable[Suspect]) -> Links:
+        """Return the links of some observations."""
+        return frozenset(key for one in observations for key in self.links[one])
+
+    def sensors_of(self, suspects: Iterable[Suspect]) -> Suspects:
+        """Return the sensors that suspects name: those of their observations, or themselves."""
+        observations = set(suspects)
+        return frozenset(
+            sensor
+            for sensor, covered in self.sensors.items()
+            if sensor in observations or covered & observations
+        )
+
+    def in_short(self, observations: Suspects) -> Suspects:
+        """Return who is to blame where all of some observations are wrong: one name if it can."""
+        if len(observations) > 1:
+            for named in (self.sensors, self.robots):
+                one = [suspect for suspect, covered in named.items() if observations <= covered]
+                if len(one) == 1:
+                    return frozenset(one)
+        return observations
+
+
+def line_up(
+    keys: Collection[LinkKey], detections: Collection[tuple[str, str]], mounted: Collection[str]
+) -> Lineup:
+    """
+    Return who can be wrong.
+
+    Parameters
+    ----------
+    keys : collection of LinkKey
+        The ranges and bearings in use.
+    detections : collection of (str, str)
+        Observers and targets whose range and bearing come of one detection.
+    mounted : collection of str
+        The points that are sensors mounted on a robot: all that one measures is of one sensor.
+
+    Returns
+    -------
+    Lineup
+
+    """
+    links = _observations(keys, detections)
+    kinds: dict[str, set[LinkKind]] = {}
+    for observation in links:
+        if len(observation.measures) > 1 or observation.name in mounted:
+            kinds.setdefault(observation.name, set()).update(observation.measures)
+    sensors: dict[Suspect, set[Suspect]] = {}
+    robots: dict[Suspect, set[Suspect]] = {}
+    for observation in links:
+        joined = kinds.get(observation.name, set())
+        measures = joined if joined & set(observation.measures) else observation.measures
+        sensor = Suspect(SuspectKind.SENSOR, observation.name, measures=tuple(sorted(measures)))
+        sensors.setdefault(sensor, set()).add(observation)
+        for point in (observation.name, observation.target):
+            robot = Suspect(SuspectKind.ROBOT, point.partition('/')[0])
+            robots.setdefault(robot, set()).add(observation)
+    return Lineup(links, _frozen(sensors), _frozen(robots))
+
+
+def _observations(
+    keys: Collection[LinkKey], detections: Collection[tuple[str, str]]
+) -> dict[Suspect, Links]:
+    """Return the observations with their links; a detection has two."""
+    parts: dict[tuple[str, ...], list[LinkKey]] = {}
+    for key in sorted(keys):
+        part = key.ends if key.ends in detections else (*key.ends, key.kind)
+        parts.setdefault(part, []).append(key)
+    return {
+        Suspect(
+            SuspectKind.OBSERVATION, *found[0].ends, tuple(key.kind for key in found)
+        ): frozenset(found)
+        for found in parts.values()
+    }
+
+
+def _frozen(found: Mapping[Suspect, set[Suspect]]) -> dict[Suspect, Suspects]:
+    """Return the same in the order of the suspects, unchangeable."""
+    return {suspect: frozenset(found[suspect]) for suspect in sorted(found)}

@@ -1,0 +1,104 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sensors that repeat themselves although robots move are noticed, and dropped only if wanted."""
+
+import math
+
+import pytest
+
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RejectionReason
+
+START_S = 100.0
+STILL = (0.0, 0.0, 0.0, 1.0)
+
+
+def watched(value_of, motion, count=30, **settings):
+    """Return a localizer, and what it says of an input after some readings of it."""
+    localizer = Localizer(FleetConfig(('a', 'b'), stuck_readings=10, **settings))
+    for step in range(count):
+        now_s = START_S + 0.1 * step
+        for robot, (x_m, yaw_rad) in motion(step).items():
+            half = yaw_rad / 2.0
+            orientation = [0.0, 0.0, math.sin(half), math.cos(half)]
+            localizer.add_odometry(robot, [x_m, 0.0, 0.0], orientation, now_s, now_s)
+        value = value_of(step)
+        if isinstance(value, float):
+            localizer.add_range('a', 'b', value, now_s, now_s)
+        else:
+            localizer.add_bearing('a', 'b', value, now_s, now_s)
+    kind = LinkKind.RANGE if isinstance(value, float) else LinkKind.BEARING
+    states = {state.key: state for state in localizer.input_states(now_s)}
+    return localizer, states[LinkKey(kind, 'a', 'b')]
+
+
+def driving(step):
+    return {'a': (0.0, 0.0), 'b': (0.1 * step, 0.0)}
+
+
+def turning(step):
+    return {'a': (0.0, 0.1 * step), 'b': (0.0, 0.0)}
+
+
+def parked(step):
+    return {'a': (0.0, 0.0), 'b': (0.0, 0.0)}
+
+
+def unknown(step):
+    return {}
+
+
+def test_the_sensor_the_value_and_the_time_are_named():
+    _, state = watched(lambda step: 3.0 + 0.01 * step if step < 5 else 3.217, driving)
+    assert state.stuck == (
+        'stuck: 25 readings in a row are 3.217 m, since 100.500 s, while b moved by 0.5 m'
+    )
+    assert state.accepted == 30
+
+
+@pytest.mark.parametrize(
+    ('value_of', 'motion', 'count', 'stuck'),
+    [
+        (lambda step: 3.0, parked, 400, False),
+        (lambda step: 3.0, driving, 9, False),
+        (lambda step: 3.0 + 1e-15 * (step % 2), driving, 30, False),
+        (lambda step: math.inf, driving, 30, False),
+        (lambda step: 3.0, unknown, 99, False),
+        (lambda step: 3.0, unknown, 100, True),
+        (lambda step: 3.0, turning, 30, False),
+        (lambda step: [1.0, 0.5, 0.0], turning, 30, True),
+        (lambda step: [1.0, 0.5, 0.0], parked, 30, False),
+        (lambda step: [1.0, 0.1 * step, 0.0], turning, 30, False),
+    ],
+)
+def test_what_is_stuck(value_of, motion, count, stuck):
+    _, state = watched(value_of, motion, count)
+    assert bool(state.stuck) == stuck
+
+
+def test_nothing_is_stuck_where_nobody_asks():
+    localizer = Localizer(FleetConfig(('a', 'b'), stuck_readings=0))
+    for step in range(500):
+        localizer.add_range('a', 'b', 3.0, START_S + step, START_S + step)
+    assert not localizer.input_states(START_S + 500.0)[0].stuck
+
+
+def test_repeats_of_one_message_are_no_readings():
+    localizer = Localizer(FleetConfig(('a', 'b'), stuck_readings=10))
+    for step in range(20):
+        localizer.add_odometry('b', [0.1 * step, 0.0, 0.0], STILL, START_S + 0.01 * step, START_S)
+        localizer.add_range('a', 'b', 3.0, START_S, START_S)
+    assert not any(state.stuck for state in localizer.input_states(START_S))
+
+
+def test_stuck_readings_are_dropped_only_if_wanted():
+    _, state = watched(lambda step: 3.0, driving, 30, drop_stuck=True)
+    assert 0 < state.rejected[RejectionReason.STUCK] < 30
+    assert 'stuck' in state.last_reason_text
+    _, state = watched(lambda step: 3.0, driving, 30)
+    assert not state.rejected
+
+
+def test_a_sensor_that_moves_again_is_not_stuck_any_more():
+    _, state = watched(lambda step: 3.0 if step < 25 else 3.1, driving)
+    assert not state.stuck

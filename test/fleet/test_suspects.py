@@ -1,0 +1,232 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Who is suspected of a contradiction: observations, sensors, robots; and who was before."""
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import (
+    Anchor,
+    ConfigError,
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    RangeErrorModel,
+    SuspectKind,
+)
+from dg_localization.fleet.contradictions.suspects import line_up
+
+NOW_S = 50.0
+ROBOTS = ('a', 'b', 'c')
+ANCHORS = {'m': (0.0, 0.0), 'n': (8.0, 1.0), 'o': (2.0, 7.0), 'p': (9.0, 8.0), 'q': (-4.0, 5.0)}
+PLACES = {'a': (2.0, 3.0), 'b': (6.0, 5.0), 'c': (1.0, -3.0), **ANCHORS}
+YAWS_RAD = {'a': 0.4, 'b': -2.0, 'c': 1.7}
+PAIRS = [(robot, other) for robot in ROBOTS for other in PLACES if other != robot]
+
+
+def make_localizer(**settings):
+    defaults = {
+        'robots': ROBOTS,
+        'anchors': {name: Anchor(place) for name, place in ANCHORS.items()},
+        'max_speed_m_s': 0.0,
+        'range_error': RangeErrorModel(min_error_relative=-0.02, max_error_relative=0.02),
+        'bearing_half_width_rad': 0.02,
+        'solver': SolverOptions(resolution=0.1, max_boxes=200),
+        'max_conflict_solves': 1000,
+        'max_conflict_seconds': 60.0,
+    }
+    return Localizer(FleetConfig(**{**defaults, **settings}))
+
+
+def range_m(observer, target):
+    return math.dist(PLACES[observer], PLACES[target])
+
+
+def ray(observer, target, off_rad=0.0):
+    (x, y), (u, v) = PLACES[observer], PLACES[target]
+    angle = math.atan2(v - y, u - x) - YAWS_RAD[observer] + off_rad
+    return [math.cos(angle), math.sin(angle), 0.0]
+
+
+def feed(localizer, long=(), turned=(), stamp_s=NOW_S, camera_s=None):
+    """Give ranges of all pairs and rays, of the same detections unless `camera_s` is given."""
+    for pair in PAIRS:
+        localizer.add_range(*pair, range_m(*pair) + 3.0 * (pair in long), stamp_s, stamp_s)
+        off = 1.0 + 0.3 * PAIRS.index(pair) if pair in turned else 0.0
+        localizer.add_bearing(*pair, ray(*pair, off), camera_s or stamp_s, stamp_s)
+
+
+def holds_truth(estimate):
+    truth = np.array([PLACES[robot] for robot in ROBOTS])
+    return any(
+        (truth >= p.enclosure_m[:, 0] - 1e-9).all() and (truth <= p.enclosure_m[:, 1] + 1e-9).all()
+        for p in estimate.placements
+    )
+
+
+def names(suspects):
+    return [str(suspect) for suspect in suspects]
+
+
+def test_the_range_and_the_ray_of_one_detection_are_one_observation():
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer, long={('a', 'm')}, turned={('a', 'm')})
+    estimate = localizer.step(NOW_S)
+    assert names(estimate.suspects) == ['bearing and range a->m']
+    assert {p.dropped for p in estimate.placements} == {
+        (LinkKey(LinkKind.BEARING, 'a', 'm'), LinkKey(LinkKind.RANGE, 'a', 'm'))
+    }
+    assert holds_truth(estimate)
+
+
+def test_a_range_and_a_ray_of_different_stamps_are_two_observations():
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer, turned={('a', 'm')}, camera_s=NOW_S - 0.05)
+    estimate = localizer.step(NOW_S)
+    assert names(estimate.suspects) == ['bearing a->m']
+    assert names(estimate.suspected_sensors) == ["a's camera"]
+    assert holds_truth(estimate)
+
+
+@pytest.mark.parametrize('others', [('m', 'o'), ('m', 'n', 'o', 'p', 'q', 'b', 'c')])
+def test_several_wrong_observations_of_one_sensor_name_the_sensor(others):
+    wrong = {('a', other) for other in others}
+    localizer = make_localizer(max_outliers=2)
+    feed(localizer, turned=wrong, camera_s=NOW_S - 0.05)
+    estimate = localizer.step(NOW_S)
+    assert names(estimate.suspects) == ["a's camera"]
+    # Two observations may be dropped, more may not.
+    assert holds_truth(estimate) == (len(others) == 2)
+
+
+def test_a_whole_sensor_may_be_what_is_dropped():
+    localizer = make_localizer(max_outliers=1, outlier_unit='sensor')
+    wrong = {('a', other) for other in PLACES}
+    feed(localizer, turned=wrong, camera_s=NOW_S - 0.05)
+    estimate = localizer.step(NOW_S)
+    assert names(estimate.suspects) == ["a's camera"]
+    assert all(
+        key.kind is LinkKind.BEARING and key.observer == 'a'
+        for placement in estimate.placements
+        for key in placement.dropped
+    )
+    assert holds_truth(estimate)
+
+
+def test_a_whole_robot_may_be_what_is_dropped():
+    localizer = make_localizer(max_outliers=1, outlier_unit='robot')
+    wrong = {pair for pair in PAIRS if 'c' in pair}
+    feed(localizer, long=wrong, turned=wrong)
+    estimate = localizer.step(NOW_S)
+    assert 'c' in names(estimate.suspects)
+    assert any(
+        {robot for key in p.dropped for robot in key.ends if robot in ROBOTS} >= {'c'}
+        for p in estimate.placements
+    )
+
+
+def test_a_culprit_is_named_although_nothing_may_be_dropped():
+    localizer = make_localizer()
+    feed(localizer, long={('b', 'p')}, turned={('b', 'p')})
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert names(estimate.suspects) == ['bearing and range b->p']
+    assert 'each alone explains it: bearing and range b->p' in estimate.reason
+
+
+def test_an_unknown_unit_is_refused():
+    with pytest.raises(ConfigError, match="outlier_unit: 'fleet' is not allowed.*'sensor'"):
+        make_localizer(outlier_unit='fleet')
+
+
+def test_a_mounted_sensor_is_one_sensor():
+    keys = [
+        LinkKey(LinkKind.RANGE, 'a/left', 'b'),
+        LinkKey(LinkKind.BEARING, 'a/left', 'c'),
+        LinkKey(LinkKind.RANGE, 'a', 'c'),
+    ]
+    lineup = line_up(keys, (), ('a/left',))
+    covered = lineup.covered_by(SuspectKind.SENSOR)
+    assert sorted((str(sensor), len(parts)) for sensor, parts in covered.items()) == [
+        ("a's ranging", 1),
+        ('a/left', 2),
+    ]
+    robots = lineup.covered_by(SuspectKind.ROBOT)
+    assert {str(robot): len(parts) for robot, parts in robots.items()} == {'a': 3, 'b': 1, 'c': 2}
+
+
+def test_repeat_offenders_are_counted_for_a_minute():
+    localizer = make_localizer()
+    stamps = [NOW_S + 2.0 * step for step in range(40)]
+    for step, stamp_s in enumerate(stamps):
+        wrong = {('a', 'm')} if step % 2 else {('b', 'n')} if step % 8 == 0 else set()
+        feed(localizer, turned=wrong, stamp_s=stamp_s, camera_s=stamp_s - 0.05)
+        estimate = localizer.step(stamp_s)
+    counts = {str(o.sensor): (o.count, o.contradictions) for o in estimate.offenders}
+    assert counts == {"a's camera": (15, 18), "b's camera": (3, 18)}
+    assert str(estimate.offenders[0]) == (
+        "a's camera was among the suspects in 15 of 18 contradictions of the last 60 s"
+    )
+    localizer.reset()
+    feed(localizer, stamp_s=stamp_s + 2.0)
+    assert localizer.step(stamp_s + 2.0).offenders == ()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    wrong=st.integers(1, 3),
+    robots=st.integers(2, 5),
+    anchors=st.sampled_from([0, 3, 5]),
+    kept=st.sampled_from([0.6, 0.9, 1.0]),
+    agreeing=st.booleans(),
+)
+def test_wrong_observations_that_are_exposed_never_cost_the_truth(
+    seed, wrong, robots, anchors, kept, agreeing
+):
+    """
+    The truth is in the answer, unless a proper part of the wrong ones explains everything.
+
+    Wrong observations that agree with one another say that one robot is somewhere else.
+    """
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-6.0, 6.0, (robots + anchors, 2))
+    points = [*(f'r{i}' for i in range(robots)), *(f'm{i}' for i in range(anchors))]
+    pairs = [(i, j) for i in range(robots) for j in range(i + 1, robots + anchors)]
+    pairs = [pair for pair in pairs if rng.random() < kept]
+    if len(pairs) < wrong:
+        return
+    liars = {pairs[i] for i in rng.choice(len(pairs), wrong, replace=False)}
+    elsewhere = places + rng.uniform(-4.0, 4.0, places.shape) if agreeing else None
+    localizer = make_localizer(
+        robots=tuple(points[:robots]),
+        anchors={points[i]: Anchor(tuple(places[i])) for i in range(robots, len(points))},
+        max_outliers=wrong,
+        max_hypotheses=5000,
+    )
+    for i, j in pairs:
+        reading = math.dist(places[i], places[j]) * rng.uniform(0.981, 1.019)
+        if (i, j) in liars:
+            reading = (
+                math.dist(elsewhere[i], places[j]) if agreeing else reading + rng.exponential(2)
+            )
+        localizer.add_range(points[i], points[j], reading, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is not Verdict.INFEASIBLE
+    if not estimate.placements:
+        return
+    wanted = {LinkKey(LinkKind.RANGE, points[i], points[j]) for i, j in liars}
+    assert any(wanted.issuperset(placement.dropped) for placement in estimate.placements)
+    exposed = [p for p in estimate.placements if wanted == set(p.dropped)]
+    distances = np.linalg.norm(places[:robots, None] - places[None, :robots], axis=-1)
+    held = [
+        np.all(distances <= p.upper_m + 1e-9) and np.all(p.lower_m <= distances + 1e-9)
+        for p in exposed
+    ]
+    assert not held or any(held)
