@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Linear combinations of measured pairs, group by group, or for one pair of a group."""
+"""Linear combinations of measured pairs, group by group, or for some pairs of a group."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray, sub_box
 from dg_localization.solver.contract.linear import contract_linear
-from dg_localization.solver.contract.local_frames import contract_pair
+from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.placements import place
@@ -104,31 +104,34 @@ def combine(
 
 
 @kernel
-def combine_for_pair(
+def combine_in_frame(
     offsets: IntArray,
     members: IntArray,
     edge_offsets: IntArray,
     edges: IntArray,
+    errors: FloatArray,
     box: FloatArray,
     positions: FloatArray,
-    k: int,
-    other: int,
+    pairs: IntArray,
+    explained: FloatArray,
 ) -> bool:
     """
-    Narrow one unknown pair by the measured pairs of its group, in a frame at its points.
+    Narrow unknown pairs by the measured pairs of their group, in the frame of the first of them.
 
-    Called as ``combine_for_pair(*groups[:4], box, positions, k, other)``.
+    Called as ``combine_in_frame(*groups, box, positions, pairs, explained)``.
 
     Parameters
     ----------
-    offsets, members, edge_offsets, edges
-        The first fields of `Groups`.
+    offsets, members, edge_offsets, edges, errors
+        The fields of `Groups`.
     box : ndarray, shape (4, n, n)
         The box in m^2, narrowed in place.
     positions : ndarray, shape (n, q)
         A placement in or near the box, in m.
-    k, other : int
-        The pair, of one group.
+    pairs : ndarray of int, shape (k, 2)
+        The pairs, of one group.
+    explained : ndarray, shape (k,)
+        See `contract_in_frame`.
 
     Returns
     -------
@@ -136,21 +139,26 @@ def combine_for_pair(
         False when the box is proved to hold no placement.
 
     """
+    number = np.full(box.shape[1], -1)
     for group in range(len(offsets) - 1):
         points = members[offsets[group] : offsets[group + 1]]
-        local_k, local_other = -1, -1
         for x in range(len(points)):
-            if points[x] == k:
-                local_k = x
-            if points[x] == other:
-                local_other = x
-        if local_k < 0 or local_other < 0:
+            number[points[x]] = x
+        if number[pairs[0, 0]] < 0:
             continue
         local = sub_box(box, points)
-        measured = edges[edge_offsets[group] : edge_offsets[group + 1]]
-        if not contract_pair(local, positions[points], measured, local_k, local_other):
+        local_pairs = np.empty_like(pairs)
+        for p in range(len(pairs)):
+            local_pairs[p, 0], local_pairs[p, 1] = number[pairs[p, 0]], number[pairs[p, 1]]
+        start, end = edge_offsets[group], edge_offsets[group + 1]
+        if not contract_in_frame(
+            local, positions[points], edges[start:end], errors[start:end], local_pairs, explained
+        ):
             return False
-        for plane in range(4):
-            box[plane, k, other] = local[plane, local_k, local_other]
-            box[plane, other, k] = local[plane, local_k, local_other]
+        for p in range(len(pairs)):
+            i, j = pairs[p, 0], pairs[p, 1]
+            for plane in range(4):
+                box[plane, i, j] = local[plane, local_pairs[p, 0], local_pairs[p, 1]]
+                box[plane, j, i] = box[plane, i, j]
+        break
     return True

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Contraction of single pairs by linear combinations, each in a frame of its own.
+Contraction of pairs by linear programs, in a frame at two points.
 
-In the frame of the two points that are sought, neither turns against the other: the square of
-their relative displacement is nearly known, and those of the pairs that matter are small. With the
-multipliers of the linear program (`simplex`), what is left is close to the linearized hull. Each
-pair costs as much as a pass over the whole box does, so this is a means of tightening.
+In the frame of two points neither turns against the other: the square of their relative
+displacement is nearly known, and those of the pairs around them are small. With the multipliers of
+the linear program (`simplex`), what is left is close to the linearized hull. A frame costs as much
+as a pass over the whole box does, so this is a means of tightening, and a frame serves all pairs
+that share a point with it.
 """
 
 from __future__ import annotations
@@ -32,9 +33,16 @@ MOST_STEPS = 20
 
 
 @kernel
-def contract_pair(box: FloatArray, positions: FloatArray, edges: IntArray, i: int, j: int) -> bool:
+def contract_in_frame(
+    box: FloatArray,
+    positions: FloatArray,
+    edges: IntArray,
+    errors: FloatArray,
+    pairs: IntArray,
+    explained: FloatArray,
+) -> bool:
     """
-    Narrow an unknown pair of a box by the measured pairs, in place, in a frame at its points.
+    Narrow some pairs of a box by the measured pairs, in place, in the frame of the first of them.
 
     Parameters
     ----------
@@ -44,8 +52,13 @@ def contract_pair(box: FloatArray, positions: FloatArray, edges: IntArray, i: in
         A placement in or near the box, in m; any placement is sound.
     edges : ndarray of int, shape (m, 2)
         The measured pairs.
-    i, j : int
-        The pair.
+    errors : ndarray, shape (m,)
+        Width of the measured intervals of the problem in m^2.
+    pairs : ndarray of int, shape (k, 2)
+        The pairs to narrow.
+    explained : ndarray, shape (k,)
+        Where the width of the linear program for each pair is written, in m^2: what the errors
+        explain to first order. Left as it is where there is no linear program.
 
     Returns
     -------
@@ -56,7 +69,7 @@ def contract_pair(box: FloatArray, positions: FloatArray, edges: IntArray, i: in
     n_points, dimension = positions.shape
     linear = new_linearization(edges, n_points, dimension)
     frame = np.full(dimension + 1, -1)
-    frame[0], frame[1] = i, j
+    frame[0], frame[1] = pairs[0, 0], pairs[0, 1]
     basis = np.zeros((dimension, dimension))
     errors_m = point_errors_m(box, frame[:2])
     if not complete_frame(positions, errors_m, frame, basis):
@@ -75,22 +88,38 @@ def contract_pair(box: FloatArray, positions: FloatArray, edges: IntArray, i: in
     if not set_table(linear, table, active):
         return True
     target = np.zeros((n_points, dimension))
-    for axis in range(dimension):
-        target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
-        target[j, axis] = -target[i, axis]
-    low, high = _bound(linear, table, active, target)
-    return narrow_to_linear(box, linear, i, j, low, high)
+    for p in range(len(pairs)):
+        i, j = pairs[p, 0], pairs[p, 1]
+        for axis in range(dimension):
+            target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
+            target[j, axis] = -target[i, axis]
+        low, high, explained[p] = _bound(linear, table, active, target, errors)
+        if not narrow_to_linear(box, linear, i, j, low, high):
+            return False
+        for axis in range(dimension):
+            target[i, axis] = 0.0
+            target[j, axis] = 0.0
+    return True
 
 
 @kernel
 def _bound(
-    linear: Linearization, table: FloatArray, active: IntArray, target: FloatArray
-) -> tuple[float, float]:
-    """Bound a linear function of the displacements, from either side with its own multipliers."""
+    linear: Linearization,
+    table: FloatArray,
+    active: IntArray,
+    target: FloatArray,
+    errors: FloatArray,
+) -> tuple[float, float, float]:
+    """
+    Bound a linear function of the displacements, from either side with its own multipliers.
+
+    Returns its bounds, and the mean of the widths that the multipliers of the sides explain.
+    """
     n_points, dimension = target.shape
     n_edges, n_unknowns = len(linear.edges), len(active)
     multipliers = np.empty(n_edges)
     bounds = np.empty(2)
+    explained = 0.0
     for end, sign in ((0, -1.0), (1, 1.0)):
         table[n_edges + n_unknowns] = 0.0
         for i in range(n_points):
@@ -101,6 +130,7 @@ def _bound(
                         table[n_edges + n_unknowns, c] += sign * target[i, axis] * table[row, c]
         set_multipliers(table, active, linear.residuals, multipliers)
         for m in range(n_edges):
+            explained += 0.5 * abs(multipliers[m]) * errors[m]
             multipliers[m] *= sign
         bounds[end] = bound_linear_function(linear, multipliers, target)[end]
-    return bounds[0], bounds[1]
+    return bounds[0], bounds[1], explained

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dg_localization.interval.kernels import until
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
-from dg_localization.solver.contract.combination import combine, combine_for_pair
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.contract.combination import combine, combine_in_frame
 from dg_localization.solver.contract.fixed_point import Contractor, Goal, Pruned
 from dg_localization.solver.contract.groups import groups_of, with_measured_pair
 from dg_localization.solver.contract.reduction import SMALL_FLEET
@@ -83,9 +83,11 @@ class Pruner:
             return self._contractor.contract(combined, groups, self._slice_goal, stopped)
         return Pruned(Status.UNFINISHED, box, explained)
 
-    def narrow_pair(self, box: FloatArray, positions: FloatArray, pair: Pair) -> bool:
+    def narrow_in_frame(
+        self, box: FloatArray, positions: FloatArray, pairs: IntArray, explained: FloatArray
+    ) -> bool:
         """
-        Narrow an unknown pair of a finished box in place, in a frame of its own.
+        Narrow unknown pairs of a finished box in place, in the frame of the first of them.
 
         Parameters
         ----------
@@ -93,8 +95,10 @@ class Pruner:
             The box in m^2.
         positions : ndarray, shape (n, q)
             A placement in or near the box, in m.
-        pair : tuple of int
-            Two points that measured pairs connect.
+        pairs : ndarray of int, shape (k, 2)
+            Pairs of points that measured pairs connect.
+        explained : ndarray, shape (k,)
+            Where the width that the errors explain to first order is written, in m^2.
 
         Returns
         -------
@@ -102,4 +106,4 @@ class Pruner:
             False when the box is proved to hold no placement.
 
         """
-        return bool(combine_for_pair(*self._groups[:4], box, positions, *pair))
+        return bool(combine_in_frame(*self._groups, box, positions, pairs, explained))

@@ -4,15 +4,15 @@
 """
 Tightening of a finished box towards the exact hull.
 
-First every unknown pair is bounded by linear programs, each in a frame of its own. That comes
-close to the linearized hull; effects of higher order remain, and for these there are slices. A
-slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to be
-empty of it. Within a slice that one distance is nearly known, like a measured one, and near an
+First the unknown pairs are bounded by linear programs (`linear_programs`). That comes close to the
+linearized hull; effects of higher order remain, and for these there are slices.
+
+A slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to
+be empty of it. Within a slice that one distance is nearly known, like a measured one, and near an
 extreme of a distance all measured distances are at extremes of their own: a slice contracts far
 better than the box it was cut from. Both ends of every interval are trimmed by slices of
 decreasing thickness. The remaining slices are thin ones, which are halved across the other pairs
 until they are proved empty or hold a placement. Tightening ends early when slices cut nothing off.
-
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from itertools import count, product
 
 import numpy as np
 
-from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
-from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.contract.status import Status
-from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.linear_programs import (
+    narrow_by_linear_programs,
+    unexplained_pairs,
+)
 from dg_localization.solver.search.pruning import Pair, Pruner
 
 THICKEST_SLICE = 0.5
@@ -55,13 +56,6 @@ SLICE_POWER = 4
 
 LEAST_CUT_OF_INTERVAL = 0.01
 """A smaller cut, as a fraction of the interval, counts as none."""
-
-LOCAL_ROUNDS = 2
-LEAST_LOCAL_GAIN = 0.02
-"""Linear programs are repeated while they shorten some interval by this fraction."""
-
-WELL_EXPLAINED = 0.01
-"""An interval this close to the first-order effect of the errors, relatively, is left alone."""
 
 
 class _Slicer:
@@ -190,56 +184,6 @@ def finds_placement(problem: Problem, box: FloatArray, pair: Pair) -> bool:
     return bool(low <= squared_m2 <= high) and agrees(problem, positions)
 
 
-def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
-    """
-    Return the unknown pairs whose width the errors do not explain, the widest first.
-
-    To first order the explained width is that of the exact hull. An interval that is narrower, as
-    well as a wider one, shows that effects of higher order matter.
-    """
-    width, explained = pruned.box[UPPER] - pruned.box[LOWER], pruned.explained
-    open_pairs = np.isinf(problem.upper) & (explained > 0.0)
-    open_pairs &= np.abs(width - explained) > WELL_EXPLAINED * explained
-    pairs = np.argwhere(np.triu(open_pairs)).tolist()
-    return sorted(((i, j) for i, j in pairs), key=lambda pair: -width[pair] / explained[pair])
-
-
-def narrow_in_local_frames(pruner: Pruner, pruned: Pruned, stopped: Callable[[], bool]) -> bool:
-    """
-    Narrow the unexplained pairs of a box by linear programs, in place.
-
-    Parameters
-    ----------
-    pruner : Pruner
-        Narrows single pairs.
-    pruned : Pruned
-        The box, and what the errors explain of it.
-    stopped : callable
-        Whether to stop early; the box is sound all the same.
-
-    Returns
-    -------
-    bool
-        False when the box is proved to hold no placement.
-
-    """
-    box, n_points = pruned.box, pruner.problem.n_points
-    widths = np.zeros((n_points, n_points))
-    pairs = unexplained_pairs(pruner.problem, pruned)
-    with until(stopped):
-        for _ in range(LOCAL_ROUNDS):
-            remember_widths(box, widths)
-            positions = place_problem(pruner.problem, box)
-            for pair in pairs:
-                if stopped():
-                    return True
-                if not pruner.narrow_pair(box, positions, pair):
-                    return False
-            if largest_gain(box, widths) < LEAST_LOCAL_GAIN:
-                break
-    return True
-
-
 def tighten(
     pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
 ) -> FloatArray | None:
@@ -269,7 +213,7 @@ def tighten(
         return None
     if pruned.status is Status.UNFINISHED:
         return pruned.box
-    if not narrow_in_local_frames(pruner, pruned, stopped):
+    if not narrow_by_linear_programs(pruner, pruned, stopped):
         return None
     ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
     slicer = _Slicer(pruner, pruned.box, slices, stopped)
