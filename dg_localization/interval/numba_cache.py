@@ -114,7 +114,7 @@ class KernelCache(caching.FunctionCache):
             return None
 
     def save_overload(self, *args: Any) -> None:
-        """Keep machine code; a full or read-only disk costs the next process time, no more."""
+        """Keep machine code; what cannot be kept costs the next process time, no more."""
         # Numba reads the index, adds to it and writes it: no other process must do so meanwhile.
         with suppress(OSError), alone(self._writing):
             try:
@@ -123,7 +123,9 @@ class KernelCache(caching.FunctionCache):
                 raise
             except Exception:  # the index is damaged
                 self.flush()
-                super().save_overload(*args)
+                # Under load numba was seen to have no machine code left to write.
+                with suppress(RuntimeError):
+                    super().save_overload(*args)
 
 
 def make_keeper(folder: Path) -> Keeper:

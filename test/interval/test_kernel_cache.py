@@ -221,6 +221,19 @@ def test_private_parts_of_numba_may_be_gone(tiny, before):
     assert tiny.run(before=before) == [[6.0], 1, 0, '']
 
 
+def test_a_kernel_without_machine_code_to_keep_is_no_crash(tiny):
+    before = """
+        from numba.core import codegen
+
+        def nothing(self):
+            raise RuntimeError('no compiled object yet')
+
+        codegen.CodeLibrary._get_compiled_object = nothing
+    """
+    assert tiny.run(before=before) == [[6.0], 0, 1, '']
+    assert tiny.run() == [[6.0], 0, 1, '']
+
+
 def test_old_folders_are_pruned_but_for_those_in_use(home):
     root = home / '.cache' / 'dg_localization'
     now_s = time.time()
