@@ -26,6 +26,9 @@ class SolverOptions:
         Most time to spend, in seconds.
     tighten_slices : int
         How many slices of a finished box to examine, to bring its bounds towards the exact hull.
+    tighten_seconds : float
+        From this time of a call on, in seconds, boxes are not tightened any more. Hypotheses of
+        the whole fleet, which are built when they are asked for, have as much time again.
     max_hypotheses : int
         Most hypotheses of the whole fleet to build from those of its pieces.
 
@@ -40,12 +43,14 @@ class SolverOptions:
     max_boxes: int = 2000
     max_seconds: float = float('inf')
     tighten_slices: int = 0
+    tighten_seconds: float = float('inf')
     max_hypotheses: int = 64
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         self._check_real('resolution', ' m')
         self._check_real('max_seconds', ' s')
+        self._check_real('tighten_seconds', ' s')
         if not math.isfinite(self.resolution):
             raise ValueError(f'resolution is {self.resolution} m, it must be positive and finite')
         for name, least in (('max_boxes', 1), ('tighten_slices', 0), ('max_hypotheses', 1)):

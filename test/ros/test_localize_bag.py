@@ -458,6 +458,7 @@ def test_without_rosbags_the_package_is_named(localize, triangle_bag, capsys, mo
 def test_no_limit_depends_on_a_clock_of_the_machine():
     fleet = read_task(REPOSITORY / CONFIG, []).settings.fleet
     assert fleet.solver.max_seconds == fleet.max_conflict_seconds == float('inf')
+    assert fleet.solver.tighten_seconds == float('inf')
     assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
 
 

@@ -216,6 +216,8 @@ def test_wrong_chiralities(chirality, text):
         ('resolution', True),
         ('resolution', 1j),
         ('max_seconds', None),
+        ('tighten_seconds', 0.0),
+        ('tighten_seconds', float('nan')),
         ('max_boxes', 2.5),
         ('max_boxes', float('inf')),
         ('max_boxes', True),

@@ -105,3 +105,18 @@ def test_without_sides_every_hypothesis_comes_close_to_its_exact_hull(paper_flee
         )
         for pair, (low, high) in hull.items():
             assert found.upper[pair] - found.lower[pair] < 1.02 * (high - low), pair
+
+
+def test_no_box_is_tightened_when_its_time_is_over(paper_fleet):
+    problem = paper_fleet.noisy_problem(RELATIVE_ERROR, paper_fleet.SIDES)
+    wide, late, tight = (
+        solve(problem, options)
+        for options in (
+            SolverOptions(),
+            SolverOptions(tighten_slices=20, tighten_seconds=1e-9),
+            SolverOptions(tighten_slices=20),
+        )
+    )
+    assert late.verdict is wide.verdict
+    assert (late.lower == wide.lower).all() and (late.upper == wide.upper).all()
+    assert (tight.upper < wide.upper).any()

@@ -9,8 +9,9 @@ The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, an
 
 It does in the time of the bag what the node does: the same parameters, the same inputs, the same
 estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
-on every run: no limit depends on a clock of the machine. `solver.max_seconds` and
-`conflicts.max_seconds` are not used, `solver.max_boxes` and `conflicts.max_solves` are.
+on every run: no limit depends on a clock of the machine. `solver.max_seconds`,
+`solver.tighten_seconds` and `conflicts.max_seconds` are not used, `solver.max_boxes` and
+`conflicts.max_solves` are.
 """
 
 import argparse

@@ -88,7 +88,7 @@ def _task_of(node: Node) -> Task:
             fleet=replace(
                 fleet,
                 memory_max_seconds=math.inf,
-                solver=replace(fleet.solver, max_seconds=math.inf),
+                solver=replace(fleet.solver, max_seconds=math.inf, tighten_seconds=math.inf),
                 max_conflict_seconds=math.inf,
             ),
         ),

@@ -125,6 +125,7 @@ class CallBudget:
             self.options,
             max_boxes=max(1, min(int(share * boxes), most_boxes or boxes)),
             max_seconds=max(SHORTEST_S, share * seconds),
+            tighten_seconds=max(SHORTEST_S, self.options.tighten_seconds - self.seconds()),
         )
         cancel = self._cancel if boxes > 0 else _Stopped()
         cover, statistics = search(problem, options, cancel, self._report, within)
@@ -151,7 +152,10 @@ class CallBudget:
 
         """
         seconds = max(SHORTEST_S, self.options.max_seconds - self.seconds())
-        options = replace(self.options, max_boxes=1, max_seconds=seconds)
+        tighten_seconds = max(SHORTEST_S, self.options.tighten_seconds - self.seconds())
+        options = replace(
+            self.options, max_boxes=1, max_seconds=seconds, tighten_seconds=tighten_seconds
+        )
         cover, statistics = search(problem, options, self._cancel)
         if cover.pending:
             return None

@@ -18,6 +18,7 @@ from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.branch_and_prune import Budget
 from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
 from dg_localization.solver.search.tightening import tighten
@@ -72,7 +73,7 @@ def contracted(
     problem : Problem
         The problem.
     options : SolverOptions
-        The resolution, and how many slices to tighten with.
+        The resolution, and with how many slices and how long to tighten.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
     stopped : callable, optional
@@ -86,6 +87,7 @@ def contracted(
 
     """
     n_points = problem.n_points
+    budget = Budget(options)
     box = np.zeros((4, n_points, n_points))
     box[LOWER], box[UPPER] = problem.lower, problem.upper
     if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and stopped()):
@@ -101,7 +103,12 @@ def contracted(
             return None
         box = pruned.box
         if options.tighten_slices:
-            tightened = tighten(Pruner(problem, options), box, options.tighten_slices, stopped)
+            tightened = tighten(
+                Pruner(problem, options),
+                box,
+                options.tighten_slices,
+                lambda: stopped() or budget.tightening_stopped(),
+            )
             if tightened is None:
                 return None
             box = tightened

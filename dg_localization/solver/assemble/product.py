@@ -110,7 +110,17 @@ class Product:
         if len(self.solved.pieces) == 1:
             return tuple(self.solved.pieces[0].hypotheses)
         count = min(self.combinations.number, self._options.max_hypotheses)
-        found = (self._hypothesis(self.combinations[rank], stopped) for rank in range(count))
+        end = time.perf_counter() + self._options.tighten_seconds
+
+        def options() -> SolverOptions:
+            left = end - time.perf_counter()
+            if left <= 0.0:
+                return replace(self._options, tighten_slices=0)
+            return replace(self._options, tighten_seconds=left)
+
+        found = (
+            self._hypothesis(self.combinations[rank], options(), stopped) for rank in range(count)
+        )
         return tuple(hypothesis for hypothesis in found if hypothesis is not None)
 
     @cached_property
@@ -177,7 +187,7 @@ class Product:
         return restricted(self._problem, self._all_points, bounds, constraints)
 
     def _hypothesis(
-        self, combination: Combination, stopped: Callable[[], bool]
+        self, combination: Combination, options: SolverOptions, stopped: Callable[[], bool]
     ) -> Hypothesis | None:
         """Return the whole fleet as a combination has it; None when that is impossible."""
         chosen = [
@@ -189,7 +199,7 @@ class Product:
             for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
         ]
         problem = self._narrowed(parts, combination)
-        bounds = contracted(problem, self._options, self._within, stopped) if problem else None
+        bounds = contracted(problem, options, self._within, stopped) if problem else None
         if problem is None or bounds is None:
             return None
         positions, proved = self._placement(problem, bounds, combination, chosen, stopped)

@@ -55,6 +55,7 @@ class Budget:
     def __init__(self, options: SolverOptions, cancel: Cancel | None = None) -> None:
         self.max_boxes = options.max_boxes
         self._max_seconds = options.max_seconds
+        self._tighten_seconds = options.tighten_seconds
         self._cancel = cancel
         self._start = time.perf_counter()
 
@@ -65,6 +66,10 @@ class Budget:
     def stopped(self) -> bool:
         """Return whether the search has to end."""
         return bool(self._cancel and self._cancel.is_set()) or self.seconds() > self._max_seconds
+
+    def tightening_stopped(self) -> bool:
+        """Return whether boxes are to be left as wide as they are."""
+        return self.stopped() or self.seconds() > self._tighten_seconds
 
     def statistics(self, cover: Cover, n_pending: int) -> Statistics:
         """Return the effort so far."""

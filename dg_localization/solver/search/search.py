@@ -119,7 +119,7 @@ def _cover(
 
 def _tighten_kept(cover: Cover, pruner: Pruner, slices: int, budget: Budget) -> None:
     """Tighten the boxes that were kept; one that turns out to be empty is dropped."""
-    tightened = [tighten(pruner, box, slices, budget.stopped) for box in cover.kept]
+    tightened = [tighten(pruner, box, slices, budget.tightening_stopped) for box in cover.kept]
     left = [box for box in tightened if box is not None]
     cover.empty += len(cover.kept) - len(left)
     cover.kept = left

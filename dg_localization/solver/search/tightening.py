@@ -207,6 +207,8 @@ def tighten(
         The narrower box; None when it is proved to hold no placement.
 
     """
+    if stopped():
+        return box
     # Contraction also returns which widths the errors explain.
     pruned = pruner.prune(box, stopped)
     if pruned.status is Status.EMPTY:

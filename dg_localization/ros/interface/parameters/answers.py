@@ -77,5 +77,15 @@ SOLVER = Section(
             at_least=0,
             details='More slices give narrower bounds and take longer; 0 skips the tightening.',
         ),
+        Spec(
+            'solver.tighten_seconds',
+            DOUBLE,
+            0.1,
+            'time of one solve from which on nothing is tightened any more',
+            's',
+            0.001,
+            finite=False,
+            details='When it is over bounds are wider, never wrong.',
+        ),
     ),
 )

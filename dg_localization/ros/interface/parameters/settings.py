@@ -337,6 +337,7 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
             max_boxes=values['solver.max_boxes'],
             max_seconds=values['solver.max_seconds'],
             tighten_slices=values['solver.tighten_slices'],
+            tighten_seconds=values['solver.tighten_seconds'],
         ),
     )
 
