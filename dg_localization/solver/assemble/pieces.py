@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations, product
 import math
 
 import numpy as np
@@ -21,9 +21,9 @@ from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.large_pieces import MOST_TOGETHER, LargePiece, solve_large
-from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
+from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
-from dg_localization.solver.decompose.decomposition import Decomposition, pairs_of
+from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
@@ -38,8 +38,6 @@ MOST_RANGES = 16
 
 FIRST_SHARE = 0.5
 """At first a piece may take this part of a fair share: easy ones do not wait for hard ones."""
-
-Ranges = dict[Pair, tuple[float, float]]
 
 
 @dataclass
@@ -263,11 +261,11 @@ class PieceSolver:
                 task.searches.append(_searched(problem, self._budget, part, within))
         task.gather()
 
-    def _given(self, task: _Task) -> list[Bounds | None]:
+    def _given(self, task: _Task) -> list[Ranges]:
         """Return the bounds that earlier pieces put on pairs of a piece which nobody measured."""
         choices: list[list[Ranges]] = []
         for joint in (joint for number in task.numbers for joint in self._joints_of[number]):
-            pairs = [p for p in pairs_of(joint.points) if math.isinf(self._problem.upper[p])]
+            pairs = self._unmeasured(joint.points)
             solved = (self._tasks[x] for x in joint.pieces)
             holder = next((t for t in solved if t is not task and t.hypotheses), None)
             if pairs and holder is not None:
@@ -277,18 +275,13 @@ class PieceSolver:
         while math.prod(len(ranges) for ranges in choices) > most:
             longest = max(range(len(choices)), key=lambda x: len(choices[x]))
             choices[longest] = [_hull(choices[longest])]
-        return [self._bounds(task.points, ranges) for ranges in product(*choices)]
+        return [_common(ranges) for ranges in product(*choices)]
 
-    def _bounds(self, points: Points, ranges: tuple[Ranges, ...]) -> Bounds | None:
-        """Return the bounds of all pairs of some points from those of a few."""
-        if not ranges:
-            return None
-        lower, upper = unbounded(len(points))
-        for pair, (low, high) in (item for given in ranges for item in given.items()):
-            i, j = points.index(pair[0]), points.index(pair[1])
-            lower[i, j] = lower[j, i] = max(low, lower[i, j])
-            upper[i, j] = upper[j, i] = min(high, upper[i, j])
-        return lower, upper
+    def _unmeasured(self, points: Points) -> list[Pair]:
+        """Return the pairs of a few points that nobody measured."""
+        _, upper = self._problem.bounds_among(points)
+        ends = combinations(range(len(points)), 2)
+        return [(points[x], points[y]) for x, y in ends if math.isinf(upper[x, y])]
 
     def _solved(self) -> SolvedPieces:
         """Return the pieces under their final numbers."""
@@ -312,10 +305,10 @@ def _ranges(piece: _Task, pairs: list[Pair]) -> list[Ranges]:
     """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
     found: list[Ranges] = []
     for hypothesis in piece.hypotheses or []:
-        new: Ranges = {}
-        for pair in pairs:
-            index = piece.points.index(pair[0]), piece.points.index(pair[1])
-            new[pair] = hypothesis.bounds_of_pair(*index)
+        new: Ranges = {
+            pair: hypothesis.bounds_of_pair(*(piece.points.index(point) for point in pair))
+            for pair in pairs
+        }
         while touching := [ranges for ranges in found if _touch(ranges, new)]:
             found = [ranges for ranges in found if ranges not in touching]
             new = _hull([new, *touching])
@@ -328,6 +321,15 @@ def _touch(first: Ranges, second: Ranges) -> bool:
     return all(
         low <= second[pair][1] and second[pair][0] <= high for pair, (low, high) in first.items()
     )
+
+
+def _common(ranges: Iterable[Ranges]) -> Ranges:
+    """Return what several ranges, each of some pairs, have in common."""
+    common: dict[Pair, tuple[float, float]] = {}
+    for pair, (low, high) in (item for given in ranges for item in given.items()):
+        least, most = common.get(pair, (0.0, math.inf))
+        common[pair] = max(low, least), min(high, most)
+    return common
 
 
 def _hull(ranges: list[Ranges]) -> Ranges:
