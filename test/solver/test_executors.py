@@ -11,7 +11,7 @@ import threading
 from joined_cases import missing
 import numpy as np
 import pytest
-from solver_cases import squared_distances
+from solver_cases import bounds, squared_distances
 from test_patches import braced_grid
 
 from dg_localization import Chirality, Problem, SolverOptions, Verdict, solve
@@ -63,7 +63,23 @@ def check_same(result, other):
                 assert (h.positions == g.positions).all() and h.proved == g.proved
 
 
+def chain_of_triangles(count):
+    """Return triangles and fours, each hinged to the next in one point."""
+    rng = np.random.default_rng(0)
+    ranges = {}
+    last = 0
+    for number in range(count):
+        points = [last, *range(last + 1, last + 3 + number % 2)]
+        places = rng.uniform(0.0, 5.0, (len(points), 2))
+        squared = squared_distances(places)
+        for x, y in np.argwhere(np.triu(squared, 1)).tolist():
+            ranges[points[x], points[y]] = (0.98 * squared[x, y], 1.02 * squared[x, y])
+        last = points[-1]
+    return Problem(*bounds(last + 1, ranges))
+
+
 PROBLEMS = {
+    'a chain of small pieces': chain_of_triangles(30),
     'one large piece': braced_grid(9, 9, 0.01)[0],
     'many pieces': braced_grid(8, 8, 0.03, holes=0.3)[0],
 }

@@ -133,7 +133,11 @@ class CallBudget:
         return cover
 
     def solve_parts(
-        self, parts: Iterable[Part], most_boxes: int, stopped: Callable[[], bool]
+        self,
+        parts: Iterable[Part],
+        most_boxes: int,
+        stopped: Callable[[], bool],
+        slices: int,
     ) -> Iterator[SolvedPart]:
         """
         Solve independent parts, in their order and with all that is left.
@@ -146,6 +150,8 @@ class CallBudget:
             Most boxes that each may take.
         stopped : callable
             Whether to stop early.
+        slices : int
+            How many slices to tighten each with.
 
         Yields
         ------
@@ -157,27 +163,70 @@ class CallBudget:
             for part in parts:
                 if stopped():
                     return
-                yield self._solved(part, most_boxes)
+                yield self._solved(part, most_boxes, slices)
             return
-        options = self._share(1.0, most_boxes)
+        options = replace(self._share(1.0, most_boxes), tighten_slices=slices)
         for part, solved in self.workers.solved(parts, options, stopped):
-            # With fewer boxes left than it was given a part may end otherwise.
-            most = self._share(1.0, most_boxes).max_boxes if self._boxes() > 0 else 0
-            is_same = solved.statistics.processed <= most and (
-                most == options.max_boxes or not solved.cover.pending
-            )
-            if is_same:
-                self._spend(solved.statistics, has_boxes=True)
-                self._report(Statistics())
+            if self.take(solved, options.max_boxes, 1.0, most_boxes):
                 yield solved
             else:
-                yield self._solved(part, most_boxes)
+                yield self._solved(part, most_boxes, slices)
 
-    def _solved(self, part: Part, most_boxes: int) -> SolvedPart:
+    def solve_ahead(self, parts: Sequence[Part], share: float) -> tuple[list[SolvedPart], int]:
+        """
+        Have workers solve parts, each with a share of what is left, and count nothing yet.
+
+        Returns
+        -------
+        tuple of (list of SolvedPart, int)
+            The first of the parts, as many as there was time for, and the boxes that each was
+            given: for `take`.
+
+        """
+        if self.workers is None:
+            return [], 0
+        options = self._share(share, None)
+        # They share the workers, and so the time.
+        options = replace(options, max_seconds=self.options.max_seconds - self.seconds())
+        found = self.workers.solved(parts, options, self.is_over)
+        return [solved for _, solved in found], options.max_boxes
+
+    def take(
+        self, solved: SolvedPart, given_boxes: int, share: float, most_boxes: int | None = None
+    ) -> bool:
+        """
+        Count what a worker did, where this process would have done the same by now.
+
+        Parameters
+        ----------
+        solved : SolvedPart
+            What the worker did.
+        given_boxes : int
+            How many boxes it was given.
+        share, most_boxes : optional
+            What this process would give to the part.
+
+        Returns
+        -------
+        bool
+            False where a part with fewer or more boxes might end otherwise; nothing is counted.
+
+        """
+        most = self._share(share, most_boxes).max_boxes if self._boxes() > 0 else 0
+        if solved.statistics.processed > most:
+            return False
+        if most != given_boxes and solved.cover.pending:
+            return False
+        self._spend(solved.statistics, has_boxes=True)
+        self._report(Statistics())
+        return True
+
+    def _solved(self, part: Part, most_boxes: int, slices: int) -> SolvedPart:
         """Solve one part in this process."""
         has_boxes = self._boxes() > 0
         cancel = self._cancel if has_boxes else _Stopped()
-        solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._report)
+        options = replace(self._share(1.0, most_boxes), tighten_slices=slices)
+        solved = solve_part(part, options, cancel, self._report)
         self._spend(solved.statistics, has_boxes)
         return solved
 

@@ -22,6 +22,7 @@ from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.large_pieces import MOST_TOGETHER, LargePiece, solve_large
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
+from dg_localization.solver.assemble.tasks import Part, SolvedPart
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Pair
@@ -32,6 +33,7 @@ from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.search import POINTS_PER_WORKER
 
 MOST_RANGES = 16
 """A piece is solved at most so often, for different ranges of what it is given."""
@@ -89,6 +91,7 @@ class _Search:
     kept: list[FloatArray]
     pending: list[FloatArray]
     large: LargePiece | None = None
+    found: Sequence[Hypothesis] | None = None  # by a worker, with the cover
 
     def is_pending(self) -> bool:
         """Return whether some boxes were not examined."""
@@ -100,6 +103,8 @@ class _Search:
         """Return the hypotheses that the cover makes, or those that patches made."""
         if self.large is not None and self.large.cover is None:
             return self.large.hypotheses
+        if self.found is not None:
+            return self.found
         return hypotheses_of(self.problem, self.kept + self.pending)
 
 
@@ -178,6 +183,8 @@ class PieceSolver:
         self._budget = budget
         self._within = within
         self._joints = decomposition.joints
+        self._ahead: dict[int, SolvedPart] = {}
+        self._given_boxes = 0
         parts = enumerate(decomposition.pieces)
         self._tasks = [_Task(part.points, [number]) for number, part in parts]
         self._joints_of: list[list[Joint]] = [[] for _ in self._tasks]
@@ -187,6 +194,7 @@ class PieceSolver:
 
     def run(self) -> SolvedPieces:
         """Solve all pieces, until one of them cannot exist."""
+        self._solve_ahead()
         for number in range(len(self._tasks)):
             self._merge_degenerate(number)
             task = self._tasks[number]
@@ -197,6 +205,25 @@ class PieceSolver:
             if not task.hypotheses:
                 return SolvedPieces(contradiction=task.points)
         return self._solved()
+
+    def _solve_ahead(self) -> None:
+        """Have workers, where there are any, solve the small pieces that wait for no other."""
+        if self._budget.workers is None:
+            return
+        numbers = [
+            number
+            for number, task in enumerate(self._tasks)
+            if len(task.points) < POINTS_PER_WORKER
+            and not any(j.kind is JointKind.REFLECTION for j in self._joints_of[number])
+        ]
+        parts = []
+        for number in numbers:
+            points = self._tasks[number].points
+            within = self._within and _restricted(self._within, points)
+            constraints = self._orientations.among(points)
+            parts.append(Part(restricted(self._problem, points, None, constraints), within))
+        solved, self._given_boxes = self._budget.solve_ahead(parts, self._share(0))
+        self._ahead = dict(zip(numbers, solved, strict=False))
 
     def _share(self, number: int) -> float:
         """Return which part of what is left a piece may take at first."""
@@ -219,7 +246,7 @@ class PieceSolver:
             self._budget.take_back(len(starts))
             cover = self._budget.search(search.problem, 1.0 / (len(searches) - x), starts)
             search.kept += cover.kept
-            search.pending = cover.pending
+            search.pending, search.found = cover.pending, None
             task.gather()
             yield task
 
@@ -258,8 +285,17 @@ class PieceSolver:
             problem = restricted(self._problem, task.points, bounds, constraints)
             if problem is not None:
                 part = share / (len(given) - x)
-                task.searches.append(_searched(problem, self._budget, part, within))
+                search = self._found_ahead(task, problem, part)
+                task.searches.append(search or _searched(problem, self._budget, part, within))
         task.gather()
+
+    def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
+        """Return what a worker found of a piece, None where that is not what would be found."""
+        solved = self._ahead.get(task.numbers[0])
+        if solved is None or not self._budget.take(solved, self._given_boxes, share):
+            return None
+        cover = solved.cover
+        return _Search(problem, cover.kept, cover.pending, found=solved.hypotheses)
 
     def _given(self, task: _Task) -> list[Ranges]:
         """Return the bounds that earlier pieces put on pairs of a piece which nobody measured."""

@@ -80,31 +80,56 @@ class ChainGraph:
 
         """
         start, neighbors = self._graph
-        needed = np.zeros(self._n_points, dtype=np.bool_)
-        needed[points] = True
-        for point in points:
-            needed[neighbors[start[point] : start[point + 1]]] = True
-        sources = np.flatnonzero(needed)
+        column_of = np.full(self._n_points, -1)
+        column_of[points] = np.arange(len(points))
+        sources, radii_m = _sources(start, neighbors, self._lower, np.asarray(points))
         row_of = np.full(self._n_points, -1)
         row_of[sources] = np.arange(len(sources))
-        lengths_m = _chain_lengths(start, neighbors, self._upper, sources, row_of)
+        lengths_m = _chain_lengths(start, neighbors, self._upper, sources, radii_m, column_of)
         args = start, neighbors, self._lower, self._upper
         lower, upper = _bounds(*args, np.asarray(points), row_of, lengths_m)
         return np.maximum(lower, lower.T), np.minimum(upper, upper.T)
 
 
 @kernel
+def _sources(
+    start: IntArray, neighbors: IntArray, lower: FloatArray, points: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """
+    Return where chains to some points have to begin, and how long in m they may be to matter.
+
+    A chain from one of the points may have any length. One from a neighbor serves to show that a
+    pair exceeds it, and is of no use beyond the length of that pair.
+    """
+    radius_m = np.full(len(start) - 1, -1.0)
+    for i in points:
+        for z in range(start[i], start[i + 1]):
+            j = neighbors[z]
+            radius_m[j] = max(radius_m[j], sqrt_up(lower[z]))
+    for i in points:
+        radius_m[i] = np.inf
+    sources = np.flatnonzero(radius_m >= 0.0)
+    return sources, radius_m[sources]
+
+
+@kernel
 def _chain_lengths(
-    start: IntArray, neighbors: IntArray, upper: FloatArray, sources: IntArray, row_of: IntArray
+    start: IntArray,
+    neighbors: IntArray,
+    upper: FloatArray,
+    sources: IntArray,
+    radii_m: FloatArray,
+    column_of: IntArray,
 ) -> FloatArray:
     """
-    Return the length in m of the shortest chain from each source to each other, rounded up.
+    Return the length in m of the shortest chain from each source to each target, rounded up.
 
-    Row and column of a source are ``row_of[source]``. No chain is followed farther than to the
-    last source that it leads to.
+    The columns of the targets are ``column_of[target]``, -1 elsewhere. No chain is followed beyond
+    the radius of its source, nor farther than to the last target.
     """
     n_points = len(start) - 1
-    lengths_m = np.full((len(sources), len(sources)), np.inf)
+    n_targets = (column_of >= 0).sum()
+    lengths_m = np.full((len(sources), n_targets), np.inf)
     length_m = np.full(n_points, np.inf)
     reached = np.empty(n_points, dtype=np.int64)
     heap_m = np.empty(len(neighbors) + 1)
@@ -114,15 +139,17 @@ def _chain_lengths(
         reached[0], n_reached = sources[row], 1
         heap_m[0], heap[0] = 0.0, sources[row]
         size = 1
-        n_left = len(sources)
+        n_left = n_targets
         while size and n_left:
             here_m, point = heap_m[0], heap[0]
             size -= 1
             _sink(heap_m, heap, size, heap_m[size], heap[size])
+            if here_m > radii_m[row]:
+                break
             if here_m > length_m[point]:
                 continue
-            if row_of[point] >= 0:
-                lengths_m[row, row_of[point]] = here_m
+            if column_of[point] >= 0:
+                lengths_m[row, column_of[point]] = here_m
                 n_left -= 1
             for x in range(start[point], start[point + 1]):
                 other = neighbors[x]
@@ -181,7 +208,7 @@ def _bounds(
         i = points[x]
         for y in range(size):
             if x != y:
-                length_m = lengths_m[row_of[i], row_of[points[y]]]
+                length_m = lengths_m[row_of[i], y]
                 high[x, y] = square_up(length_m) if length_m < np.inf else np.inf
         for z in range(start[i], start[i + 1]):
             j = neighbors[z]
@@ -192,7 +219,7 @@ def _bounds(
                     low[x, y] = max(low[x, y], lower[z])
                     high[x, y] = min(high[x, y], upper[z])
                 elif k != i:
-                    rest_m = down(least_m - lengths_m[row_of[j], row_of[k]])
+                    rest_m = down(least_m - lengths_m[row_of[j], y])
                     if rest_m > 0.0:
                         low[x, y] = max(low[x, y], square_down(rest_m))
     return low, high

@@ -101,13 +101,15 @@ class Neighborhoods:
         """Return the points on a shortest path of known pairs in a body to each of some ends."""
         before = {start: start}
         front = [start]
-        while front:
+        left = set(ends) - {start}
+        while front and left:
             reached = []
             for point in front:
                 for other in self.neighbors[point]:
                     if other in body and other not in before:
                         before[other] = point
                         reached.append(other)
+                        left.discard(other)
             front = reached
         on_paths = set()
         for end in ends:

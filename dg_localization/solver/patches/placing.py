@@ -26,6 +26,9 @@ from dg_localization.solver.decompose.rigid_components import Points
 MOST_STEPS = 40
 """Most steps of least squares."""
 
+LEAST_GAIN = 1e-6
+"""Least squares ends when a step takes off less than this part of what is left."""
+
 MOST_GRADIENTS = 100
 """Most conjugate gradients of a step."""
 
@@ -200,7 +203,7 @@ def refined(
         trial_misfits, trial_slopes = _misfits(trial, pairs, lower, upper, margin)
         trial_total = float(trial_misfits @ trial_misfits)
         if trial_total < total:
-            if trial_total > 0.999999 * total:
+            if trial_total > (1.0 - LEAST_GAIN) * total:
                 break
             best, misfits, slopes = trial, trial_misfits, trial_slopes
             total, damping = trial_total, max(0.1 * damping, 1e-9)
