@@ -133,11 +133,7 @@ class CallBudget:
         return cover
 
     def solve_parts(
-        self,
-        parts: Iterable[Part],
-        most_boxes: int,
-        stopped: Callable[[], bool],
-        slices: int,
+        self, parts: Iterable[Part], most_boxes: int, stopped: Callable[[], bool]
     ) -> Iterator[SolvedPart]:
         """
         Solve independent parts, in their order and with all that is left.
@@ -150,8 +146,6 @@ class CallBudget:
             Most boxes that each may take.
         stopped : callable
             Whether to stop early.
-        slices : int
-            How many slices to tighten each with.
 
         Yields
         ------
@@ -163,14 +157,14 @@ class CallBudget:
             for part in parts:
                 if stopped():
                     return
-                yield self._solved(part, most_boxes, slices)
+                yield self._solved(part, most_boxes)
             return
-        options = replace(self._share(1.0, most_boxes), tighten_slices=slices)
+        options = self._share(1.0, most_boxes)
         for part, solved in self.workers.solved(parts, options, stopped):
             if self.take(solved, options.max_boxes, 1.0, most_boxes):
                 yield solved
             else:
-                yield self._solved(part, most_boxes, slices)
+                yield self._solved(part, most_boxes)
 
     def solve_ahead(self, parts: Sequence[Part], share: float) -> tuple[list[SolvedPart], int]:
         """
@@ -221,12 +215,11 @@ class CallBudget:
         self._report(Statistics())
         return True
 
-    def _solved(self, part: Part, most_boxes: int, slices: int) -> SolvedPart:
+    def _solved(self, part: Part, most_boxes: int) -> SolvedPart:
         """Solve one part in this process."""
         has_boxes = self._boxes() > 0
         cancel = self._cancel if has_boxes else _Stopped()
-        options = replace(self._share(1.0, most_boxes), tighten_slices=slices)
-        solved = solve_part(part, options, cancel, self._report)
+        solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._report)
         self._spend(solved.statistics, has_boxes)
         return solved
 

@@ -81,9 +81,7 @@ def solve_large(
     """
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE
-    # What is contracted as a whole afterwards is tightened then.
-    slices = 0 if is_whole else budget.options.tighten_slices
-    solved = PatchSolver(problem, budget, share_of_patches * share, within, slices).run()
+    solved = PatchSolver(problem, budget, share_of_patches * share, within).run()
     if solved is None:
         return None
     if solved.is_empty():

@@ -110,8 +110,6 @@ class PatchSolver:
         The fraction of the time left that the patches may take.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
-    slices : int
-        How many slices to tighten each patch with.
 
     """
 
@@ -121,12 +119,10 @@ class PatchSolver:
         budget: CallBudget,
         share: float,
         within: Sequence[Bounds] | None,
-        slices: int,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
-        self._slices = slices
         self._orientations = Orientations(problem)
         self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
@@ -172,7 +168,7 @@ class PatchSolver:
     ) -> Iterator[Patch]:
         """Solve patches within what is known of their pairs, while there is time."""
         parts = (self._part(points, known) for points in chosen)
-        solved = self._budget.solve_parts(parts, most_boxes, self._is_over, self._slices)
+        solved = self._budget.solve_parts(parts, most_boxes, self._is_over)
         for points, found in zip(chosen, solved, strict=False):
             pending = {box[: UPPER + 1].tobytes() for box in found.cover.pending}
             yield Patch(points, list(found.hypotheses), pending)
