@@ -28,7 +28,7 @@ class SuspectKind(StrEnum):
     """All that one sensor says: a camera, a ranging, or a mounted sensor."""
 
     ROBOT = 'robot'
-    """All that a robot measures, and all that is measured of it."""
+    """All that a robot measures and all that is measured of it, or of a landmark."""
 
 
 @dataclass(frozen=True, order=True)
@@ -163,8 +163,8 @@ def line_up(
         sensor = Suspect(SuspectKind.SENSOR, observation.name, measures=tuple(sorted(measures)))
         sensors.setdefault(sensor, set()).add(observation)
         for point in (observation.name, observation.target):
-            robot = Suspect(SuspectKind.ROBOT, point.partition('/')[0])
-            robots.setdefault(robot, set()).add(observation)
+            name = point.rpartition('/')[0] if point in mounted else point
+            robots.setdefault(Suspect(SuspectKind.ROBOT, name), set()).add(observation)
     return Lineup(links, _frozen(sensors), _frozen(robots))
 
 
