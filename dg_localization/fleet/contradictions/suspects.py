@@ -112,13 +112,10 @@ class Lineup:
         return frozenset(key for one in observations for key in self.links[one])
 
     def sensors_of(self, suspects: Iterable[Suspect]) -> Suspects:
-        """Return the sensors that suspects name: those of their observations, or themselves."""
-        observations = set(suspects)
-        return frozenset(
-            sensor
-            for sensor, covered in self.sensors.items()
-            if sensor in observations or covered & observations
-        )
+        """Return the sensors of observations; sensors and robots stand for themselves."""
+        named = frozenset(suspects)
+        whole = named - self.links.keys()
+        return whole.union(sensor for sensor, covered in self.sensors.items() if covered & named)
 
     def in_short(self, observations: Suspects) -> Suspects:
         """Return who is to blame where all of some observations are wrong: one name if it can."""
