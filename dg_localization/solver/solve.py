@@ -147,6 +147,7 @@ def load_kernels() -> float:
             len(answer(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
+    len(answer(_braced_block(), CallBudget(options)).hypotheses)
     for hypothesis in answer(_braced_grid(), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
     return time.perf_counter() - start
@@ -189,3 +190,14 @@ def _braced_grid() -> Problem:
     squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     upper = np.where(squared < 2.5, 1.02 * squared, np.inf)
     return Problem(np.where(squared < 2.5, squared, 0.0), upper)
+
+
+def _braced_block() -> Problem:
+    """Return a piece in space that is large enough to be placed point by point."""
+    corners = np.stack(np.unravel_index(np.arange(12), (3, 2, 2)), axis=1).astype(np.float64)
+    squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
+    measured = squared < 2.5
+    # A corner that is held by few pairs is not tried as part of one box.
+    measured[0, 3] = measured[3, 0] = False
+    upper = np.where(measured, 1.02 * squared, np.inf)
+    return Problem(np.where(measured, squared, 0.0), upper, 3)

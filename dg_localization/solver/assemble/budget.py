@@ -89,6 +89,12 @@ class CallBudget:
             self.spent, kept=self.spent.kept - n_split, split=self.spent.split + n_split
         )
 
+    def count_split(self) -> None:
+        """Note that a box was split by other means than the search."""
+        self.spent = replace(
+            self.spent, processed=self.spent.processed + 1, split=self.spent.split + 1
+        )
+
     def accept(self, n_pending: int) -> None:
         """Note that boxes which a search left pending are kept as they are."""
         self.spent = replace(
@@ -104,6 +110,7 @@ class CallBudget:
         share: float,
         within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
         most_boxes: int | None = None,
+        at_gaps: bool = False,
     ) -> Cover:
         """
         Cover the placements of a piece with a share of what is left.
@@ -118,6 +125,8 @@ class CallBudget:
             The boxes in m^2 to search in; everywhere when there are none.
         most_boxes : int, optional
             Most boxes to process, besides the share.
+        at_gaps : bool, optional
+            Whether boxes are split at gaps only.
 
         Returns
         -------
@@ -128,7 +137,7 @@ class CallBudget:
         options = self._share(share, most_boxes)
         has_boxes = self._boxes() > 0
         cancel = self._cancel if has_boxes else _Stopped()
-        cover, statistics = search(problem, options, cancel, self._report, within)
+        cover, statistics = search(problem, options, cancel, self._report, within, at_gaps=at_gaps)
         self._spend(statistics, has_boxes)
         return cover
 
@@ -245,7 +254,7 @@ class CallBudget:
             statistics = replace(statistics, processed=0, empty=0)
         self.spent += statistics
 
-    def search_in_one_box(self, problem: Problem) -> Cover | None:
+    def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover | None:
         """
         Cover the placements of a problem by one box.
 
@@ -253,6 +262,8 @@ class CallBudget:
         ----------
         problem : Problem
             The problem.
+        share : float, optional
+            The fraction of the time left that it may take.
 
         Returns
         -------
@@ -261,7 +272,7 @@ class CallBudget:
             time is over, which counts as no effort.
 
         """
-        seconds = max(LEAST_S, self.options.max_seconds - self.seconds())
+        seconds = max(LEAST_S, share * (self.options.max_seconds - self.seconds()))
         tighten_seconds = max(LEAST_S, self.options.tighten_seconds - self.seconds())
         options = replace(
             self.options, max_boxes=1, max_seconds=seconds, tighten_seconds=tighten_seconds

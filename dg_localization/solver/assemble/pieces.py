@@ -28,6 +28,7 @@ from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.growth.solver import is_grown, solve_grown
 from dg_localization.solver.patches.solver import MOST_WHOLE, SolvedPatches
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
@@ -139,6 +140,9 @@ def _searched(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
 ) -> _Search:
     """Solve a piece for one choice of what it is given, with a share of what is left."""
+    grown = solve_grown(problem, budget, share, within)
+    if grown is not None:
+        return _Search(problem, grown.kept, grown.pending)
     if problem.n_points <= MOST_WHOLE:
         cover = budget.search(problem, share, within)
         return _Search(problem, cover.kept, cover.pending)
@@ -230,7 +234,7 @@ class PieceSolver:
         if len(self._tasks) == 1:
             return 1.0
         left = [len(task.points) for task in self._tasks[number:]]
-        if left[0] > MOST_CONTRACTED:
+        if left[0] > MOST_CONTRACTED or is_grown(left[0], self._problem.dimension):
             # There is no second time for it.
             return left[0] / sum(left)
         return FIRST_SHARE / len(left)
