@@ -40,7 +40,6 @@ def test_a_sensor_that_lies_is_named_and_counted(bench, make_node):
     assert status.values['suspects'] == "robot_1's ranging"
     assert status.values['offender_0'].startswith(text)
     assert status.values['offender_0'].endswith('contradictions of the last 60 s')
-    assert 'contradicting inputs dropped' in status.message
 
 
 def test_a_stuck_sensor_is_named_with_its_value_and_since_when(bench, make_node):
