@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.snapshot import Snapshot
@@ -20,6 +22,7 @@ from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place
 from dg_localization.fleet.window.shape_headings import (
     COARSE_CELLS,
     FINE_CELLS,
+    JOINT_BOXES,
     Narrowed,
     narrow_placement,
 )
@@ -117,19 +120,29 @@ class Recollection:
         Left
 
         """
-        possible = self._tried(placements, frame, COARSE_CELLS)
+        possible = self._tried(placements, frame, COARSE_CELLS, 0)
         most = possible.placements[:MOST_REFINED]
-        refined = self._tried(most, frame, FINE_CELLS)
+        refined = self._tried(most, frame, self._cells, JOINT_BOXES)
         others = possible.placements[MOST_REFINED:]
         return Left(refined.placements + others, possible.ruled_out + refined.ruled_out)
 
-    def _tried(self, placements: Sequence[Placement], frame: FixedFrame, cells: int) -> Left:
+    @property
+    def _cells(self) -> int:
+        """How finely tables resolve headings: joint poses know neither rays nor outliers."""
+        rays = any(np.isfinite(part.ray_errors_rad).any() for part in self.readings.values())
+        return FINE_CELLS if rays or self.config.window_outliers else COARSE_CELLS
+
+    def _tried(
+        self, placements: Sequence[Placement], frame: FixedFrame, cells: int, max_boxes: int
+    ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
         left: list[Placement] = []
         ruled_out: list[str] = []
         lone = True
         for number, placement in enumerate(placements):
-            narrowed = self._narrow(placement, frame, cells, len(placements) - number)
+            options = HeadingOptions(cells, self.config.window_outliers, max_rounds=1)
+            tasks = len(placements) - number
+            narrowed = self._narrow(placement, frame, options, max_boxes, tasks)
             image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
             if narrowed.placement is not None:
                 mirrored = placement.mirrored and not lone
@@ -139,7 +152,14 @@ class Recollection:
             lone = narrowed.placement is None
         return Left(tuple(left), tuple(ruled_out))
 
-    def _narrow(self, placement: Placement, frame: FixedFrame, cells: int, tasks: int) -> Narrowed:
+    def _narrow(
+        self,
+        placement: Placement,
+        frame: FixedFrame,
+        options: HeadingOptions,
+        max_boxes: int,
+        tasks: int,
+    ) -> Narrowed:
         """Return what the window leaves of one of some placements."""
         reference = 0
         if frame.kind is FrameKind.HEADING:
@@ -150,7 +170,8 @@ class Recollection:
             reference,
             self.readings,
             self.pose_sets,
-            HeadingOptions(cells, self.config.window_outliers, max_rounds=1),
+            options,
+            max_boxes,
             self.allowance.part(tasks),
         )
 
