@@ -29,7 +29,16 @@ from dg_localization.interval.rounding import (
     square_up,
     up,
 )
-from dg_localization.pairs.cuts import A, A_ERROR, B, B_ERROR, ERROR_RADIUS, FARTHEST, NEAREST, TERMS
+from dg_localization.pairs.cuts import (
+    A_ERROR,
+    B_ERROR,
+    ERROR_RADIUS,
+    FARTHEST,
+    NEAREST,
+    TERMS,
+    A,
+    B,
+)
 from dg_localization.pairs.half_spaces import HIGH, LOW, X, Y, beyond_first_order, with_error
 from dg_localization.solver.contract.simplex import set_multipliers
 
@@ -130,9 +139,7 @@ def _write_row(
         least = sqrt_down(down(square_down(nearest) - square_up(stray)))
         backward = reach + error + below_a + below_b - along
         if with_error(backward, magnitude) < least:
-            room = with_error(
-                along - least + error + above_a + above_b, magnitude + row[NEAREST]
-            )
+            room = with_error(along - least + error + above_a + above_b, magnitude + row[NEAREST])
             low = max(low, -room)
     if high < -reach or low > reach or low > high:
         return -1

@@ -52,6 +52,8 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
         contradicts |= bool(group.placements) and not left.placements
         groups.append(_narrowed_group(group, left))
         ruled_out += left.ruled_out
+    if contradicts and recalled.carried is not None:
+        return narrow_answer(found, plans, recalled.without_carried())
     if contradicts:
         return NarrowedAnswer(found, (), recalled.without_anything())
     answer = replace(

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,16 +19,19 @@ from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.forgetting import Forgotten, also_forgotten
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
+from dg_localization.fleet.window.proved import CarriedPlacements, Proved
 from dg_localization.fleet.window.shape_headings import (
     COARSE_CELLS,
     FINE_CELLS,
     JOINT_BOXES,
     Narrowed,
     narrow_placement,
+    within_bounds,
 )
 from dg_localization.pairs import HeadingOptions, PairReadings
 from dg_localization.solver.options import Cancel
 
+PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measured now'
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
 
 MOST_PARTNERS = 4
@@ -36,6 +39,12 @@ MOST_PARTNERS = 4
 
 MOST_IN_TABLE = 40
 """Observations of a pair that narrow headings: more cost time and tell little more."""
+
+WINDOW_SHARE = 0.5
+"""
+Of the memory, for what robots measured of each other. An estimate proves something of the next
+one for the rest of it: nothing older than the memory has any effect.
+"""
 
 MOST_REFINED = 16
 """Of more placements than these, the others get coarse headings only."""
@@ -77,6 +86,8 @@ class Recollection:
         The links of the moment that the pose sets stand for: any of them may be an outlier.
     forgotten : tuple of Forgotten
         What contradicts itself.
+    carried : CarriedPlacements, optional
+        What an earlier estimate proved.
 
     """
 
@@ -88,6 +99,7 @@ class Recollection:
     pose_sets: PoseSets = NO_POSE_SETS
     replaced: frozenset[LinkKey] = frozenset()
     forgotten: tuple[Forgotten, ...] = ()
+    carried: CarriedPlacements | None = None
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
@@ -95,6 +107,11 @@ class Recollection:
         ends |= _ends_of(self.config, self.pose_sets.relative)
         forgotten = (*self.forgotten, Forgotten(ends, self.stamp_s, CONTRADICTS_NOW))
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
+
+    def without_carried(self) -> Recollection:
+        """Return this without what an earlier estimate proved, which contradicts the moment."""
+        forgotten = (*self.forgotten, Forgotten(frozenset(), self.stamp_s, PROVED_CONTRADICTS))
+        return replace(self, carried=None, forgotten=forgotten)
 
     def without_anything(self) -> tuple[Forgotten, ...]:
         """Return what is forgotten where the window leaves no placement of the moment."""
@@ -104,7 +121,7 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        return not self.readings and not self.pose_sets.covers
+        return not (self.readings or self.pose_sets.covers or self.carried)
 
     def narrow(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
         """
@@ -120,11 +137,27 @@ class Recollection:
         Left
 
         """
-        possible = self._tried(placements, frame, COARSE_CELLS, 0)
+        gone_on = self._carried_on(placements, frame)
+        possible = self._tried(gone_on.placements, frame, COARSE_CELLS, 0)
         most = possible.placements[:MOST_REFINED]
         refined = self._tried(most, frame, self._cells, JOINT_BOXES)
         others = possible.placements[MOST_REFINED:]
-        return Left(refined.placements + others, possible.ruled_out + refined.ruled_out)
+        sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
+        return Left(refined.placements + others, sentences)
+
+    def _carried_on(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
+        """Return the placements that can go on from an earlier estimate."""
+        carried = self.carried
+        if carried is None:
+            return Left(tuple(placements), ())
+
+        def go_on(placement: Placement, tasks: int) -> tuple[Placement | None, str]:
+            bounds = carried.around(placement, frame)
+            if bounds is None:
+                return None, f'the estimate {carried.age_s:.1f} s ago'
+            return within_bounds(placement, bounds), ''
+
+        return _sifted(placements, go_on)
 
     @property
     def _cells(self) -> int:
@@ -136,21 +169,14 @@ class Recollection:
         self, placements: Sequence[Placement], frame: FixedFrame, cells: int, max_boxes: int
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
-        left: list[Placement] = []
-        ruled_out: list[str] = []
-        lone = True
-        for number, placement in enumerate(placements):
+
+        def narrow(placement: Placement, tasks: int) -> tuple[Placement | None, str]:
             options = HeadingOptions(cells, self.config.window_outliers, max_rounds=1)
-            tasks = len(placements) - number
             narrowed = self._narrow(placement, frame, options, max_boxes, tasks)
-            image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
-            if narrowed.placement is not None:
-                mirrored = placement.mirrored and not lone
-                left.append(replace(narrowed.placement, mirrored=mirrored))
-            elif narrowed.ruled_out_by is not None:
-                ruled_out.append(self._sentence(image, narrowed.ruled_out_by))
-            lone = narrowed.placement is None
-        return Left(tuple(left), tuple(ruled_out))
+            pair = narrowed.ruled_out_by
+            return narrowed.placement, '' if pair is None else self._over(pair)
+
+        return _sifted(placements, narrow)
 
     def _narrow(
         self,
@@ -175,13 +201,35 @@ class Recollection:
             self.allowance.part(tasks),
         )
 
-    def _sentence(self, image: bool, pair: Pair) -> str:
-        """Return what ruled out a placement."""
+    def _over(self, pair: Pair) -> str:
+        """Return the name of a pair and for how long it has measured."""
         first, second = pair
         robots = self.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
-        what = 'mirror image' if image else 'hypothesis'
-        return f'{what} ruled out by {names} over {self.spans_s[pair]:.0f} s'
+        return f'{names} over {self.spans_s[pair]:.0f} s'
+
+
+def _sifted(
+    placements: Sequence[Placement], sift: Callable[[Placement, int], tuple[Placement | None, str]]
+) -> Left:
+    """
+    Return what is left of placements, those that are impossible left out.
+
+    `sift` is given a placement and how many are to come, itself included; it returns what is left
+    of it, or what ruled it out.
+    """
+    left: list[Placement] = []
+    ruled_out: list[str] = []
+    lone = True
+    for number, placement in enumerate(placements):
+        narrowed, cause = sift(placement, len(placements) - number)
+        image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
+        if narrowed is not None:
+            left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
+        else:
+            ruled_out.append(f'{"mirror image" if image else "hypothesis"} ruled out by {cause}')
+        lone = narrowed is None
+    return Left(tuple(left), tuple(ruled_out))
 
 
 def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
@@ -194,13 +242,16 @@ def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
     )
 
 
-def recall(snapshot: Snapshot, cancel: Cancel | None) -> Recollection:
-    """Return what the window of a snapshot says; in space nothing yet."""
+def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> Recollection:
+    """Return what the window of a snapshot and an earlier estimate say; in space nothing yet."""
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
     if config.dimension != 2 or not snapshot.window.observations:
         return Recollection(config, snapshot.stamp_s, allowance)
+    if allowance.part(1)():
+        proved = None
     carried = snapshot.carried
+    newest_s = config.memory_s * WINDOW_SHARE
     pose_sets, forgotten = place_robots(snapshot, carried, allowance)
     contradicting = also_forgotten({}, forgotten)
     replaced = frozenset(
@@ -213,11 +264,12 @@ def recall(snapshot: Snapshot, cancel: Cancel | None) -> Recollection:
         snapshot.stamp_s,
         allowance,
         {
-            pair: carried.readings(pair, MOST_IN_TABLE)
-            for pair in carried.near_pairs(MOST_PARTNERS)
+            pair: carried.readings(pair, MOST_IN_TABLE, newest_s)
+            for pair in carried.near_pairs(MOST_PARTNERS, newest_s)
         },
         {pair: carried.span_s(pair) for pair in carried.pairs},
         pose_sets,
         replaced,
         forgotten,
+        None if proved is None else CarriedPlacements(proved, snapshot),
     )
