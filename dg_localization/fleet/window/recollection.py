@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
 
 import numpy as np
 
@@ -39,6 +40,9 @@ MOST_PARTNERS = 4
 
 MOST_IN_TABLE = 40
 """Observations of a pair that narrow headings: more cost time and tell little more."""
+
+MOST_AT_ONCE = 4
+"""Among so many placements the time that is left is divided: in less, nothing is found of any."""
 
 WINDOW_SHARE = 0.5
 """
@@ -157,7 +161,7 @@ class Recollection:
                 return None, f'the estimate {carried.age_s:.1f} s ago'
             return within_bounds(placement, bounds), ''
 
-        return _sifted(placements, go_on)
+        return sifted(placements, go_on)
 
     @property
     def _cells(self) -> int:
@@ -176,7 +180,7 @@ class Recollection:
             pair = narrowed.ruled_out_by
             return narrowed.placement, '' if pair is None else self._over(pair)
 
-        return _sifted(placements, narrow)
+        return sifted(placements, narrow)
 
     def _narrow(
         self,
@@ -209,20 +213,40 @@ class Recollection:
         return f'{names} over {self.spans_s[pair]:.0f} s'
 
 
-def _sifted(
+def sifted(
     placements: Sequence[Placement], sift: Callable[[Placement, int], tuple[Placement | None, str]]
 ) -> Left:
     """
     Return what is left of placements, those that are impossible left out.
 
-    `sift` is given a placement and how many are to come, itself included; it returns what is left
-    of it, or what ruled it out.
+    Those whose headings are known least come first: where time is short they are the ones that
+    had none before, and what is found of them now is known at the next estimate.
+
+    Parameters
+    ----------
+    placements : sequence of Placement
+    sift : callable
+        Given a placement, and among how many the time is to be divided. It returns what is left
+        of the placement, or what ruled it out.
+
+    Returns
+    -------
+    Left
+
     """
+    unknown_rad = [
+        np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
+    ]
+    order = np.argsort(-np.array(unknown_rad), kind='stable')
+    found = {
+        int(number): sift(placements[number], min(MOST_AT_ONCE, len(order) - rank))
+        for rank, number in enumerate(order)
+    }
     left: list[Placement] = []
     ruled_out: list[str] = []
     lone = True
     for number, placement in enumerate(placements):
-        narrowed, cause = sift(placement, len(placements) - number)
+        narrowed, cause = found[number]
         image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
         if narrowed is not None:
             left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
@@ -246,7 +270,7 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
     """Return what the window of a snapshot and an earlier estimate say; in space nothing yet."""
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
-    if config.dimension != 2 or not snapshot.window.observations:
+    if config.dimension != 2 or not (snapshot.window.observations or proved):
         return Recollection(config, snapshot.stamp_s, allowance)
     if allowance.part(1)():
         proved = None
@@ -259,7 +283,7 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
         for key in carried.links_among(snapshot.keys)
         if config.window_outliers and not contradicting.keys() & {key.ends, key.ends[::-1]}
     )
-    return Recollection(
+    recollection = Recollection(
         config,
         snapshot.stamp_s,
         allowance,
@@ -273,3 +297,6 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
         forgotten,
         None if proved is None else CarriedPlacements(proved, snapshot),
     )
+    # The solver comes next, whose time is limited on its own.
+    allowance.pause()
+    return recollection
