@@ -98,6 +98,18 @@ def test_mirror_images_are_counted_as_such(compared):
     assert demo_compare.count_text(alone) == '1 hypothesis'
 
 
+def test_the_progress_of_a_phase_is_told(compared):
+    answer = compared.answer
+    yaws_rad = np.zeros_like(answer.yaws_rad[:1])
+    yaws_rad[0, 5] = np.nan
+    alone = demo_compare.Answer(103.5, answer.positions_m[:1], yaws_rad, answer.enclosures_m[:1])
+    later = demo_compare.Compared(alone, compared.truth, compared.frame)
+    text = demo_compare.progress([compared, later, later])
+    assert text == (
+        '2 hypotheses at first, 1 at last (one after 3.5 s); headings of 5 of 6 robots are known.'
+    )
+
+
 def test_the_truth_is_interpolated_across_the_turn():
     zeros = np.zeros((6, 2))
     before = demo_compare.Truth(1.0, zeros, np.full(6, np.pi - 0.1))
@@ -134,7 +146,9 @@ def test_the_whole_demonstration(tmp_path, capsys, monkeypatch):
     code = executables.demo(['--seconds', '3', '--picture', str(picture)])
     told = capsys.readouterr()
     assert code == 0, told
-    without, _, with_cameras = told.out.partition('With cameras:')
-    assert '8 hypotheses and their mirror images' in without
+    ranges, _, later = told.out.partition('The robots move:')
+    moving, _, with_cameras = later.partition('With cameras:')
+    assert '8 hypotheses and their mirror images' in ranges
+    assert 'hypotheses at first' in moving
     assert '1 hypothesis' in with_cameras and 'mirror' not in with_cameras
     assert picture.read_bytes().startswith(b'\x89PNG')

@@ -41,9 +41,6 @@ MOST_PARTNERS = 4
 MOST_IN_TABLE = 40
 """Observations of a pair that narrow headings: more cost time and tell little more."""
 
-MOST_AT_ONCE = 4
-"""Among so many placements the time that is left is divided: in less, nothing is found of any."""
-
 WINDOW_SHARE = 0.5
 """
 Of the memory, for what robots measured of each other. An estimate proves something of the next
@@ -155,7 +152,7 @@ class Recollection:
         if carried is None:
             return Left(tuple(placements), ())
 
-        def go_on(placement: Placement, tasks: int) -> tuple[Placement | None, str]:
+        def go_on(placement: Placement) -> tuple[Placement | None, str]:
             bounds = carried.around(placement, frame)
             if bounds is None:
                 return None, f'the estimate {carried.age_s:.1f} s ago'
@@ -174,9 +171,9 @@ class Recollection:
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
 
-        def narrow(placement: Placement, tasks: int) -> tuple[Placement | None, str]:
+        def narrow(placement: Placement) -> tuple[Placement | None, str]:
             options = HeadingOptions(cells, self.config.window_outliers, max_rounds=1)
-            narrowed = self._narrow(placement, frame, options, max_boxes, tasks)
+            narrowed = self._narrow(placement, frame, options, max_boxes)
             pair = narrowed.ruled_out_by
             return narrowed.placement, '' if pair is None else self._over(pair)
 
@@ -188,7 +185,6 @@ class Recollection:
         frame: FixedFrame,
         options: HeadingOptions,
         max_boxes: int,
-        tasks: int,
     ) -> Narrowed:
         """Return what the window leaves of one of some placements."""
         reference = 0
@@ -202,7 +198,7 @@ class Recollection:
             self.pose_sets,
             options,
             max_boxes,
-            self.allowance.part(tasks),
+            self.allowance.part(1),
         )
 
     def _over(self, pair: Pair) -> str:
@@ -214,20 +210,20 @@ class Recollection:
 
 
 def sifted(
-    placements: Sequence[Placement], sift: Callable[[Placement, int], tuple[Placement | None, str]]
+    placements: Sequence[Placement], sift: Callable[[Placement], tuple[Placement | None, str]]
 ) -> Left:
     """
     Return what is left of placements, those that are impossible left out.
 
-    Those whose headings are known least come first: where time is short they are the ones that
-    had none before, and what is found of them now is known at the next estimate.
+    Those whose headings are known least come first, each with all the time that is left: a part
+    of it would not do for any. Where time is short the others have their turn at the next
+    estimate, which knows of these then.
 
     Parameters
     ----------
     placements : sequence of Placement
     sift : callable
-        Given a placement, and among how many the time is to be divided. It returns what is left
-        of the placement, or what ruled it out.
+        Returns what is left of a placement, or what ruled it out.
 
     Returns
     -------
@@ -238,10 +234,7 @@ def sifted(
         np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
     ]
     order = np.argsort(-np.array(unknown_rad), kind='stable')
-    found = {
-        int(number): sift(placements[number], min(MOST_AT_ONCE, len(order) - rank))
-        for rank, number in enumerate(order)
-    }
+    found = {int(number): sift(placements[number]) for number in order}
     left: list[Placement] = []
     ruled_out: list[str] = []
     lone = True

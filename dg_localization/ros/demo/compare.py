@@ -3,7 +3,7 @@
 
 """Answers of the localizer compared with the truth: in numbers and in words."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import re
 
@@ -122,10 +122,25 @@ class Compared:
 
 @dataclass
 class Scenario:
-    """One run of the demonstration, and what came out of it."""
+    """
+    One phase of the demonstration, and what came out of it.
+
+    Attributes
+    ----------
+    title : str
+    seconds : float
+        How long it lasts, from the first answer.
+    simulator, localizer : mapping of str to object
+        Parameters of the two executables.
+    compared : list of Compared
+        Every answer.
+
+    """
 
     title: str
-    cameras: bool
+    seconds: float
+    simulator: Mapping[str, object]
+    localizer: Mapping[str, object] = field(default_factory=dict)
     compared: list[Compared] = field(default_factory=list)
 
     @property
@@ -254,4 +269,15 @@ def summary(scenario: Scenario) -> str:
         f'  {count_text(answer)}; truth held in {scenario.n_held} of '
         f'{len(scenario.compared)} answers{nearest}.\n'
         f'  Enclosures are {np.median(widths_m):.2f} m wide in the median.\n'
+        f'  {progress(scenario.compared)}\n'
     )
+
+
+def progress(compared: Sequence[Compared]) -> str:
+    """Return how the number of hypotheses and of known headings went, in words."""
+    first, last = compared[0].answer, compared[-1].answer
+    counts = f'{len(first.positions_m)} hypotheses at first, {len(last.positions_m)} at last'
+    alone = [one.answer.stamp_s for one in compared if len(one.answer.positions_m) == 1]
+    since = f' (one after {min(alone) - first.stamp_s:.1f} s)' if alone else ''
+    n_known = int(np.isfinite(last.yaws_rad).all(axis=0).sum())
+    return f'{counts}{since}; headings of {n_known} of {len(ROBOTS)} robots are known.'
