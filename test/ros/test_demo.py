@@ -55,6 +55,28 @@ def test_the_truth_is_turned_into_the_body_frame_of_a_robot(truth):
     np.testing.assert_allclose(distances(seen.positions_m), distances(truth.positions_m))
 
 
+def test_the_truth_is_turned_into_an_odometry_frame(truth):
+    then = FleetMotion().state(4.9)
+    then = demo_compare.Truth(99.9, then.positions_m, then.yaws_rad)
+    stated = demo_compare.StatedPose('robot_3', 99.9, np.array([5.0, -2.0]), 0.7)
+    frame = demo_compare.frame_of('robot_3/odom')
+    assert demo_compare.robot_of_odometry_frame(frame) == 'robot_3'
+    assert demo_compare.frame_of('robot_3/base_link') == 'body frame of robot_3'
+    assert demo_compare.frame_of('fleet') == ''
+    assert demo_compare.robot_of_odometry_frame('body frame of robot_3') is None
+    seen = then.in_odometry_frame(stated, then)
+    np.testing.assert_allclose(seen.positions_m[2], stated.position_m)
+    assert seen.yaws_rad[2] == pytest.approx(0.7)
+    later = truth.in_odometry_frame(stated, then)
+    np.testing.assert_allclose(distances(later.positions_m), distances(truth.positions_m))
+    # A robot sees another at the same bearing in every frame.
+    bearings = [
+        np.arctan2(*(one.positions_m[0] - one.positions_m[2])[::-1]) - one.yaws_rad[2]
+        for one in (truth, later)
+    ]
+    assert np.cos(bearings[1] - bearings[0]) == pytest.approx(1.0)
+
+
 def test_a_frame_it_does_not_know_is_an_error(truth):
     with pytest.raises(demo_compare.DemoError, match='describes its frame as'):
         truth.in_frame('somewhere')
