@@ -126,7 +126,9 @@ class CarriedPlacements:
         if frame.kind is FrameKind.ANCHORS:
             return position, yaw
         origin = self._robots.index(frame.points[0])
-        position = position - position[origin]
+        # What is not known minus what is not known is no number, and not known either.
+        with np.errstate(invalid='ignore'):
+            position = position - position[origin]
         position.lower[origin] = position.upper[origin] = 0.0
         angle = yaw[origin]
         if frame.kind is not FrameKind.HEADING and len(frame.points) > 1:
