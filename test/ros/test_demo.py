@@ -128,7 +128,7 @@ def test_the_progress_of_a_phase_is_told(compared):
     later = demo_compare.Compared(alone, compared.truth, compared.frame)
     text = demo_compare.progress([compared, later, later])
     assert text == (
-        '2 hypotheses at first, 1 at last (one after 3.5 s); headings of 5 of 6 robots are known.'
+        'hypotheses: 2 at first, 1 at last (one after 3.5 s); headings of 5 of 6 robots are known.'
     )
 
 
@@ -171,6 +171,6 @@ def test_the_whole_demonstration(tmp_path, capsys, monkeypatch):
     ranges, _, later = told.out.partition('The robots move:')
     moving, _, with_cameras = later.partition('With cameras:')
     assert '8 hypotheses and their mirror images' in ranges
-    assert 'hypotheses at first' in moving
+    assert 'hypotheses: 16 at first' in moving
     assert '1 hypothesis' in with_cameras and 'mirror' not in with_cameras
     assert picture.read_bytes().startswith(b'\x89PNG')

@@ -318,7 +318,7 @@ def summary(scenario: Scenario) -> str:
 def progress(compared: Sequence[Compared]) -> str:
     """Return how the number of hypotheses and of known headings went, in words."""
     first, last = compared[0].answer, compared[-1].answer
-    counts = f'{len(first.positions_m)} hypotheses at first, {len(last.positions_m)} at last'
+    counts = f'hypotheses: {len(first.positions_m)} at first, {len(last.positions_m)} at last'
     alone = [one.answer.stamp_s for one in compared if len(one.answer.positions_m) == 1]
     since = f' (one after {min(alone) - first.stamp_s:.1f} s)' if alone else ''
     n_known = int(np.isfinite(last.yaws_rad).all(axis=0).sum())
