@@ -47,7 +47,9 @@ def estimate_snapshot(
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     recalled = recall(snapshot, proved, cancel)
-    in_window = suspects_in_window(snapshot, recalled.pose_sets, cancel)
+    in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
+    # The solver comes next, whose time is limited on its own.
+    recalled.allowance.pause()
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)

@@ -276,7 +276,7 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
         for key in carried.links_among(snapshot.keys)
         if config.window_outliers and not contradicting.keys() & {key.ends, key.ends[::-1]}
     )
-    recollection = Recollection(
+    return Recollection(
         config,
         snapshot.stamp_s,
         allowance,
@@ -290,6 +290,3 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
         forgotten,
         None if proved is None else CarriedPlacements(proved, snapshot),
     )
-    # The solver comes next, whose time is limited on its own.
-    allowance.pause()
-    return recollection

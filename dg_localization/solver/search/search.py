@@ -32,6 +32,7 @@ def search(
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
     within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+    at_once: int | None = None,
 ) -> tuple[Cover, Statistics]:
     """
     Cover all placements of a problem by boxes.
@@ -48,6 +49,9 @@ def search(
         Called with the statistics so far, once a box.
     within : sequence of (ndarray, ndarray), shapes (n, n), optional
         Lower and upper bounds, in m^2, of the boxes to search in; everywhere without any.
+    at_once : int, optional
+        How many boxes to examine at a time; as many as there are processors without it, where
+        the boxes are large. The cover depends on it.
 
     Returns
     -------
@@ -58,7 +62,7 @@ def search(
 
     """
     budget = Budget(options, cancel)
-    pruners = [Pruner(problem, options) for _ in range(_n_workers(problem))]
+    pruners = [Pruner(problem, options) for _ in range(at_once or _n_workers(problem))]
     whole = pruners[0].whole()
     if whole is None:
         cover = Cover(empty=1)
