@@ -236,6 +236,7 @@ class Runs:
     single: int = 0
     headed: int = 0
     settled: int = 0
+    reached: int = 0
     runs: int = 0
     widths_rad: list[float] = field(default_factory=list)
     milliseconds: list[float] = field(default_factory=list)
@@ -243,7 +244,7 @@ class Runs:
     def run(self, fleet: SimulatedFleet, seconds: float, tick_s: float) -> None:
         """Localize a fleet for some seconds."""
         steps = round(seconds / STEP_S)
-        estimate = None
+        estimate, reached = None, False
         for step in range(steps + 1):
             now_s = fleet.feed(step)
             if step == 0 or step % round(tick_s / STEP_S):
@@ -255,7 +256,9 @@ class Runs:
             truth = fleet.truth(step, estimate.frame)
             self.answers += 1
             self.inside += any(holds(place, *truth) for place in estimate.placements)
+            reached |= estimate.n_hypotheses == 1 and _median_arc_rad(estimate) < ARC_RAD
         assert estimate is not None
+        self.reached += reached
         single = estimate.n_hypotheses == 1
         self.runs += 1
         self.single += single
@@ -269,7 +272,8 @@ class Runs:
         runs = self.runs
         low, middle, high = np.percentile(self.widths_rad, [5, 50, 95])
         fast, slow = np.percentile(self.milliseconds, [50, 95])
-        counts = [f'{count} of {runs}' for count in (self.single, self.headed, self.settled)]
+        reached = (self.single, self.headed, self.settled, self.reached)
+        counts = [f'{count} of {runs}' for count in reached]
         return (
             f'| {robots} | {seconds:.0f} | {self.inside} of {self.answers} | '
             f'{" | ".join(counts)} | {middle:.2f} ({low:.2f} to {high:.2f}) | '
@@ -285,7 +289,7 @@ def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: flo
     """Print the table of simulated fleets."""
     print(
         '| robots | seconds | truth inside | one hypothesis | with all headings '
-        '| headings below 1 rad in the median | heading width (rad) | ms (95 %) |'
+        '| headings below 1 rad in the median | reached before | heading width (rad) | ms (95 %) |'
     )
     for count in robots:
         figures = Runs()

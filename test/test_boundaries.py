@@ -20,7 +20,7 @@ ALLOWED = {
     'dg_localization.optional': set(),
     'dg_localization.interval': {'dg_localization.optional'},
     'dg_localization.solver': {'dg_localization.interval'},
-    'dg_localization.pairs': {'dg_localization.interval'},
+    'dg_localization.pairs': {'dg_localization.interval', 'dg_localization.solver'},
     'dg_localization.fleet': {
         'dg_localization',
         'dg_localization.interval',

@@ -26,6 +26,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.narrowing import narrow_answer
+from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import recall
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
@@ -35,12 +36,20 @@ _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
 
 @default_environment()
-def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
-    """Return every placement that agrees with a snapshot, or the reason why there is none."""
+def estimate_snapshot(
+    snapshot: Snapshot, cancel: Cancel | None = None, proved: Proved | None = None
+) -> Estimate:
+    """
+    Return every placement that agrees with a snapshot, or the reason why there is none.
+
+    `proved` is what an earlier estimate says, if one is known.
+    """
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
-    recalled = recall(snapshot, cancel)
+    recalled = recall(snapshot, proved, cancel)
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
+    # The solver comes next, whose time is limited on its own.
+    recalled.allowance.pause()
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)

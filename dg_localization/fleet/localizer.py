@@ -219,7 +219,7 @@ class Localizer:
 
         """
         follower, standing_frame, record = self._follower, self._standing_frame, self._record
-        estimate = estimate_snapshot(snapshot, cancel)
+        estimate = estimate_snapshot(snapshot, cancel, follower.proved_for(snapshot))
         if cancel is not None and cancel.is_set():
             return estimate
         record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)

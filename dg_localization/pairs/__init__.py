@@ -16,6 +16,7 @@ from dg_localization.pairs.headings import (
     heading_cells,
     narrow_headings,
 )
+from dg_localization.pairs.joint import JointPoses, narrow_jointly
 from dg_localization.pairs.readings import NO_RAY_RAD, PairReadings, PastPoses
 from dg_localization.pairs.search import PairOptions, cover_poses
 
@@ -25,6 +26,7 @@ __all__ = [
     'HeadingOptions',
     'Headings',
     'Hull',
+    'JointPoses',
     'PairOptions',
     'PairReadings',
     'PastPoses',
@@ -33,4 +35,5 @@ __all__ = [
     'find_suspects',
     'heading_cells',
     'narrow_headings',
+    'narrow_jointly',
 ]

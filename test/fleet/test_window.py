@@ -3,9 +3,11 @@
 
 """What robots measured before they moved: mirror images go, headings come, contradictions pass."""
 
+from dataclasses import replace
 from itertools import combinations
 import math
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +20,9 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
+from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.window.memory import NO_WINDOW
+from dg_localization.fleet.window.recollection import sifted
 
 START_S = 100.0
 TICK_S = 0.25
@@ -109,8 +114,8 @@ class Circling:
         )
 
 
-@pytest.mark.parametrize('robots', [3, 4])
-def test_robots_that_move_lose_their_mirror_image_and_get_headings(robots):
+@pytest.mark.parametrize(('robots', 'cause'), [(3, 'the estimate 1.0 s ago'), (4, 'r')])
+def test_robots_that_move_lose_their_mirror_image_and_get_headings(robots, cause):
     fleet = Circling(robots)
     numbers, ruled_out = [], []
     for estimate in fleet.drive(15.0):
@@ -122,8 +127,50 @@ def test_robots_that_move_lose_their_mirror_image_and_get_headings(robots):
     assert estimate.placements[0].heading_known.all()
     assert np.all(estimate.placements[0].heading_half_width_rad < 1.0)
     assert set(numbers) == {numbers[0]}
-    assert any('mirror image ruled out by r' in text for text in ruled_out)
+    assert any(f'mirror image ruled out by {cause}' in text for text in ruled_out)
     assert 'mirror image ruled out by' in estimate.reason
+
+
+def test_what_was_ruled_out_stays_so_where_the_window_alone_does_not_tell():
+    fleet = Circling(3)
+    *_, before = fleet.drive(10.0)
+    assert before.n_hypotheses == 1
+    snapshot = fleet.localizer.snapshot(fleet.now_s)
+    forgetful = replace(snapshot, window=NO_WINDOW)
+    assert estimate_snapshot(forgetful).n_hypotheses == 2
+    after = fleet.localizer.estimate(forgetful)
+    assert after.n_hypotheses == 1
+    assert fleet.holds(after.placements[0], after)
+    assert after.ruled_out == ('mirror image ruled out by the estimate 0.0 s ago',)
+
+
+def test_time_goes_to_hypotheses_of_which_least_is_known():
+    known = [[0.1, 0.2], [math.inf, 0.2], [math.inf, math.inf], [0.3, 0.4]]
+    placements = [
+        SimpleNamespace(heading_half_width_rad=np.array(widths), mirrored=False)
+        for widths in known
+    ]
+    asked = []
+
+    def sift(placement):
+        asked.append(known.index(placement.heading_half_width_rad.tolist()))
+        return None, 'nothing'
+
+    assert len(sifted(placements, sift).ruled_out) == 4
+    assert asked == [2, 1, 3, 0]
+
+
+def test_what_was_proved_is_dropped_after_half_the_memory():
+    fleet = Circling(3, memory_s=6.0)
+    *_, estimate = fleet.drive(3.0)
+    follower = fleet.localizer._follower
+    stamps = [follower.proved_for(fleet.localizer.snapshot(fleet.now_s)).since_s]
+    for estimate in fleet.drive(9.0):
+        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        proved = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        stamps.append(proved.since_s)
+    assert len(set(stamps)) >= 3
+    assert all(fleet.now_s - 3.0 <= stamps[-1] for _ in stamps)
 
 
 def test_distances_of_a_placement_are_bounded():

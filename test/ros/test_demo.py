@@ -55,6 +55,28 @@ def test_the_truth_is_turned_into_the_body_frame_of_a_robot(truth):
     np.testing.assert_allclose(distances(seen.positions_m), distances(truth.positions_m))
 
 
+def test_the_truth_is_turned_into_an_odometry_frame(truth):
+    then = FleetMotion().state(4.9)
+    then = demo_compare.Truth(99.9, then.positions_m, then.yaws_rad)
+    stated = demo_compare.StatedPose('robot_3', 99.9, np.array([5.0, -2.0]), 0.7)
+    frame = demo_compare.frame_of('robot_3/odom')
+    assert demo_compare.robot_of_odometry_frame(frame) == 'robot_3'
+    assert demo_compare.frame_of('robot_3/base_link') == 'body frame of robot_3'
+    assert demo_compare.frame_of('fleet') == ''
+    assert demo_compare.robot_of_odometry_frame('body frame of robot_3') is None
+    seen = then.in_odometry_frame(stated, then)
+    np.testing.assert_allclose(seen.positions_m[2], stated.position_m)
+    assert seen.yaws_rad[2] == pytest.approx(0.7)
+    later = truth.in_odometry_frame(stated, then)
+    np.testing.assert_allclose(distances(later.positions_m), distances(truth.positions_m))
+    # A robot sees another at the same bearing in every frame.
+    bearings = [
+        np.arctan2(*(one.positions_m[0] - one.positions_m[2])[::-1]) - one.yaws_rad[2]
+        for one in (truth, later)
+    ]
+    assert np.cos(bearings[1] - bearings[0]) == pytest.approx(1.0)
+
+
 def test_a_frame_it_does_not_know_is_an_error(truth):
     with pytest.raises(demo_compare.DemoError, match='describes its frame as'):
         truth.in_frame('somewhere')
@@ -98,6 +120,18 @@ def test_mirror_images_are_counted_as_such(compared):
     assert demo_compare.count_text(alone) == '1 hypothesis'
 
 
+def test_the_progress_of_a_phase_is_told(compared):
+    answer = compared.answer
+    yaws_rad = np.zeros_like(answer.yaws_rad[:1])
+    yaws_rad[0, 5] = np.nan
+    alone = demo_compare.Answer(103.5, answer.positions_m[:1], yaws_rad, answer.enclosures_m[:1])
+    later = demo_compare.Compared(alone, compared.truth, compared.frame)
+    text = demo_compare.progress([compared, later, later])
+    assert text == (
+        'hypotheses: 2 at first, 1 at last (one after 3.5 s); headings of 5 of 6 robots are known.'
+    )
+
+
 def test_the_truth_is_interpolated_across_the_turn():
     zeros = np.zeros((6, 2))
     before = demo_compare.Truth(1.0, zeros, np.full(6, np.pi - 0.1))
@@ -134,7 +168,9 @@ def test_the_whole_demonstration(tmp_path, capsys, monkeypatch):
     code = executables.demo(['--seconds', '3', '--picture', str(picture)])
     told = capsys.readouterr()
     assert code == 0, told
-    without, _, with_cameras = told.out.partition('With cameras:')
-    assert '8 hypotheses and their mirror images' in without
+    ranges, _, later = told.out.partition('The robots move:')
+    moving, _, with_cameras = later.partition('With cameras:')
+    assert '8 hypotheses and their mirror images' in ranges
+    assert 'hypotheses: 16 at first' in moving
     assert '1 hypothesis' in with_cameras and 'mirror' not in with_cameras
     assert picture.read_bytes().startswith(b'\x89PNG')

@@ -25,8 +25,17 @@ class Allowance:
     """
 
     def __init__(self, seconds: float, cancel: Cancel | None) -> None:
+        self._left_s = seconds
         self._end_s = time.monotonic() + seconds
         self._cancel = cancel
+
+    def pause(self) -> None:
+        """Let no time pass until `resume`."""
+        self._left_s = max(0.0, self._end_s - time.monotonic())
+
+    def resume(self) -> None:
+        """Go on where it was paused."""
+        self._end_s = time.monotonic() + self._left_s
 
     def part(self, tasks: int) -> Callable[[], bool]:
         """Return what tells the first of some tasks that its equal part of the rest is used up."""

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,9 +84,17 @@ class CarriedWindow:
         """The pairs that observed anything."""
         return tuple(sorted(self._rows))
 
-    def near_pairs(self, most: int) -> tuple[Pair, ...]:
-        """Return the pairs of each robot and the `most` others that were nearest at last."""
-        robots = [pair for pair in self.pairs if pair[0] != WORLD]
+    def near_pairs(self, most: int, newest_s: float) -> tuple[Pair, ...]:
+        """
+        Return the pairs of each robot and the `most` others that were nearest at last.
+
+        Only those that observed each other in the `newest_s` before now.
+        """
+        robots = [
+            pair
+            for pair in self.pairs
+            if pair[0] != WORLD and self._now_s - self._stamps_of(pair)[0] <= newest_s
+        ]
         robots.sort(key=lambda pair: self._rows[pair][0].observation.upper_m)
         ranks: Counter[int] = Counter()
         near = []
@@ -122,10 +131,17 @@ class CarriedWindow:
             found.append((*ends, row.observation))
         return tuple(found)
 
-    def readings(self, pair: Pair, most: int | None = None) -> PairReadings:
-        """Return the observations of a pair, newest first; at most `most`, spread in time."""
+    def readings(
+        self, pair: Pair, most: int | None = None, newest_s: float = math.inf
+    ) -> PairReadings:
+        """
+        Return the observations of a pair, newest first.
+
+        Those of the `newest_s` before now; at most `most`, spread in time.
+        """
         first, second = pair
-        rows = self._rows[pair]
+        oldest_s = self._now_s - newest_s
+        rows = [row for row in self._rows[pair] if row.observation.stamp_s >= oldest_s]
         if most is not None and len(rows) > most:
             rows = [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]
         stamps = np.array([row.observation.stamp_s for row in rows])
@@ -200,16 +216,7 @@ class CarriedWindow:
         stamps = np.unique(
             [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
         )
-        config = self._config
-        name = config.robots[robot]
-        track = self._motion.odometry[name]
-        path = OdometryPath(
-            [reading.stamp_s for reading in track],
-            np.array([reading.position_m for reading in track]) * [1.0, 1.0, 0.0],
-            _level_rotations(track),
-            config.odometry_error,
-            MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
-        )
+        path = odometry_path(self._config, self._motion, robot)
         return stamps, path.past_poses(stamps, self._now_s)
 
     def _of(self, robot: int, stamps: NDArray[np.float64]) -> PastPoses:
@@ -235,6 +242,19 @@ class CarriedWindow:
                 box = boxes[row.anchor]
                 lower[number, :2], upper[number, :2] = box.lower, box.upper
         return Interval(lower, upper)
+
+
+def odometry_path(config: FleetConfig, motion: Motion, robot: int) -> OdometryPath:
+    """Return the path of a robot with odometry, in the plane."""
+    name = config.robots[robot]
+    track = motion.odometry[name]
+    return OdometryPath(
+        [reading.stamp_s for reading in track],
+        np.array([reading.position_m for reading in track]) * [1.0, 1.0, 0.0],
+        _level_rotations(track),
+        config.odometry_error,
+        MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
+    )
 
 
 def _level_rotations(track: tuple[OdometryReading, ...]) -> NDArray[np.float64]:

@@ -41,6 +41,7 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
     """
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
+    recalled.allowance.resume()
     main, groups = Left((), ()), []
     ruled_out: list[str] = []
     if plans.main is not None:
@@ -52,6 +53,9 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
         contradicts |= bool(group.placements) and not left.placements
         groups.append(_narrowed_group(group, left))
         ruled_out += left.ruled_out
+    if contradicts and recalled.carried is not None:
+        recalled.allowance.pause()
+        return narrow_answer(found, plans, recalled.without_carried())
     if contradicts:
         return NarrowedAnswer(found, (), recalled.without_anything())
     answer = replace(

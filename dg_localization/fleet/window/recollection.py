@@ -5,8 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
@@ -17,15 +20,19 @@ from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.forgetting import Forgotten, also_forgotten
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
+from dg_localization.fleet.window.proved import CarriedPlacements, Proved
 from dg_localization.fleet.window.shape_headings import (
     COARSE_CELLS,
     FINE_CELLS,
+    JOINT_BOXES,
     Narrowed,
     narrow_placement,
+    within_bounds,
 )
 from dg_localization.pairs import HeadingOptions, PairReadings
 from dg_localization.solver.options import Cancel
 
+PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measured now'
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
 
 MOST_PARTNERS = 4
@@ -33,6 +40,12 @@ MOST_PARTNERS = 4
 
 MOST_IN_TABLE = 40
 """Observations of a pair that narrow headings: more cost time and tell little more."""
+
+WINDOW_SHARE = 0.5
+"""
+Of the memory, for what robots measured of each other. An estimate proves something of the next
+one for the rest of it: nothing older than the memory has any effect.
+"""
 
 MOST_REFINED = 16
 """Of more placements than these, the others get coarse headings only."""
@@ -74,6 +87,8 @@ class Recollection:
         The links of the moment that the pose sets stand for: any of them may be an outlier.
     forgotten : tuple of Forgotten
         What contradicts itself.
+    carried : CarriedPlacements, optional
+        What an earlier estimate proved.
 
     """
 
@@ -85,6 +100,7 @@ class Recollection:
     pose_sets: PoseSets = NO_POSE_SETS
     replaced: frozenset[LinkKey] = frozenset()
     forgotten: tuple[Forgotten, ...] = ()
+    carried: CarriedPlacements | None = None
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
@@ -92,6 +108,11 @@ class Recollection:
         ends |= _ends_of(self.config, self.pose_sets.relative)
         forgotten = (*self.forgotten, Forgotten(ends, self.stamp_s, CONTRADICTS_NOW))
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
+
+    def without_carried(self) -> Recollection:
+        """Return this without what an earlier estimate proved, which contradicts the moment."""
+        forgotten = (*self.forgotten, Forgotten(frozenset(), self.stamp_s, PROVED_CONTRADICTS))
+        return replace(self, carried=None, forgotten=forgotten)
 
     def without_anything(self) -> tuple[Forgotten, ...]:
         """Return what is forgotten where the window leaves no placement of the moment."""
@@ -101,7 +122,7 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        return not self.readings and not self.pose_sets.covers
+        return not (self.readings or self.pose_sets.covers or self.carried)
 
     def narrow(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
         """
@@ -117,29 +138,54 @@ class Recollection:
         Left
 
         """
-        possible = self._tried(placements, frame, COARSE_CELLS)
+        gone_on = self._carried_on(placements, frame)
+        possible = self._tried(gone_on.placements, frame, COARSE_CELLS, 0)
         most = possible.placements[:MOST_REFINED]
-        refined = self._tried(most, frame, FINE_CELLS)
+        refined = self._tried(most, frame, self._cells, JOINT_BOXES)
         others = possible.placements[MOST_REFINED:]
-        return Left(refined.placements + others, possible.ruled_out + refined.ruled_out)
+        sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
+        return Left(refined.placements + others, sentences)
 
-    def _tried(self, placements: Sequence[Placement], frame: FixedFrame, cells: int) -> Left:
+    def _carried_on(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
+        """Return the placements that can go on from an earlier estimate."""
+        carried = self.carried
+        if carried is None:
+            return Left(tuple(placements), ())
+
+        def go_on(placement: Placement) -> tuple[Placement | None, str]:
+            bounds = carried.around(placement, frame)
+            if bounds is None:
+                return None, f'the estimate {carried.age_s:.1f} s ago'
+            return within_bounds(placement, bounds), ''
+
+        return sifted(placements, go_on)
+
+    @property
+    def _cells(self) -> int:
+        """How finely tables resolve headings: joint poses know neither rays nor outliers."""
+        rays = any(np.isfinite(part.ray_errors_rad).any() for part in self.readings.values())
+        return FINE_CELLS if rays or self.config.window_outliers else COARSE_CELLS
+
+    def _tried(
+        self, placements: Sequence[Placement], frame: FixedFrame, cells: int, max_boxes: int
+    ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
-        left: list[Placement] = []
-        ruled_out: list[str] = []
-        lone = True
-        for number, placement in enumerate(placements):
-            narrowed = self._narrow(placement, frame, cells, len(placements) - number)
-            image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
-            if narrowed.placement is not None:
-                mirrored = placement.mirrored and not lone
-                left.append(replace(narrowed.placement, mirrored=mirrored))
-            elif narrowed.ruled_out_by is not None:
-                ruled_out.append(self._sentence(image, narrowed.ruled_out_by))
-            lone = narrowed.placement is None
-        return Left(tuple(left), tuple(ruled_out))
 
-    def _narrow(self, placement: Placement, frame: FixedFrame, cells: int, tasks: int) -> Narrowed:
+        def narrow(placement: Placement) -> tuple[Placement | None, str]:
+            options = HeadingOptions(cells, self.config.window_outliers, max_rounds=1)
+            narrowed = self._narrow(placement, frame, options, max_boxes)
+            pair = narrowed.ruled_out_by
+            return narrowed.placement, '' if pair is None else self._over(pair)
+
+        return sifted(placements, narrow)
+
+    def _narrow(
+        self,
+        placement: Placement,
+        frame: FixedFrame,
+        options: HeadingOptions,
+        max_boxes: int,
+    ) -> Narrowed:
         """Return what the window leaves of one of some placements."""
         reference = 0
         if frame.kind is FrameKind.HEADING:
@@ -150,17 +196,57 @@ class Recollection:
             reference,
             self.readings,
             self.pose_sets,
-            HeadingOptions(cells, self.config.window_outliers, max_rounds=1),
-            self.allowance.part(tasks),
+            options,
+            max_boxes,
+            self.allowance.part(1),
         )
 
-    def _sentence(self, image: bool, pair: Pair) -> str:
-        """Return what ruled out a placement."""
+    def _over(self, pair: Pair) -> str:
+        """Return the name of a pair and for how long it has measured."""
         first, second = pair
         robots = self.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
-        what = 'mirror image' if image else 'hypothesis'
-        return f'{what} ruled out by {names} over {self.spans_s[pair]:.0f} s'
+        return f'{names} over {self.spans_s[pair]:.0f} s'
+
+
+def sifted(
+    placements: Sequence[Placement], sift: Callable[[Placement], tuple[Placement | None, str]]
+) -> Left:
+    """
+    Return what is left of placements, those that are impossible left out.
+
+    Those whose headings are known least come first, each with all the time that is left: a part
+    of it would not do for any. Where time is short the others have their turn at the next
+    estimate, which knows of these then.
+
+    Parameters
+    ----------
+    placements : sequence of Placement
+    sift : callable
+        Returns what is left of a placement, or what ruled it out.
+
+    Returns
+    -------
+    Left
+
+    """
+    unknown_rad = [
+        np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
+    ]
+    order = np.argsort(-np.array(unknown_rad), kind='stable')
+    found = {int(number): sift(placements[number]) for number in order}
+    left: list[Placement] = []
+    ruled_out: list[str] = []
+    lone = True
+    for number, placement in enumerate(placements):
+        narrowed, cause = found[number]
+        image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
+        if narrowed is not None:
+            left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
+        else:
+            ruled_out.append(f'{"mirror image" if image else "hypothesis"} ruled out by {cause}')
+        lone = narrowed is None
+    return Left(tuple(left), tuple(ruled_out))
 
 
 def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
@@ -173,13 +259,16 @@ def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
     )
 
 
-def recall(snapshot: Snapshot, cancel: Cancel | None) -> Recollection:
-    """Return what the window of a snapshot says; in space nothing yet."""
+def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> Recollection:
+    """Return what the window of a snapshot and an earlier estimate say; in space nothing yet."""
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
-    if config.dimension != 2 or not snapshot.window.observations:
+    if config.dimension != 2 or not (snapshot.window.observations or proved):
         return Recollection(config, snapshot.stamp_s, allowance)
+    if allowance.part(1)():
+        proved = None
     carried = snapshot.carried
+    newest_s = config.memory_s * WINDOW_SHARE
     pose_sets, forgotten = place_robots(snapshot, carried, allowance)
     contradicting = also_forgotten({}, forgotten)
     replaced = frozenset(
@@ -192,11 +281,12 @@ def recall(snapshot: Snapshot, cancel: Cancel | None) -> Recollection:
         snapshot.stamp_s,
         allowance,
         {
-            pair: carried.readings(pair, MOST_IN_TABLE)
-            for pair in carried.near_pairs(MOST_PARTNERS)
+            pair: carried.readings(pair, MOST_IN_TABLE, newest_s)
+            for pair in carried.near_pairs(MOST_PARTNERS, newest_s)
         },
         {pair: carried.span_s(pair) for pair in carried.pairs},
         pose_sets,
         replaced,
         forgotten,
+        None if proved is None else CarriedPlacements(proved, snapshot),
     )

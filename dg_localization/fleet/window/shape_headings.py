@@ -5,7 +5,8 @@
 Shape first, then headings: what a window tells of a placement of the moment.
 
 The placement bounds the places of the robots in some frame. Old observations, carried to now, then
-leave few headings, or none: such a placement is impossible, as a mirror image mostly is.
+leave few headings, or none: such a placement is impossible, as a mirror image mostly is. Tables of
+headings take the pairs one by one; what they leave is narrowed by all pairs of a few robots.
 """
 
 from __future__ import annotations
@@ -20,14 +21,16 @@ from numpy.typing import NDArray
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
+from dg_localization.fleet.window.proved import PoseBounds, heading_arcs, intersect_arcs
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.pairs import (
     HeadingOptions,
-    Headings,
+    JointPoses,
     PairReadings,
     heading_cells,
     narrow_headings,
+    narrow_jointly,
 )
 
 FloatArray = NDArray[np.float64]
@@ -35,6 +38,9 @@ FloatArray = NDArray[np.float64]
 COARSE_CELLS = 32
 FINE_CELLS = 128
 """Cells of the full turn: few to rule out what is impossible, more to bound what is left."""
+
+JOINT_BOXES = 96
+"""Boxes of the poses of a few robots together, where these narrow each other."""
 
 KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
 """A heading in less than a half turn counts as known."""
@@ -65,6 +71,7 @@ def narrow_placement(
     readings: Mapping[Pair, PairReadings],
     pose_sets: PoseSets,
     options: HeadingOptions,
+    max_boxes: int,
     stopped: Callable[[], bool],
 ) -> Narrowed:
     """
@@ -83,6 +90,8 @@ def narrow_placement(
     pose_sets : PoseSets
         Of robots among anchors, where these make the frame.
     options : HeadingOptions
+    max_boxes : int
+        For the joint poses of a few robots; none where zero, or where outliers are tolerated.
     stopped : callable
         Once it is true, what is found so far is returned.
 
@@ -110,8 +119,13 @@ def narrow_placement(
     found = narrow_headings(lower, upper, useful, options, known=known, stopped=stopped)
     if not found.possible:
         return Narrowed(None, found.ruled_out_by)
-    enclosure[:, 0], enclosure[:, 1] = found.lower_m[:, :2], found.upper_m[:, :2]
-    return Narrowed(_with_headings(_with_enclosure(placement, enclosure), found))
+    poses = _within_known(JointPoses.of(found), placement)
+    if max_boxes and not options.max_outliers:
+        poses = narrow_jointly(poses, useful, max_boxes, stopped=stopped)
+        if not poses.possible:
+            return Narrowed(None, poses.ruled_out_by)
+    enclosure[:, 0], enclosure[:, 1] = poses.lower_m[:, :2], poses.upper_m[:, :2]
+    return Narrowed(within_bounds(placement, PoseBounds(enclosure, poses.arcs_rad)))
 
 
 def _known_headings(
@@ -119,17 +133,25 @@ def _known_headings(
 ) -> NDArray[np.bool_]:
     """Return the cells that may hold each heading by the rays of the moment."""
     known = np.ones((len(placement.heading_known), cells), bool)
+    arcs = heading_arcs(placement)
     for robot in np.flatnonzero(placement.heading_known):
-        yaw = _yaw_rad(placement.orientations_xyzw[robot])
-        half = angle_up(float(placement.heading_half_width_rad[robot]))
-        known[robot] = heading_cells(yaw - half, yaw + half, cells)
+        known[robot] = heading_cells(arcs[robot, 0], arcs[robot, 1], cells)
     if frame is FrameKind.HEADING:
         known[reference] = heading_cells(0.0, 0.0, cells)
     return known
 
 
-def _yaw_rad(orientation_xyzw: FloatArray) -> float:
-    return 2.0 * math.atan2(float(orientation_xyzw[2]), float(orientation_xyzw[3]))
+def _within_known(poses: JointPoses, placement: Placement) -> JointPoses:
+    """Return poses with their headings within those that are known, finer than cells are."""
+    pairs = zip(poses.arcs_rad, heading_arcs(placement), strict=True)
+    # Arcs that have only a rounded end in common are left as they are.
+    arcs = [known if (met := intersect_arcs(arc, known)) is None else met for arc, known in pairs]
+    return replace(poses, arcs_rad=np.array(arcs))
+
+
+def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:
+    """Return a placement with narrower bounds."""
+    return _with_headings(_with_enclosure(placement, bounds.enclosure_m), bounds.arcs_rad)
 
 
 def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
@@ -151,13 +173,13 @@ def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
     )
 
 
-def _with_headings(placement: Placement, found: Headings) -> Placement:
+def _with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
     """Return a placement with the headings that are found, where the rays tell less."""
     orientations = placement.orientations_xyzw.copy()
     half_widths = placement.heading_half_width_rad.copy()
     covariances = None if placement.covariances is None else placement.covariances.copy()
     for robot in range(len(orientations)):
-        low, high = found.arc_rad(robot)
+        low, high = map(float, arcs_rad[robot])
         middle = 0.5 * (low + high)
         half = angle_up(max(high - middle, middle - low))
         if half < min(KNOWN_HALF_WIDTH_RAD, half_widths[robot]):

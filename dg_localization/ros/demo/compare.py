@@ -3,7 +3,7 @@
 
 """Answers of the localizer compared with the truth: in numbers and in words."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import re
 
@@ -39,7 +39,8 @@ class Truth:
         Parameters
         ----------
         frame : str
-            How the diagnostics describe it: 'body frame of A' or 'origin at A, x towards B'.
+            How the diagnostics describe it: 'body frame of A' or 'origin at A, x towards B'. An
+            odometry frame needs more (`in_odometry_frame`).
 
         Raises
         ------
@@ -60,6 +61,47 @@ class Truth:
             raise DemoError(f"the localizer describes its frame as '{frame}'")
         positions_m = (self.positions_m - self.positions_m[origin]) @ rotation(yaw_rad)
         return Truth(self.stamp_s, positions_m, self.yaws_rad - yaw_rad)
+
+    def in_odometry_frame(self, stated: 'StatedPose', then: 'Truth') -> 'Truth':
+        """
+        Return the truth in the odometry frame of a robot.
+
+        Parameters
+        ----------
+        stated : StatedPose
+            What the odometry stated last; by definition it is true in this frame.
+        then : Truth
+            At the time of that.
+
+        """
+        origin = ROBOTS.index(stated.robot)
+        turn_rad = stated.yaw_rad - then.yaws_rad[origin]
+        positions_m = (self.positions_m - then.positions_m[origin]) @ rotation(turn_rad).T
+        return Truth(self.stamp_s, positions_m + stated.position_m, self.yaws_rad + turn_rad)
+
+
+@dataclass(frozen=True)
+class StatedPose:
+    """Where a robot is by its odometry at a time in s: position (2,) in m, heading in rad."""
+
+    robot: str
+    stamp_s: float
+    position_m: NDArray[np.float64]
+    yaw_rad: float
+
+
+def frame_of(frame_id: str) -> str:
+    """Return the description of a frame by its name; empty for one of a shape only."""
+    robot, _, kind = frame_id.partition('/')
+    if kind == 'odom':
+        return f'odometry frame {frame_id} of {robot}'
+    return f'body frame of {robot}' if kind else ''
+
+
+def robot_of_odometry_frame(frame: str) -> str | None:
+    """Return whose odometry frame the diagnostics describe; None for another frame."""
+    found = re.match(r'odometry frame \S+ of (\w+)', frame)
+    return found[1] if found else None
 
 
 @dataclass(frozen=True)
@@ -122,10 +164,25 @@ class Compared:
 
 @dataclass
 class Scenario:
-    """One run of the demonstration, and what came out of it."""
+    """
+    One phase of the demonstration, and what came out of it.
+
+    Attributes
+    ----------
+    title : str
+    seconds : float
+        How long it lasts, from the first answer.
+    simulator, localizer : mapping of str to object
+        Parameters of the two executables.
+    compared : list of Compared
+        Every answer.
+
+    """
 
     title: str
-    cameras: bool
+    seconds: float
+    simulator: Mapping[str, object]
+    localizer: Mapping[str, object] = field(default_factory=dict)
     compared: list[Compared] = field(default_factory=list)
 
     @property
@@ -254,4 +311,15 @@ def summary(scenario: Scenario) -> str:
         f'  {count_text(answer)}; truth held in {scenario.n_held} of '
         f'{len(scenario.compared)} answers{nearest}.\n'
         f'  Enclosures are {np.median(widths_m):.2f} m wide in the median.\n'
+        f'  {progress(scenario.compared)}\n'
     )
+
+
+def progress(compared: Sequence[Compared]) -> str:
+    """Return how the number of hypotheses and of known headings went, in words."""
+    first, last = compared[0].answer, compared[-1].answer
+    counts = f'hypotheses: {len(first.positions_m)} at first, {len(last.positions_m)} at last'
+    alone = [one.answer.stamp_s for one in compared if len(one.answer.positions_m) == 1]
+    since = f' (one after {min(alone) - first.stamp_s:.1f} s)' if alone else ''
+    n_known = int(np.isfinite(last.yaws_rad).all(axis=0).sum())
+    return f'{counts}{since}; headings of {n_known} of {len(ROBOTS)} robots are known.'

@@ -45,7 +45,7 @@ def draw(scenarios: Sequence[Scenario], path: Path) -> None:
     from matplotlib import pyplot
 
     figure, panels = pyplot.subplots(
-        1, len(scenarios), figsize=(6.2 * len(scenarios), 6.3), layout='constrained'
+        1, len(scenarios), figsize=(5.4 * len(scenarios), 5.6), layout='constrained'
     )
     for panel, scenario in zip(np.atleast_1d(panels), scenarios, strict=True):
         _draw_panel(panel, scenario)

@@ -4,14 +4,14 @@
 """
 The demonstration: `simulate_fleet` and `localizer` as two processes, looked at as a user would.
 
-First the robots measure ranges only, then they also see each other. For both, every feasible
-placement that arrives on the topics of the localizer is compared with the simulated truth; the
-last ones are printed and drawn. The exit code is 1 when the truth was in no hypothesis of some
-answer.
+First the robots measure ranges only. Then they drive loops and publish odometry: mirror images
+disappear and headings appear. At last they see each other. In each phase every feasible placement
+that arrives on the topics of the localizer is compared with the simulated truth; the last ones are
+printed and drawn. The exit code is 1 when the truth was in no hypothesis of some answer.
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -31,6 +31,9 @@ from dg_localization.ros.terminal import print_line
 
 # Without compiled kernels in its cache the localizer compiles them before its first answer.
 FIRST_ANSWER_S = 600.0
+
+MOVING = 4.0
+"""Robots that move take so many times as long: nine ranges leave 16 hypotheses to be ruled out."""
 
 
 class ProgressLine:
@@ -61,16 +64,39 @@ class ProgressLine:
             print(line, flush=True)
 
 
-def run(scenario: Scenario, seconds: float) -> None:
+def phases(seconds: float) -> list[Scenario]:
     """
-    Run a scenario and fill in what came out of it.
+    Return what the demonstration shows.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of a phase; robots that move take `MOVING` times as long.
+
+    """
+    speed_m_s = 0.5
+    moving = {'cameras': False, 'path': 'loops', 'speed': speed_m_s, 'odometry': True}
+    odometry = {
+        'max_speed': 1.2 * speed_m_s,
+        'max_turn_rate': 1.5,
+        'odometry.translation_per_m': 0.05,
+        'odometry.rotation_per_rad': 0.05,
+    }
+    return [
+        Scenario('Ranges', seconds, {'cameras': False}),
+        Scenario('The robots move', MOVING * seconds, moving, odometry),
+        Scenario('With cameras', seconds, {'cameras': True}),
+    ]
+
+
+def run(scenario: Scenario) -> None:
+    """
+    Run a phase and fill in what came out of it.
 
     Parameters
     ----------
     scenario : Scenario
         What to run.
-    seconds : float
-        How long, from the first answer.
 
     Raises
     ------
@@ -81,10 +107,14 @@ def run(scenario: Scenario, seconds: float) -> None:
     print(f'{scenario.title}:')
     spectator = Spectator()
     executables = (
+        Executable('simulate_fleet', '--ros-args', *_arguments(scenario.simulator)),
         Executable(
-            'simulate_fleet', '--ros-args', '-p', f'cameras:={str(scenario.cameras).lower()}'
+            'localizer',
+            '--ros-args',
+            '--params-file',
+            str(find_config()),
+            *_arguments(scenario.localizer),
         ),
-        Executable('localizer', '--ros-args', '--params-file', str(find_config())),
     )
     scenario.compared = spectator.compared
     line = ProgressLine()
@@ -96,10 +126,16 @@ def run(scenario: Scenario, seconds: float) -> None:
             if not spectator.compared:
                 raise DemoError(f'no answer within {first_s:.0f} s: {spectator.status}')
             spectator.compared.clear()
-            _spin_until(spectator, executables, lambda: False, seconds, line)
+            _spin_until(spectator, executables, lambda: False, scenario.seconds, line)
             line.show(1.0, _state(spectator), last=True)
     finally:
         spectator.destroy_node()
+
+
+def _arguments(parameters: Mapping[str, object]) -> list[str]:
+    """Return parameters as arguments of an executable."""
+    texts = [f'{name}:={str(value).lower()}' for name, value in parameters.items()]
+    return [argument for text in texts for argument in ('-p', text)]
 
 
 def _spin_until(
@@ -132,7 +168,7 @@ def _state(spectator: Spectator) -> str:
 
 def main(args: Sequence[str]) -> int:
     """
-    Run both scenarios.
+    Run all phases.
 
     Parameters
     ----------
@@ -151,7 +187,9 @@ def main(args: Sequence[str]) -> int:
 
     """
     parser = argparse.ArgumentParser(prog='demo', description='Localize a simulated fleet.')
-    parser.add_argument('--seconds', type=float, default=8.0, help='length of each of two runs')
+    parser.add_argument(
+        '--seconds', type=float, default=8.0, help='length of a phase; the second is longer'
+    )
     parser.add_argument('--picture', type=Path, default=Path('demo.png'), help='file to write')
     options = parser.parse_args(args)
     claim = claim_domain()
@@ -170,12 +208,12 @@ def main(args: Sequence[str]) -> int:
 
 def demonstrate(seconds: float, picture: Path) -> int:
     """
-    Run both scenarios, print what came out, and draw it.
+    Run all phases, print what came out, and draw it.
 
     Parameters
     ----------
     seconds : float
-        Length of each.
+        Length of the first.
     picture : Path
         The picture to write.
 
@@ -190,9 +228,9 @@ def demonstrate(seconds: float, picture: Path) -> int:
         If a process ends or no answer comes.
 
     """
-    scenarios = [Scenario('Without cameras', False), Scenario('With cameras', True)]
+    scenarios = phases(seconds)
     for scenario in scenarios:
-        run(scenario, seconds)
+        run(scenario)
         print(summary(scenario), flush=True)
     if find_spec('matplotlib') is None:
         print(f'no picture without matplotlib: {install_hint("matplotlib")}')
