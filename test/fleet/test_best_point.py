@@ -20,7 +20,7 @@ from dg_localization.fleet import (
 )
 from dg_localization.fleet.best_point.best_point import BestPointFinder
 from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
-from dg_localization.fleet.best_point.normal_equations import normal_equations
+from dg_localization.fleet.best_point.normal_equations import eliminate, normal_equations
 from dg_localization.fleet.best_point.terms import (
     STEP,
     TURN,
@@ -153,6 +153,15 @@ def test_the_gradient_is_that_of_the_cost(seed, robust):
         slope = (costs[0] - costs[1]) / (2.0 * step)
         assert 2.0 * vector[6 * body + axis] == pytest.approx(slope, rel=1e-4, abs=1e-3)
     assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > -1e-6
+
+
+@pytest.mark.parametrize('size', [0, 3, 8])
+def test_what_is_left_after_elimination_is_inverse_to_the_block(size):
+    root = np.random.default_rng(size).normal(size=(8, 8))
+    matrix = root @ root.T + np.eye(8)
+    wanted = np.linalg.inv(matrix)[:size, :size]
+    eliminate(matrix, size)
+    assert np.allclose(np.linalg.inv(matrix[:size, :size]), wanted)
 
 
 @pytest.mark.parametrize('seed', range(20))
