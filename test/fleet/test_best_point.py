@@ -379,6 +379,20 @@ def test_a_robot_that_sees_nothing_now_has_its_point_by_what_it_saw():
     assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
 
 
+def test_what_was_seen_before_the_odometry_started_anew_does_not_pull():
+    localizer = driver()
+    drive(localizer, ANCHORS[2], 5.0, lambda tick: True)
+    after_m = np.array([6.0, 4.0])
+    now_s = NOW_S + 7.0
+    localizer.add_odometry('r', [50.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+    for name, place in zip('012', ANCHORS[2], strict=True):
+        line_m = place - after_m
+        localizer.add_range('r', f'a{name}', np.linalg.norm(line_m), now_s, now_s)
+        localizer.add_bearing('r', f'a{name}', [*line_m, 0.0], now_s, now_s)
+    (placement,) = localizer.step(now_s).placements
+    assert np.linalg.norm(placement.positions_m[0] - after_m) < 0.01
+
+
 def test_a_dropped_reading_does_not_pull():
     fleet = Fleet(5, robots=2, noise=0.0)
     config = FleetConfig(robots=fleet.robots, anchors=fleet.anchors, max_outliers=1)
