@@ -11,7 +11,7 @@ JOBS ?= 2
 ros = $(or $(ROS_DISTRO),wheels)
 # Packages that have no wheels.
 built = empy
-extras = bags bench lint plots progress speed test
+extras = bags bench dask lint plots progress speed test
 ready = $(VENV)/.ready-$(ros)
 run = $(VENV)/bin/python
 

@@ -5,9 +5,10 @@
 Fleets that fall into pieces, with the time that their answers take.
 
 Random fleets of neighbors in range, ten seeds each: with UWB bounds, with relative errors in the
-plane and in space; two rigid fours that share a robot; strips of rigid fours::
+plane and in space; networks of 50 to 150 points in space, many of whose distances are exact; two
+rigid fours that share a robot; strips of rigid fours::
 
-    python -m benchmarks.pieces [uwb] [plane] [space] [chains] [--seeds 10]
+    python -m benchmarks.pieces [uwb] [plane] [space] [networks] [chains] [--seeds 10]
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.problems import known_to, problem_of, squared_distances
-from dg_localization import Problem, SolverOptions, Verdict, solve
+from benchmarks.problems import ROUNDING, known_to, problem_of, squared_distances
+from dg_localization import Problem, Result, SolverOptions, Verdict, solve
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,13 @@ SPACING_M = 5.0
 
 SHORTEST_ERROR_M, LONGEST_ERROR_M = -0.05, 1.3
 """By how much a UWB radio reads too long."""
+
+
+NETWORK_WIDTH_M = 0.1
+"""How wide a distance of a network is known that is not exact."""
+
+NETWORK_SECONDS = 10.0
+"""The time that each network may take."""
 
 
 class Row(NamedTuple):
@@ -130,6 +138,36 @@ def strip(length: int, relative_error: float = 0.01) -> Problem:
     return _known(positions, [range(2 * x, 2 * x + 4) for x in range(length)], relative_error)
 
 
+def network(number: int) -> tuple[Problem, FloatArray]:
+    """
+    Return a network of points in a unit cube, as of atoms, and its placement in m.
+
+    From the first to the last of ten it grows from 50 to 150 points and from 3.4 to 17 measured
+    pairs a point. Each point has exact distances to its two nearest earlier points; all other
+    distances are known to an interval of 0.1 m.
+    """
+    n_points = 50 + 100 * (number % 10) // 9
+    n_pairs = round(n_points * 3.4 * (17.0 / 3.4) ** (number % 10 / 9.0))
+    rng = np.random.default_rng([number, 3])
+    positions = rng.random((n_points, 3))
+    squared = squared_distances(positions)
+    exact = {
+        (int(i), point)
+        for point in range(1, n_points)
+        for i in np.argsort(squared[point, :point])[:2]
+    }
+    ranges = {pair: (squared[pair], squared[pair]) for pair in exact}
+    rows, columns = np.triu_indices(n_points, 1)
+    for x in np.argsort(squared[rows, columns]):
+        if len(ranges) >= n_pairs:
+            break
+        pair = int(rows[x]), int(columns[x])
+        if pair not in exact:
+            low_m = max(0.0, math.sqrt(squared[pair]) - NETWORK_WIDTH_M * rng.random())
+            ranges[pair] = low_m**2, (low_m + NETWORK_WIDTH_M) ** 2
+    return problem_of(ranges, n_points, 3), positions
+
+
 def _timed(problem: Problem, options: SolverOptions) -> tuple[float, Verdict, int, int]:
     """Return the milliseconds of a solve, its verdict, its pieces and its hypotheses."""
     start = time.perf_counter()
@@ -155,6 +193,37 @@ def fleets(rows: Iterable[Row], n_seeds: int) -> None:
         )
 
 
+def networks(n_seeds: int) -> None:
+    """Print what becomes of each network."""
+    print('| points | pairs a point | verdict | time | pieces, largest | proved | truth held |')
+    print('|---|---|---|---|---|---|---|')
+    options = SolverOptions(max_boxes=10**9, max_seconds=NETWORK_SECONDS)
+    for number in range(n_seeds):
+        problem, positions = network(number)
+        start = time.perf_counter()
+        result = solve(problem, options)
+        taken_s = time.perf_counter() - start
+        sizes = [len(piece.points) for piece in result.pieces]
+        proved = [any(h.proved for h in piece.hypotheses) for piece in result.pieces]
+        n_pairs = (np.isfinite(problem.upper).sum() - problem.n_points) // 2
+        print(
+            f'| {problem.n_points} | {n_pairs / problem.n_points:.1f} | {result.verdict.value} '
+            f'| {taken_s:.1f} s | {len(sizes)}, {max(sizes)} | {sum(proved)} of {len(proved)} '
+            f'| {_holds(result, positions)} |',
+            flush=True,
+        )
+
+
+def _holds(result: Result, positions: FloatArray) -> bool:
+    """Tell whether each piece has a hypothesis that holds the placement, up to rounding."""
+    for piece in result.pieces:
+        squared = squared_distances(positions[list(piece.points)])
+        low, high = (1.0 - ROUNDING) * squared, (1.0 + ROUNDING) * squared
+        if not any(((h.lower <= high) & (low <= h.upper)).all() for h in piece.hypotheses):
+            return False
+    return True
+
+
 def chains() -> None:
     """Print what known chains of pieces take."""
     print('| chain | time | pieces | hypotheses |\n|---|---|---|---|')
@@ -170,7 +239,7 @@ def chains() -> None:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    every = [*TABLES, 'chains']
+    every = [*TABLES, 'networks', 'chains']
     parser.add_argument('tables', nargs='*', choices=[*every, []], help='all of them if none')
     parser.add_argument('--seeds', type=int, default=10, help='fleets of each kind')
     arguments = parser.parse_args()
@@ -179,6 +248,8 @@ def main() -> None:
         print(f'\n{name}\n')
         if name == 'chains':
             chains()
+        elif name == 'networks':
+            networks(arguments.seeds)
         else:
             fleets(TABLES[name], arguments.seeds)
 

@@ -40,7 +40,7 @@ def estimate_snapshot(snapshot: Snapshot, cancel: Cancel | None = None) -> Estim
     if not snapshot.keys:
         return _without_placements(snapshot, None, _no_data_reason(snapshot))
     recalled = recall(snapshot, cancel)
-    in_window = suspects_in_window(snapshot, recalled.pose_sets, cancel)
+    in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)

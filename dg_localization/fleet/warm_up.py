@@ -33,7 +33,8 @@ def warm_up() -> None:
     for dimension in (2, 3):
         _estimate_small_fleet(dimension)
     for anchors in ({}, {'a': Anchor((0.0, 0.0)), 'b': Anchor((3.0, 0.0))}):
-        _estimate_moving_fleet(anchors)
+        for outliers in (0, 1):
+            _estimate_moving_fleet(anchors, outliers)
     _estimate_robot_with_sensors()
 
 
@@ -74,10 +75,10 @@ def _estimate_small_fleet(dimension: int) -> None:
     localizer.step(STAMP_S)
 
 
-def _estimate_moving_fleet(anchors: Mapping[str, Anchor]) -> None:
+def _estimate_moving_fleet(anchors: Mapping[str, Anchor], outliers: int) -> None:
     """Estimate two robots with odometry from what they measured before they moved."""
     robots = ('first', 'second')
-    localizer = Localizer(FleetConfig(robots=robots, anchors=anchors, window_outliers=1))
+    localizer = Localizer(FleetConfig(robots=robots, anchors=anchors, window_outliers=outliers))
     for tick in range(3):
         now_s = STAMP_S + 0.5 * tick
         for x_m, robot in enumerate(robots):

@@ -9,19 +9,22 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
-from numbers import Integral
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dg_localization.interval.intake import lower_bounds, upper_bounds
-
-Matrix = NDArray[np.float64]
-
-
-class InvalidProblemError(ValueError):
-    """A malformed problem; contradictory measurements are a verdict, not an error."""
+from dg_localization.solver.checks import (
+    InvalidProblemError,
+    Matrix,
+    check_bounds,
+    check_matrices,
+    checked_pairs,
+    checked_points,
+    different_points,
+    is_whole,
+)
+from dg_localization.solver.pair_bounds import PairBounds
 
 
 class Side(IntEnum):
@@ -82,74 +85,6 @@ class Chirality:
         return -self.sign if inversions % 2 else self.sign
 
 
-def check_bounds(
-    lower: ArrayLike, upper: ArrayLike, names: tuple[str, str] = ('lower', 'upper')
-) -> tuple[Matrix, Matrix]:
-    """
-    Return bounds of squared distances in double precision, rounded outward.
-
-    Parameters
-    ----------
-    lower, upper : array_like, shape (n, n)
-        Real numbers of any kind.
-    names : tuple of str, optional
-        What they are called in messages.
-
-    Returns
-    -------
-    tuple of ndarray, shapes (n, n)
-        New arrays.
-
-    Raises
-    ------
-    InvalidProblemError
-        If the bounds are not real numbers or not square.
-
-    """
-    matrices = []
-    for name, values, rounded in zip(
-        names, (lower, upper), (lower_bounds, upper_bounds), strict=True
-    ):
-        try:
-            matrix = rounded(values)
-        except ValueError as error:
-            raise InvalidProblemError(f'{name} {error}') from None
-        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-            raise InvalidProblemError(
-                f'{name} has shape {matrix.shape}, a square matrix is needed'
-            )
-        matrices.append(matrix)
-    return matrices[0], matrices[1]
-
-
-def _is_whole(value: object) -> bool:
-    """Return whether a value is an integer of Python or NumPy; truth values are none."""
-    return type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
-
-
-def _checked_points(what: object, points: object, count: int, n_points: int) -> tuple[int, ...]:
-    """Return the points of a constraint as integers of Python."""
-    if not isinstance(points, Iterable):
-        raise InvalidProblemError(f'{what}: {points!r} are no points')
-    listed = tuple(points)
-    if len(listed) != count:
-        raise InvalidProblemError(f'{what}: {count} points are needed in this dimension')
-    return _existing(what, listed, n_points)
-
-
-def _existing(what: object, points: tuple[Any, ...], n_points: int) -> tuple[int, ...]:
-    """Return points as integers of Python, different ones that the problem has."""
-    for point in points:
-        if not _is_whole(point):
-            raise InvalidProblemError(f'{what}: point {point!r} is not an integer')
-        if not 0 <= int(point) < n_points:
-            raise InvalidProblemError(f'{what}: point {point} is not in 0..{n_points - 1}')
-    checked = tuple(int(point) for point in points)
-    if len(set(checked)) < len(checked):
-        raise InvalidProblemError(f'{what}: points {checked} are not all different')
-    return checked
-
-
 class Problem:
     """
     Interval squared distances of n points in q dimensions, with known sides and chiralities.
@@ -185,83 +120,174 @@ class Problem:
         sides: Sequence[SideConstraint] = (),
         chiralities: Sequence[Chirality] = (),
     ) -> None:
-        if not _is_whole(dimension) or dimension not in (1, 2, 3):
-            raise InvalidProblemError(f'dimension is {dimension!r}, it must be 1, 2 or 3')
-        for name, given in (('sides', sides), ('chiralities', chiralities)):
-            if not isinstance(given, Iterable):
-                raise InvalidProblemError(f'{name} is {given!r}, a sequence is needed')
-        self.lower, self.upper = check_bounds(lower, upper)
-        self.dimension = int(dimension)
-        self._check_bounds()
-        self.sides = tuple(self._checked_side(side) for side in sides)
-        self.chiralities = tuple(self._checked_chirality(known) for known in chiralities)
-        self.lower.flags.writeable = False
-        self.upper.flags.writeable = False
+        self._take_constraints_of(dimension, sides, chiralities)
+        self._matrices: tuple[Matrix, Matrix] | None = check_bounds(lower, upper)
+        self._pairs: PairBounds | None = None
+        check_matrices(*self._matrices)
+        self._protect()
+        self._check_constraints()
+
+    @classmethod
+    def from_pairs(
+        cls,
+        n_points: int,
+        i: ArrayLike,
+        j: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        dimension: int = 2,
+        sides: Sequence[SideConstraint] = (),
+        chiralities: Sequence[Chirality] = (),
+    ) -> Problem:
+        """
+        Return a problem given by its measured pairs; no n x n array is made of them.
+
+        Parameters
+        ----------
+        n_points : int
+            The number of points n.
+        i, j : array_like of int, shape (m,)
+            The points of each pair, in either order; each pair once.
+        lower, upper : array_like, shape (m,)
+            Bounds of their squared distances in m^2, as those of a problem otherwise. A pair that
+            is not listed is unknown, ``[0, inf]``.
+        dimension, sides, chiralities : optional
+            As those of a problem otherwise.
+
+        Returns
+        -------
+        Problem
+            The problem. Its `lower` and `upper` are made when they are asked for.
+
+        Raises
+        ------
+        InvalidProblemError
+            If an index is no integer or no point, a pair joins a point to itself or is given
+            twice, and for what is wrong in a problem otherwise; with the place in the lists, the
+            pair and the value.
+
+        """
+        if not is_whole(n_points) or n_points < 1:
+            raise InvalidProblemError(f'n_points is {n_points!r}, a positive integer is needed')
+        problem = cls.__new__(cls)
+        problem._take_constraints_of(dimension, sides, chiralities)
+        problem._matrices = None
+        problem._pairs = checked_pairs(int(n_points), i, j, lower, upper)
+        problem._check_constraints()
+        return problem
 
     @classmethod
     def unchecked(
         cls,
-        lower: Matrix,
-        upper: Matrix,
+        bounds: tuple[Matrix, Matrix] | PairBounds,
         dimension: int,
         sides: Sequence[SideConstraint],
         chiralities: Sequence[Chirality],
     ) -> Problem:
-        """Return a problem of new arrays and of constraints that are known to be valid."""
+        """Return a problem of new bounds and of constraints that are known to be valid."""
         problem = cls.__new__(cls)
-        problem.lower, problem.upper = lower, upper
+        problem._matrices = problem._pairs = None
+        if isinstance(bounds, PairBounds):
+            problem._pairs = bounds
+        else:
+            problem._matrices = bounds
+            problem._protect()
         problem.dimension = dimension
         problem.sides, problem.chiralities = tuple(sides), tuple(chiralities)
-        problem.lower.flags.writeable = False
-        problem.upper.flags.writeable = False
         return problem
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # An array comes out of a pickle writable; kernels are compiled anew for such a one.
+        self.__dict__.update(state)
+        self._protect()
+
+    def _protect(self) -> None:
+        """Make the matrices read only."""
+        for matrix in self._matrices or ():
+            matrix.flags.writeable = False
+
+    def _take_constraints_of(
+        self,
+        dimension: int,
+        sides: Sequence[SideConstraint],
+        chiralities: Sequence[Chirality],
+    ) -> None:
+        """Keep the dimension and what is to be checked once the number of points is known."""
+        if not is_whole(dimension) or dimension not in (1, 2, 3):
+            raise InvalidProblemError(f'dimension is {dimension!r}, it must be 1, 2 or 3')
+        for name, given in (('sides', sides), ('chiralities', chiralities)):
+            if not isinstance(given, Iterable):
+                raise InvalidProblemError(f'{name} is {given!r}, a sequence is needed')
+        self.dimension = int(dimension)
+        self.sides, self.chiralities = tuple(sides), tuple(chiralities)
+
+    def _check_constraints(self) -> None:
+        self.sides = tuple(self._checked_side(side) for side in self.sides)
+        self.chiralities = tuple(self._checked_chirality(known) for known in self.chiralities)
+
+    @property
+    def lower(self) -> Matrix:
+        """Lower bounds of all squared distances in m^2, shape (n, n), read only."""
+        return self._as_matrices()[0]
+
+    @property
+    def upper(self) -> Matrix:
+        """Upper bounds of all squared distances in m^2, shape (n, n), read only."""
+        return self._as_matrices()[1]
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether the bounds are those of listed pairs, and no matrix was made of them."""
+        return self._matrices is None
+
+    def sparse(self) -> Problem:
+        """Return the same problem, its bounds as those of listed pairs."""
+        if self.is_sparse:
+            return self
+        return Problem.unchecked(self.pairs, self.dimension, self.sides, self.chiralities)
+
+    def bounds_among(self, points: Sequence[int]) -> tuple[Matrix, Matrix]:
+        """Return the bounds in m^2 of all pairs of k points, as new arrays of shape (k, k)."""
+        if self._matrices is None:
+            return self.pairs.among(points)
+        index = np.array(points)
+        rows = index[:, None]
+        return self._matrices[0][rows, index], self._matrices[1][rows, index]
+
+    @property
+    def pairs(self) -> PairBounds:
+        """The bounds of the pairs of which something is known."""
+        if self._pairs is None:
+            self._pairs = PairBounds.from_matrices(*self._as_matrices())
+        return self._pairs
+
+    def _as_matrices(self) -> tuple[Matrix, Matrix]:
+        if self._matrices is None:
+            self._matrices = self.pairs.among(range(self.n_points))
+            self._protect()
+        return self._matrices
 
     @property
     def n_points(self) -> int:
         """The number of points."""
-        return len(self.lower)
-
-    def _check_bounds(self) -> None:
-        lower, upper = self.lower, self.upper
-        if lower.shape != upper.shape:
-            raise InvalidProblemError(f'lower is {lower.shape}, upper is {upper.shape}')
-        if len(lower) == 0:
-            raise InvalidProblemError('there are no points')
-        for name, matrix in (('lower', lower), ('upper', upper)):
-            for wrong, what in (
-                (np.isnan(matrix), 'is NaN'),
-                (matrix < 0.0, 'is negative'),
-                (matrix != matrix.T, 'differs from its transpose'),
-                (np.diag(np.diag(matrix) != 0.0), 'must be 0: it is on the diagonal'),
-            ):
-                if wrong.any():
-                    i, j = np.argwhere(wrong)[0]
-                    raise InvalidProblemError(f'{name}[{i},{j}] = {matrix[i, j]} m^2 {what}')
-        if np.isinf(lower).any():
-            i, j = np.argwhere(np.isinf(lower))[0]
-            raise InvalidProblemError(f'lower[{i},{j}] is infinite')
-        if (lower > upper).any():
-            i, j = np.argwhere(lower > upper)[0]
-            raise InvalidProblemError(
-                f'lower[{i},{j}] = {lower[i, j]} m^2 exceeds upper[{i},{j}] = {upper[i, j]} m^2'
-            )
+        return len(self._matrices[0]) if self._matrices else self.pairs.n_points
 
     def _checked_side(self, constraint: SideConstraint) -> SideConstraint:
         """Return a side constraint with its points as integers of Python."""
         if not isinstance(constraint, SideConstraint):
             raise InvalidProblemError(f'{constraint!r} among the sides is no SideConstraint')
-        face = _checked_points(constraint, constraint.face, self.dimension, self.n_points)
-        if not _is_whole(constraint.side) or constraint.side not in (-1, 0, 1):
+        face = checked_points(constraint, constraint.face, self.dimension, self.n_points)
+        if not is_whole(constraint.side) or constraint.side not in (-1, 0, 1):
             raise InvalidProblemError(f'{constraint}: the side must be -1, 0 or +1')
         points = (*face, constraint.first, constraint.second)
-        *face_points, first, second = _existing(constraint, points, self.n_points)
+        *face_points, first, second = different_points(constraint, points, self.n_points)
         return SideConstraint(tuple(face_points), first, second, Side(constraint.side))
 
     def _checked_chirality(self, chirality: Chirality) -> Chirality:
         """Return a chirality with its points as integers of Python."""
         if not isinstance(chirality, Chirality):
             raise InvalidProblemError(f'{chirality!r} among the chiralities is no Chirality')
-        points = _checked_points(chirality, chirality.points, self.dimension + 1, self.n_points)
-        if not _is_whole(chirality.sign) or chirality.sign not in (-1, 1):
+        points = checked_points(chirality, chirality.points, self.dimension + 1, self.n_points)
+        if not is_whole(chirality.sign) or chirality.sign not in (-1, 1):
             raise InvalidProblemError(f'{chirality}: the sign must be -1 or +1')
         return Chirality(points, int(chirality.sign))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from functools import cache
 import time
 
@@ -32,6 +33,7 @@ def solve(
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
     within: Sequence[tuple[ArrayLike, ArrayLike]] | None = None,
+    executor: Executor | None = None,
 ) -> Result:
     """
     Return every placement that agrees with a problem, or the proof that there is none.
@@ -49,6 +51,10 @@ def solve(
     within : sequence of (lower, upper), optional
         Boxes that are known to hold every placement of interest, such as those of an earlier
         answer: lower and upper bounds of all squared distances in m^2, shape (n, n) each.
+    executor : concurrent.futures.Executor, optional
+        Whose workers solve the independent parts of large fleets: threads, processes, or those of
+        a cluster. The answer is the same, unless a limit of time stops it. Tasks that run when the
+        call is cancelled end with the time that they were given.
 
     Returns
     -------
@@ -72,10 +78,12 @@ def solve(
     # The kernels import numba, which takes longer than the rest of the package together.
     from dg_localization.solver.assemble.answer import answer
     from dg_localization.solver.assemble.budget import CallBudget
+    from dg_localization.solver.assemble.tasks import Workers
 
     load_kernels()
     boxes = None if within is None else _boxes(problem, within)
-    budget = CallBudget(options or SolverOptions(), cancel, progress)
+    workers = Workers(executor, load_kernels) if executor is not None else None
+    budget = CallBudget(options or SolverOptions(), cancel, progress, workers)
     return answer(problem, budget, boxes)
 
 
@@ -84,6 +92,7 @@ def _boxes(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Check the boxes that placements have to lie in, and return them as arrays."""
     boxes = []
+    shape = (problem.n_points, problem.n_points)
     for x, box in enumerate(within):
         try:
             lower, upper = box
@@ -93,10 +102,9 @@ def _boxes(
         names = (f'within[{x}]: lower', f'within[{x}]: upper')
         lower, upper = check_bounds(lower, upper, names)
         for name, bound in zip(names, (lower, upper), strict=True):
-            if bound.shape != problem.lower.shape or np.isnan(bound).any():
+            if bound.shape != shape or np.isnan(bound).any():
                 raise InvalidProblemError(
-                    f'{name} has shape {bound.shape}, numbers of shape '
-                    f'{problem.lower.shape} are needed'
+                    f'{name} has shape {bound.shape}, numbers of shape {shape} are needed'
                 )
         boxes.append((np.maximum(lower, lower.T), np.minimum(upper, upper.T)))
     return boxes
@@ -139,6 +147,7 @@ def load_kernels() -> float:
             len(answer(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
+    len(answer(_braced_block(), CallBudget(options)).hypotheses)
     for hypothesis in answer(_braced_grid(), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
     return time.perf_counter() - start
@@ -181,3 +190,14 @@ def _braced_grid() -> Problem:
     squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     upper = np.where(squared < 2.5, 1.02 * squared, np.inf)
     return Problem(np.where(squared < 2.5, squared, 0.0), upper)
+
+
+def _braced_block() -> Problem:
+    """Return a piece in space that is large enough to be placed point by point."""
+    corners = np.stack(np.unravel_index(np.arange(12), (3, 2, 2)), axis=1).astype(np.float64)
+    squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
+    measured = squared < 2.5
+    # A corner that is held by few pairs is not tried as part of one box.
+    measured[0, 3] = measured[3, 0] = False
+    upper = np.where(measured, 1.02 * squared, np.inf)
+    return Problem(np.where(measured, squared, 0.0), upper, 3)

@@ -16,11 +16,12 @@ PLACE_M = np.array([1.0, 2.0, 0.0])
 def landmarks_seen(rng, count, off):
     """Return ranges from B, which stands still, to points around A; `off` is added to each."""
     points = np.concatenate([rng.uniform(-6.0, 6.0, (count, 2)), np.zeros((count, 1))], axis=1)
-    apart = np.linalg.norm(points - PLACE_M, axis=1) * rng.uniform(0.985, 1.015, count) + off
+    apart = np.linalg.norm(points - PLACE_M, axis=1) * rng.uniform(0.985, 1.015, count)
+    apart = np.maximum(apart + off, 0.0)
     return PairReadings.of(
         Interval.point(points),
         Interval.point(np.zeros((count, 3))),
-        Interval(np.maximum(apart * 0.98, 0.0), apart * 1.02),
+        Interval(apart * 0.98, apart * 1.02),
     )
 
 

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from threading import Event
+import time
 from types import ModuleType
 
 from builtin_interfaces.msg import Time
@@ -61,6 +62,21 @@ def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_
     bench.until_placements(2)
     bench.until_status('fleet', Level.WARN, 'ambiguous')
     release.set()
+
+
+def test_after_a_backlog_what_is_taken_is_young_enough(bench, make_node):
+    node = make_node(robots=['robot_1', 'robot_2'], max_age=1.6)
+    bench.send_range('robot_1', 'robot_2', 3.0)
+    bench.forget()
+    bench.executor.remove_node(node)
+    # The executor of the node gets no processor for three seconds, at 10 Hz.
+    for _ in range(30):
+        bench.send_range('robot_1', 'robot_2', 3.0)
+        time.sleep(0.1)
+    bench.executor.add_node(node)
+    bench.clear()
+    values = dict(bench.until_count('input range robot_1->robot_2', 'accepted'))
+    assert not int(values.get('rejected_too_old', '0')), values
 
 
 def test_clock_cannot_be_changed_while_the_node_runs(make_node):

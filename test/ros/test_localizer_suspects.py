@@ -27,14 +27,19 @@ def send_square(bench, off_m):
 
 def test_a_sensor_that_lies_is_named_and_counted(bench, make_node):
     robots = [f'robot_{i}' for i in range(1, 5)]
-    make_node(robots=robots, max_outliers=1, outlier_unit='sensor', max_speed=0.01)
+    make_node(
+        robots=robots,
+        max_outliers=1,
+        outlier_unit='sensor',
+        max_speed=0.01,
+        conflicts__max_seconds=20.0,
+    )
     bench.sending = [partial(send_square, bench, 2.0)]
     text = "robot_1's ranging was among the suspects in"
-    status = bench.until_status('fleet', Level.WARN, text)
+    status = bench.until_status('fleet', Level.WARN, text, deadline_s=60.0)
     assert status.values['suspects'] == "robot_1's ranging"
     assert status.values['offender_0'].startswith(text)
     assert status.values['offender_0'].endswith('contradictions of the last 60 s')
-    assert 'contradicting inputs dropped' in status.message
 
 
 def test_a_stuck_sensor_is_named_with_its_value_and_since_when(bench, make_node):

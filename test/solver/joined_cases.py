@@ -42,6 +42,24 @@ def joined_case(seed, max_points=9):
     return Case(Problem(lower, upper, dimension, sides, chiralities), options, positions)
 
 
+def grown_case(seed, max_points=12):
+    """Return a random problem of one body in space, of which many pairs are measured."""
+    rng = np.random.default_rng([seed, 3])
+    body = list(range(int(rng.integers(5, max_points + 1))))
+    positions = _positions(rng, len(body), 3, [body])
+    measured = np.triu(rng.random((len(body), len(body))) < rng.choice([0.5, 0.7, 0.9, 1.0]), 1)
+    squared = squared_distances(positions)
+    sides, chiralities = _known_orientations(rng, positions.tolist(), [body])
+    lower, upper = _bounds(rng, squared, measured | measured.T)
+    size = max(float(np.sqrt(squared.max())), 1e-12)
+    options = SolverOptions(
+        resolution=size * float(rng.choice([1e-6, 1e-2, 0.1])),
+        max_boxes=int(rng.choice([2, 10, 20])),
+        tighten_slices=int(rng.choice([0, 0, 0, 20])),
+    )
+    return Case(Problem(lower, upper, 3, sides, chiralities), options, positions)
+
+
 def _bodies(rng, dimension, n_points):
     """Return sets of points, each sharing some with one of those before it, in any order."""
     names = rng.permutation(n_points).tolist()

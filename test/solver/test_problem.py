@@ -277,3 +277,78 @@ def test_lists_and_integers_will_do():
     problem = Problem([[0, 1], [1, 0]], [[0, 4], [4, 0]])
     assert problem.n_points == 2
     assert problem.upper.dtype == np.float64
+
+
+SOME_PAIRS = {
+    'n_points': 4,
+    'i': [0, 1, 3],
+    'j': [1, 2, 2],
+    'lower': [1.0] * 3,
+    'upper': [2.0] * 3,
+}
+
+
+def test_a_problem_of_listed_pairs_is_that_of_its_matrices():
+    problem = Problem.from_pairs(**SOME_PAIRS, chiralities=[Chirality((0, 1, 2), 1)])
+    listed = {(0, 1): (1.0, 2.0), (1, 2): (1.0, 2.0), (2, 3): (1.0, 2.0)}
+    lower, upper = bounds(4, listed)
+    assert (problem.lower == lower).all() and (problem.upper == upper).all()
+    assert not problem.lower.flags.writeable and problem.n_points == 4
+    assert problem.chiralities == (Chirality((0, 1, 2), 1),)
+    low, high = problem.bounds_among([2, 3, 0])
+    index = np.ix_([2, 3, 0], [2, 3, 0])
+    assert (low == lower[index]).all() and (high == upper[index]).all()
+    again = Problem(lower, upper).pairs
+    assert (again.pairs == [[0, 1], [1, 2], [2, 3]]).all()
+    assert (again.keys == problem.pairs.keys).all()
+
+
+def test_bounds_of_listed_pairs_are_rounded_outward():
+    wide = 2**53 + 1
+    given = {**SOME_PAIRS, 'lower': [wide, 1, 1], 'upper': [wide, Fraction(1, 3) + 1, 2]}
+    pairs = Problem.from_pairs(**given).pairs
+    lower, upper = pairs.lower.tolist(), pairs.upper.tolist()
+    assert lower[0] < wide < upper[0] and upper[1] > Fraction(4, 3)
+
+
+def test_a_listed_pair_of_which_nothing_is_known_is_left_out():
+    given = {**SOME_PAIRS, 'lower': [0.0, 0.0, 1.0], 'upper': [np.inf, 2.0, np.inf]}
+    problem = Problem.from_pairs(**given)
+    assert problem.pairs.pairs.tolist() == [[1, 2], [2, 3]]
+    assert problem.pairs.measured.tolist() == [[1, 2]]
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'text'),
+    [
+        ({'n_points': 0}, 'n_points is 0'),
+        ({'n_points': 2.0}, 'n_points is 2.0'),
+        ({'i': [0, 1, 4]}, r'i\[2\] = 4 is not in 0..3'),
+        ({'j': [1, -1, 2]}, r'j\[1\] = -1 is not in 0..3'),
+        ({'i': [0, 1, 2.5]}, 'i has entries of type float64, integers are needed'),
+        ({'i': [[0, 1, 3]]}, r'i has shape \(1, 3\)'),
+        ({'i': [[0], [1, 3]]}, 'i is a list of lists of different lengths'),
+        ({'i': np.ma.masked_array([0, 1, 3], mask=[0, 1, 0])}, 'i is a masked array'),
+        ({'i': [True, False, True]}, 'i has entries of type bool'),
+        ({'j': [1, 2]}, r'j has shape \(2,\), i has shape \(3,\)'),
+        ({'upper': [2.0]}, r'upper has shape \(1,\), i has shape \(3,\)'),
+        ({'i': [1, 1, 3]}, r'i\[0\] = j\[0\] = 1: a pair needs two points'),
+        ({'j': [1, 0, 2]}, r'pair \(0, 1\) is given twice, as entries 0 and 1'),
+        ({'lower': [1.0, np.nan, 1.0]}, r'lower\[1\] = nan m\^2 of pair \(1, 2\) is NaN'),
+        ({'upper': [1.0, 1.0, np.nan]}, r'upper\[2\] = nan m\^2 of pair \(3, 2\) is NaN'),
+        ({'lower': [-1.0, 1.0, 1.0]}, r'lower\[0\] = -1.0 m\^2 of pair \(0, 1\) is negative'),
+        ({'lower': [1.0, 3.0, 1.0]}, r'lower\[1\] = 3.0 .* exceeds upper\[1\] = 2.0'),
+        ({'lower': [np.inf] * 3, 'upper': [np.inf] * 3}, r'lower\[0\] of pair .* is infinite'),
+        ({'lower': [1j, 1.0, 1.0]}, r'lower has the entry \[0\] = 1j'),
+        ({'dimension': 4}, 'dimension is 4'),
+        ({'chiralities': [Chirality((0, 1, 4), 1)]}, 'point 4 is not in 0..3'),
+    ],
+)
+def test_wrong_pairs(wrong, text):
+    with pytest.raises(InvalidProblemError, match=text):
+        Problem.from_pairs(**{**SOME_PAIRS, **wrong})
+
+
+def test_no_pairs_at_all():
+    problem = Problem.from_pairs(3, [], [], [], [])
+    assert np.isinf(problem.upper[0, 1]) and solve(problem).n_hypotheses == 1

@@ -78,8 +78,8 @@ class Explanation:
         Observations that contradict each other, where the limits did not suffice to find a
         minimal conflict among them.
     culprits : tuple of Suspect
-        Each of them alone explains everything, as far as the solver can tell in brief:
-        observations, else sensors, else robots.
+        Without corrections, those that each alone explain everything, as far as the solver can
+        tell in brief: observations, else sensors, else robots.
     stopped : bool
         Whether the limits ended the search for conflicts or culprits.
 
@@ -172,7 +172,8 @@ def explain(
             search.find_corrections(named[0], limits.max_outliers)
             complete = True
         search.find_disjoint_conflicts()
-        culprits = search.culprits(named)
+        if not search.corrections:
+            culprits = search.culprits(named)
     except _LimitReachedError:
         stopped = True
     return Explanation(

@@ -54,14 +54,14 @@ class ContradictionOracle:
         links = self._lineup.links_of(observations)
         dropped = self._everything - links
         constraints = constrain(self._snapshot, dropped)
-        if constraints.contradictory or not _triangles_hold(constraints):
+        if constraints.contradictory:
             return True
-        if effort is Effort.GLANCE:
+        points = self._points_of(links, constraints)
+        if not points:
             return False
+        if effort is Effort.GLANCE:
+            return not _triangles_hold(constraints.of(points))
         if effort is Effort.BRIEF:
-            points = self._points_of(links, constraints)
-            if not points:
-                return False
             found = solve(constraints.of(points).problem(), self._brief, self._cancel)
             return found.verdict is Verdict.INFEASIBLE
         (plans,) = plan_frames(self._snapshot, constraints, [constraints])
@@ -87,8 +87,10 @@ class ContradictionOracle:
 def _triangles_hold(constraints: Constraints) -> bool:
     """Return whether each distance fits the ways through one other point."""
     distance = Interval(constraints.lower, constraints.upper).sqrt()
-    through_m = (distance[:, :, None] + distance[None]).upper.min(axis=1)
-    return bool(np.all(distance.lower <= through_m))
+    return all(
+        np.all(distance.lower <= (distance[:, point, None] + distance[None, point]).upper)
+        for point in range(len(constraints.points))
+    )
 
 
 def regions_of(snapshot: Snapshot, lineup: Lineup) -> tuple[Suspects, ...]:

@@ -28,7 +28,7 @@ class SuspectKind(StrEnum):
     """All that one sensor says: a camera, a ranging, or a mounted sensor."""
 
     ROBOT = 'robot'
-    """All that a robot measures, and all that is measured of it."""
+    """All that a robot measures and all that is measured of it, or of a landmark."""
 
 
 @dataclass(frozen=True, order=True)
@@ -112,13 +112,10 @@ class Lineup:
         return frozenset(key for one in observations for key in self.links[one])
 
     def sensors_of(self, suspects: Iterable[Suspect]) -> Suspects:
-        """Return the sensors that suspects name: those of their observations, or themselves."""
-        observations = set(suspects)
-        return frozenset(
-            sensor
-            for sensor, covered in self.sensors.items()
-            if sensor in observations or covered & observations
-        )
+        """Return the sensors of observations; sensors and robots stand for themselves."""
+        named = frozenset(suspects)
+        whole = named - self.links.keys()
+        return whole.union(sensor for sensor, covered in self.sensors.items() if covered & named)
 
     def in_short(self, observations: Suspects) -> Suspects:
         """Return who is to blame where all of some observations are wrong: one name if it can."""
@@ -163,8 +160,8 @@ def line_up(
         sensor = Suspect(SuspectKind.SENSOR, observation.name, measures=tuple(sorted(measures)))
         sensors.setdefault(sensor, set()).add(observation)
         for point in (observation.name, observation.target):
-            robot = Suspect(SuspectKind.ROBOT, point.partition('/')[0])
-            robots.setdefault(robot, set()).add(observation)
+            name = point.rpartition('/')[0] if point in mounted else point
+            robots.setdefault(Suspect(SuspectKind.ROBOT, name), set()).add(observation)
     return Lineup(links, _frozen(sensors), _frozen(robots))
 
 

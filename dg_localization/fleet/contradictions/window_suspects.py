@@ -5,19 +5,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKind
-from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD
 from dg_localization.fleet.window.memory import Observation
 from dg_localization.fleet.window.pose_sets import PoseSets
 from dg_localization.pairs import find_suspects
-from dg_localization.solver.options import Cancel
 
 
 def suspects_in_window(
-    snapshot: Snapshot, pose_sets: PoseSets, cancel: Cancel | None = None
+    snapshot: Snapshot, pose_sets: PoseSets, stopped: Callable[[], bool]
 ) -> tuple[Suspect, ...]:
     """
     Return the observations of a window that explain why it does not agree with itself.
@@ -27,8 +27,8 @@ def suspects_in_window(
     snapshot : Snapshot
     pose_sets : PoseSets
         What the window leaves, outliers tolerated.
-    cancel : Cancel, optional
-        Ends the search when set.
+    stopped : callable
+        Once it is true nobody else is looked at.
 
     Returns
     -------
@@ -38,16 +38,14 @@ def suspects_in_window(
     """
     if not snapshot.config.window_outliers:
         return ()
-    allowance = Allowance(snapshot.config.memory_max_seconds, cancel)
     covers = {
         **{(WORLD, robot): cover for robot, cover in pose_sets.covers.items()},
         **pose_sets.relative,
     }
     found = []
-    for number, (pair, cover) in enumerate(covers.items()):
-        stopped = allowance.part(len(covers) - number)
+    for pair, cover in covers.items():
         if stopped():
-            continue
+            break
         sources = snapshot.carried.sources(pair)
         for index in find_suspects(snapshot.carried.readings(pair), cover, stopped=stopped):
             found.append(_suspect(*sources[index]))

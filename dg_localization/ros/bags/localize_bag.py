@@ -4,24 +4,30 @@
 """
 The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, and a report.
 
-    localize_bag BAG -o OUT --params FILE [--storage mcap|sqlite3] [--start S] [--duration S]
-                 [--report FILE] [--inputs] [--ros-args ...]
+    localize_bag BAG [BAG ...] -o OUT --params FILE [--storage mcap|sqlite3] [--start S]
+                 [--duration S] [--report FILE] [--inputs] [--jobs N] [--scheduler ADDRESS]
+                 [--ros-args ...]
 
 It does in the time of the bag what the node does: the same parameters, the same inputs, the same
 estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
 on every run: no limit depends on a clock of the machine. `solver.max_seconds`,
 `solver.tighten_seconds` and `conflicts.max_seconds` are not used, `solver.max_boxes` and
 `conflicts.max_solves` are.
+
+Several bags are localized by a process each (`many_bags`), on this machine or by the workers of a
+Dask cluster; OUT has a folder for each.
 """
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
+import os
 from pathlib import Path
 import time
 
 from dg_localization.fleet import Estimate, warm_up
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
+from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many, many_as_markdown
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Event,
@@ -225,6 +231,12 @@ def _report_path(text: str) -> Path:
     return path
 
 
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' must be an integer of at least 1")
+    return int(text)
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
@@ -235,7 +247,9 @@ def make_parser() -> argparse.ArgumentParser:
         'parameter is wrong; 130 after SIGINT or SIGTERM.',
     )
     seconds = number(0.0, ' s')
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file'
+    )
     parser.add_argument(
         '-o', '--output', type=_new_path, required=True, metavar='OUT', help='folder to make'
     )
@@ -258,6 +272,18 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--inputs', action='store_true', help='copy the messages that were used into OUT'
+    )
+    parser.add_argument(
+        '--jobs',
+        type=_jobs,
+        default=os.cpu_count() or 1,
+        metavar='N',
+        help='of several bags, localize so many at a time (default %(default)s)',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='localize several bags with the workers of the Dask scheduler at this address',
     )
     return parser
 
@@ -282,9 +308,36 @@ def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
     )
 
 
+def _shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[str]:
+    """Return the arguments that are the same for each of several bags."""
+    shared = ['--params', str(options.params.resolve()), '--storage', options.storage]
+    shared += ['--start', str(options.start)]
+    if options.duration is not None:
+        shared += ['--duration', str(options.duration)]
+    if options.inputs:
+        shared.append('--inputs')
+    is_of_ros = False
+    for argument in args:
+        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
+        if is_of_ros:
+            shared.append(argument)
+    return shared
+
+
+def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
+    """Localize several bags, print and write what came of all; return the exit code."""
+    shared = _shared_arguments(options, args)
+    outcomes = localize_many(options.bags, options.output, shared, options.jobs, options.scheduler)
+    if options.report is not None:
+        text = MANY_REPORTS[options.report.suffix](outcomes)
+        options.report.write_text(text, encoding='utf-8')
+    print_result(many_as_markdown(outcomes))
+    return max(outcome.exit_code for outcome in outcomes)
+
+
 def main(args: Sequence[str]) -> int:
     """
-    Localize a bag until its end, SIGINT or SIGTERM.
+    Localize a bag, or several, until their end, SIGINT or SIGTERM.
 
     Parameters
     ----------
@@ -304,6 +357,9 @@ def main(args: Sequence[str]) -> int:
     """
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
+    if len(options.bags) > 1 or options.scheduler is not None:
+        return _localize_many(options, args)
+    options.bag = options.bags[0]
     try:
         with contents_of(options.bag) as contents, stop_request() as stop:
             warm_up()

@@ -16,8 +16,10 @@ from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters import adapter_for
 
 # As the profile of that name, which every publisher can serve, with a longer queue: publishing
-# an answer or the diagnostics of a large fleet keeps the executor from receiving for a moment.
-SENSOR_DATA = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+# an answer or the diagnostics of a large fleet keeps the executor from receiving for a moment. On
+# a machine that is too busy queues stay full, and what is taken is as old as they are long: with
+# sensors at 10 Hz that must be less than the default `max_age`, or no message would be of use.
+SENSOR_DATA = QoSProfile(depth=8, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Inputs:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combinations
+from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.links import Linker
 from dg_localization.solver.assemble.pieces import (
     Bounds,
@@ -20,9 +21,14 @@ from dg_localization.solver.assemble.pieces import (
     SolvedPieces,
 )
 from dg_localization.solver.assemble.product import Nothing, Product
-from dg_localization.solver.assemble.subproblem import Constraint, points_of
+from dg_localization.solver.assemble.subproblem import MOST_DENSE, Constraint, points_of
 from dg_localization.solver.contract.reduction import SMALL_FLEET
-from dg_localization.solver.decompose.decomposition import Decomposition, Part, pieces_of
+from dg_localization.solver.decompose.decomposition import (
+    Decomposition,
+    Part,
+    pieces_of,
+    pieces_of_pairs,
+)
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.place.hypotheses import hypotheses_of
@@ -56,8 +62,10 @@ def answer(
         The answer.
 
     """
+    if problem.n_points > MOST_DENSE:
+        problem = problem.sparse()
     if decomposition is None:
-        decomposition = pieces_of(np.isfinite(problem.upper), problem.dimension)
+        decomposition = _decomposed(problem)
     solved = None
     if within is None and _may_be_one_piece(problem, decomposition):
         solved = _solved_in_one_box(problem, budget)
@@ -72,11 +80,20 @@ def answer(
         points = solved.pieces[combinations.contradiction].points
         return _infeasible(points, problem, budget)
     product = Product(problem, budget.options, solved, combinations, within, budget.is_cancelled)
-    if len(solved.pieces) > 1 and product.is_empty(
-        _is_crossed(problem, solved), _has_loop(solved), budget.is_over
+    if (
+        len(solved.pieces) > 1
+        and problem.n_points <= MOST_CONTRACTED
+        and product.is_empty(_is_crossed(problem, solved), _has_loop(solved), budget.is_over)
     ):
         return _infeasible(tuple(range(problem.n_points)), problem, budget)
     return _result(solved, combinations, product, budget)
+
+
+def _decomposed(problem: Problem) -> Decomposition:
+    """Return the pieces that the graph of measured pairs has."""
+    if problem.is_sparse:
+        return pieces_of_pairs(problem.n_points, problem.pairs.measured, problem.dimension)
+    return pieces_of(np.isfinite(problem.upper), problem.dimension)
 
 
 def in_one_piece(n_points: int) -> Decomposition:
@@ -165,12 +182,16 @@ def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:
 
 def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
     """Return whether something but distances is known between different pieces."""
-    inside = np.zeros((problem.n_points, problem.n_points), dtype=np.bool_)
-    for piece in solved.pieces:
-        inside[np.ix_(piece.points, piece.points)] = True
-    if (problem.lower[~inside] > 0.0).any() or len(problem.chiralities) > 1:
+    if len(problem.chiralities) > 1:
         return True
     sets = [set(piece.points) for piece in solved.pieces]
+    holders: list[set[int]] = [set() for _ in range(problem.n_points)]
+    for number, points in enumerate(sets):
+        for point in points:
+            holders[point].add(number)
+    bounded = problem.pairs.pairs[problem.pairs.lower > 0.0]
+    if any(holders[i].isdisjoint(holders[j]) for i, j in bounded.tolist()):
+        return True
     constraints: list[Constraint] = [*problem.sides, *problem.chiralities]
     return any(not any(s.issuperset(points_of(c)) for s in sets) for c in constraints)
 

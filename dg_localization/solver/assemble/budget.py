@@ -5,19 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 import time
 
+from dg_localization.solver.assemble.tasks import LEAST_S, Part, SolvedPart, Workers, solve_part
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.branch_and_prune import Cover
 from dg_localization.solver.search.search import search
-
-SHORTEST_S = 1e-9
-"""A search with less time than this left does not look at a single box."""
 
 
 class _Stopped:
@@ -39,6 +37,10 @@ class CallBudget:
         Stops every search when set.
     progress : callable, optional
         Called with the statistics of all searches so far after every box.
+    workers : Workers, optional
+        Who solves independent parts; this process without any.
+    clock : callable, optional
+        Returns the time in s.
 
     """
 
@@ -47,16 +49,20 @@ class CallBudget:
         options: SolverOptions,
         cancel: Cancel | None = None,
         progress: Callable[[Statistics], None] | None = None,
+        workers: Workers | None = None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.options = options
         self.spent = Statistics()
+        self.workers = workers
         self._cancel = cancel
         self._progress = progress
-        self._start = time.perf_counter()
+        self._clock = clock
+        self._start = clock()
 
     def seconds(self) -> float:
         """Return the time since the call began."""
-        return time.perf_counter() - self._start
+        return self._clock() - self._start
 
     def is_cancelled(self) -> bool:
         """Return whether the call was cancelled."""
@@ -83,6 +89,12 @@ class CallBudget:
             self.spent, kept=self.spent.kept - n_split, split=self.spent.split + n_split
         )
 
+    def count_split(self) -> None:
+        """Note that a box was split by other means than the search."""
+        self.spent = replace(
+            self.spent, processed=self.spent.processed + 1, split=self.spent.split + 1
+        )
+
     def accept(self, n_pending: int) -> None:
         """Note that boxes which a search left pending are kept as they are."""
         self.spent = replace(
@@ -98,6 +110,7 @@ class CallBudget:
         share: float,
         within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
         most_boxes: int | None = None,
+        at_gaps: bool = False,
     ) -> Cover:
         """
         Cover the placements of a piece with a share of what is left.
@@ -112,6 +125,8 @@ class CallBudget:
             The boxes in m^2 to search in; everywhere when there are none.
         most_boxes : int, optional
             Most boxes to process, besides the share.
+        at_gaps : bool, optional
+            Whether boxes are split at gaps only.
 
         Returns
         -------
@@ -119,23 +134,127 @@ class CallBudget:
             The cover; complete, whatever is left.
 
         """
-        boxes = self.options.max_boxes - self.spent.processed
+        options = self._share(share, most_boxes)
+        has_boxes = self._boxes() > 0
+        cancel = self._cancel if has_boxes else _Stopped()
+        cover, statistics = search(problem, options, cancel, self._report, within, at_gaps=at_gaps)
+        self._spend(statistics, has_boxes)
+        return cover
+
+    def solve_parts(
+        self, parts: Iterable[Part], most_boxes: int, stopped: Callable[[], bool]
+    ) -> Iterator[SolvedPart]:
+        """
+        Solve independent parts, in their order and with all that is left.
+
+        Parameters
+        ----------
+        parts : iterable of Part
+            The parts.
+        most_boxes : int
+            Most boxes that each may take.
+        stopped : callable
+            Whether to stop early.
+
+        Yields
+        ------
+        SolvedPart
+            What became of each; fewer than there are parts where there is no time left.
+
+        """
+        if self.workers is None:
+            for part in parts:
+                if stopped():
+                    return
+                yield self._solved(part, most_boxes)
+            return
+        options = self._share(1.0, most_boxes)
+        for part, solved in self.workers.solved(parts, options, stopped):
+            if self.take(solved, options.max_boxes, 1.0, most_boxes):
+                yield solved
+            else:
+                yield self._solved(part, most_boxes)
+
+    def solve_ahead(self, parts: Sequence[Part], share: float) -> tuple[list[SolvedPart], int]:
+        """
+        Have workers solve parts, each with a share of what is left, and count nothing yet.
+
+        Returns
+        -------
+        tuple of (list of SolvedPart, int)
+            The first of the parts, as many as there was time for, and the boxes that each was
+            given: for `take`.
+
+        """
+        if self.workers is None:
+            return [], 0
+        options = self._share(share, None)
+        # They share the workers, and so the time.
+        options = replace(options, max_seconds=self.options.max_seconds - self.seconds())
+        found = self.workers.solved(parts, options, self.is_over)
+        return [solved for _, solved in found], options.max_boxes
+
+    def take(
+        self, solved: SolvedPart, given_boxes: int, share: float, most_boxes: int | None = None
+    ) -> bool:
+        """
+        Count what a worker did, where this process would have done the same by now.
+
+        Parameters
+        ----------
+        solved : SolvedPart
+            What the worker did.
+        given_boxes : int
+            How many boxes it was given.
+        share, most_boxes : optional
+            What this process would give to the part.
+
+        Returns
+        -------
+        bool
+            False where a part with fewer or more boxes might end otherwise; nothing is counted.
+
+        """
+        most = self._share(share, most_boxes).max_boxes if self._boxes() > 0 else 0
+        if solved.statistics.processed > most:
+            return False
+        if most != given_boxes and solved.cover.pending:
+            return False
+        self._spend(solved.statistics, has_boxes=True)
+        self._report(Statistics())
+        return True
+
+    def _solved(self, part: Part, most_boxes: int) -> SolvedPart:
+        """Solve one part in this process."""
+        has_boxes = self._boxes() > 0
+        cancel = self._cancel if has_boxes else _Stopped()
+        solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._report)
+        self._spend(solved.statistics, has_boxes)
+        return solved
+
+    def _boxes(self) -> int:
+        """Return how many boxes are left."""
+        return self.options.max_boxes - self.spent.processed
+
+    def _share(self, share: float, most_boxes: int | None) -> SolverOptions:
+        """Return the options for a share of what is left."""
+        boxes = self._boxes()
         seconds = self.options.max_seconds - (self.seconds() if self.spent.processed else 0.0)
-        options = replace(
+        return replace(
             self.options,
             max_boxes=max(1, min(int(share * boxes), most_boxes or boxes)),
-            max_seconds=max(SHORTEST_S, share * seconds),
-            tighten_seconds=max(SHORTEST_S, self.options.tighten_seconds - self.seconds()),
+            max_seconds=max(LEAST_S, share * seconds),
+            tighten_seconds=max(LEAST_S, self.options.tighten_seconds - self.seconds()),
         )
-        cancel = self._cancel if boxes > 0 else _Stopped()
-        cover, statistics = search(problem, options, cancel, self._report, within)
-        if boxes <= 0:
+
+    def _spend(self, statistics: Statistics, has_boxes: bool) -> None:
+        """Note the effort of a search."""
+        if not has_boxes:
             # What the triangle inequalities alone rule out takes no box.
             statistics = replace(statistics, processed=0, empty=0)
         self.spent += statistics
-        return cover
 
-    def search_in_one_box(self, problem: Problem) -> Cover | None:
+    def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover | None:
         """
         Cover the placements of a problem by one box.
 
@@ -143,6 +262,8 @@ class CallBudget:
         ----------
         problem : Problem
             The problem.
+        share : float, optional
+            The fraction of the time left that it may take.
 
         Returns
         -------
@@ -151,8 +272,8 @@ class CallBudget:
             time is over, which counts as no effort.
 
         """
-        seconds = max(SHORTEST_S, self.options.max_seconds - self.seconds())
-        tighten_seconds = max(SHORTEST_S, self.options.tighten_seconds - self.seconds())
+        seconds = max(LEAST_S, share * (self.options.max_seconds - self.seconds()))
+        tighten_seconds = max(LEAST_S, self.options.tighten_seconds - self.seconds())
         options = replace(
             self.options, max_boxes=1, max_seconds=seconds, tighten_seconds=tighten_seconds
         )

@@ -102,6 +102,8 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
     """
     corners = np.array([points.index(point) for point in face])
     others = np.array([x for x, point in enumerate(points) if point not in face])
+    if len(points) > LARGE and hypothesis.positions is None:
+        return None
     if len(points) > LARGE and hypothesis.positions is not None:
         away = hypothesis.positions[others] - hypothesis.positions[corners].mean(axis=0)
         near = others[np.argsort((away**2).sum(axis=1))[:MOST_APEXES]]

@@ -86,10 +86,10 @@ def solve_large(
         return None
     if solved.is_empty():
         return LargePiece(solved, Cover(), [])
-    answers = PatchAnswers(problem, solved, within)
+    answers = PatchAnswers(problem, solved, within, budget.is_over)
     most = budget.options.max_hypotheses
     if not is_whole:
-        return LargePiece(solved, None, answers.hypotheses(most, budget.is_over))
+        return LargePiece(solved, None, answers.hypotheses(most))
     boxes = answers.boxes(most)
     budget.go_on_from(solved.n_boxes())
     if not (solved.is_one_body and solved.is_complete()):

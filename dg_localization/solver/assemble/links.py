@@ -111,7 +111,9 @@ class Linker:
             sides = EITHER
             for number, piece in zip((first, second), pieces, strict=True):
                 for x, hypothesis in enumerate(piece.hypotheses):
-                    apex = apex_of(piece.points, hypothesis, joint.points)
+                    # Without time to look for one, its side is open.
+                    is_over = self._budget.is_over()
+                    apex = None if is_over else apex_of(piece.points, hypothesis, joint.points)
                     link.apexes[number, x] = apex
         for x, y in np.argwhere(together).tolist():
             certain = link.apexes.get((first, x)), link.apexes.get((second, y))
@@ -140,7 +142,8 @@ class Linker:
         ):
             return known
         apart = [sorted(s - t) for s, t in (inside, inside[::-1])]
-        return known if (self._problem.lower[np.ix_(*apart)] > 0.0).any() else None
+        lower, _ = self._problem.bounds_among([*apart[0], *apart[1]])
+        return known if (lower[: len(apart[0]), len(apart[0]) :] > 0.0).any() else None
 
     def _may_be(
         self, link: Link, pair: tuple[int, int], side: Side, known: list[Constraint]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations, product
 import math
 
 import numpy as np
@@ -21,25 +21,26 @@ from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.large_pieces import MOST_TOGETHER, LargePiece, solve_large
-from dg_localization.solver.assemble.subproblem import Bounds, Orientations, restricted, unbounded
+from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
+from dg_localization.solver.assemble.tasks import Part, SolvedPart
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
-from dg_localization.solver.decompose.decomposition import Decomposition, pairs_of
+from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.growth.solver import is_grown, solve_grown
 from dg_localization.solver.patches.solver import MOST_WHOLE, SolvedPatches
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.search import POINTS_PER_WORKER
 
 MOST_RANGES = 16
 """A piece is solved at most so often, for different ranges of what it is given."""
 
 FIRST_SHARE = 0.5
 """At first a piece may take this part of a fair share: easy ones do not wait for hard ones."""
-
-Ranges = dict[Pair, tuple[float, float]]
 
 
 @dataclass
@@ -91,6 +92,7 @@ class _Search:
     kept: list[FloatArray]
     pending: list[FloatArray]
     large: LargePiece | None = None
+    found: Sequence[Hypothesis] | None = None  # by a worker, with the cover
 
     def is_pending(self) -> bool:
         """Return whether some boxes were not examined."""
@@ -102,6 +104,8 @@ class _Search:
         """Return the hypotheses that the cover makes, or those that patches made."""
         if self.large is not None and self.large.cover is None:
             return self.large.hypotheses
+        if self.found is not None:
+            return self.found
         return hypotheses_of(self.problem, self.kept + self.pending)
 
 
@@ -136,6 +140,9 @@ def _searched(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
 ) -> _Search:
     """Solve a piece for one choice of what it is given, with a share of what is left."""
+    grown = solve_grown(problem, budget, share, within)
+    if grown is not None:
+        return _Search(problem, grown.kept, grown.pending)
     if problem.n_points <= MOST_WHOLE:
         cover = budget.search(problem, share, within)
         return _Search(problem, cover.kept, cover.pending)
@@ -180,6 +187,8 @@ class PieceSolver:
         self._budget = budget
         self._within = within
         self._joints = decomposition.joints
+        self._ahead: dict[int, SolvedPart] = {}
+        self._given_boxes = 0
         parts = enumerate(decomposition.pieces)
         self._tasks = [_Task(part.points, [number]) for number, part in parts]
         self._joints_of: list[list[Joint]] = [[] for _ in self._tasks]
@@ -189,6 +198,7 @@ class PieceSolver:
 
     def run(self) -> SolvedPieces:
         """Solve all pieces, until one of them cannot exist."""
+        self._solve_ahead()
         for number in range(len(self._tasks)):
             self._merge_degenerate(number)
             task = self._tasks[number]
@@ -200,12 +210,31 @@ class PieceSolver:
                 return SolvedPieces(contradiction=task.points)
         return self._solved()
 
+    def _solve_ahead(self) -> None:
+        """Have workers, where there are any, solve the small pieces that wait for no other."""
+        if self._budget.workers is None:
+            return
+        numbers = [
+            number
+            for number, task in enumerate(self._tasks)
+            if len(task.points) < POINTS_PER_WORKER
+            and not any(j.kind is JointKind.REFLECTION for j in self._joints_of[number])
+        ]
+        parts = []
+        for number in numbers:
+            points = self._tasks[number].points
+            within = self._within and _restricted(self._within, points)
+            constraints = self._orientations.among(points)
+            parts.append(Part(restricted(self._problem, points, None, constraints), within))
+        solved, self._given_boxes = self._budget.solve_ahead(parts, self._share(0))
+        self._ahead = dict(zip(numbers, solved, strict=False))
+
     def _share(self, number: int) -> float:
         """Return which part of what is left a piece may take at first."""
         if len(self._tasks) == 1:
             return 1.0
         left = [len(task.points) for task in self._tasks[number:]]
-        if left[0] > MOST_CONTRACTED:
+        if left[0] > MOST_CONTRACTED or is_grown(left[0], self._problem.dimension):
             # There is no second time for it.
             return left[0] / sum(left)
         return FIRST_SHARE / len(left)
@@ -221,7 +250,7 @@ class PieceSolver:
             self._budget.take_back(len(starts))
             cover = self._budget.search(search.problem, 1.0 / (len(searches) - x), starts)
             search.kept += cover.kept
-            search.pending = cover.pending
+            search.pending, search.found = cover.pending, None
             task.gather()
             yield task
 
@@ -260,14 +289,23 @@ class PieceSolver:
             problem = restricted(self._problem, task.points, bounds, constraints)
             if problem is not None:
                 part = share / (len(given) - x)
-                task.searches.append(_searched(problem, self._budget, part, within))
+                search = self._found_ahead(task, problem, part)
+                task.searches.append(search or _searched(problem, self._budget, part, within))
         task.gather()
 
-    def _given(self, task: _Task) -> list[Bounds | None]:
+    def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
+        """Return what a worker found of a piece, None where that is not what would be found."""
+        solved = self._ahead.get(task.numbers[0])
+        if solved is None or not self._budget.take(solved, self._given_boxes, share):
+            return None
+        cover = solved.cover
+        return _Search(problem, cover.kept, cover.pending, found=solved.hypotheses)
+
+    def _given(self, task: _Task) -> list[Ranges]:
         """Return the bounds that earlier pieces put on pairs of a piece which nobody measured."""
         choices: list[list[Ranges]] = []
         for joint in (joint for number in task.numbers for joint in self._joints_of[number]):
-            pairs = [p for p in pairs_of(joint.points) if math.isinf(self._problem.upper[p])]
+            pairs = self._unmeasured(joint.points)
             solved = (self._tasks[x] for x in joint.pieces)
             holder = next((t for t in solved if t is not task and t.hypotheses), None)
             if pairs and holder is not None:
@@ -277,18 +315,13 @@ class PieceSolver:
         while math.prod(len(ranges) for ranges in choices) > most:
             longest = max(range(len(choices)), key=lambda x: len(choices[x]))
             choices[longest] = [_hull(choices[longest])]
-        return [self._bounds(task.points, ranges) for ranges in product(*choices)]
+        return [_common(ranges) for ranges in product(*choices)]
 
-    def _bounds(self, points: Points, ranges: tuple[Ranges, ...]) -> Bounds | None:
-        """Return the bounds of all pairs of some points from those of a few."""
-        if not ranges:
-            return None
-        lower, upper = unbounded(len(points))
-        for pair, (low, high) in (item for given in ranges for item in given.items()):
-            i, j = points.index(pair[0]), points.index(pair[1])
-            lower[i, j] = lower[j, i] = max(low, lower[i, j])
-            upper[i, j] = upper[j, i] = min(high, upper[i, j])
-        return lower, upper
+    def _unmeasured(self, points: Points) -> list[Pair]:
+        """Return the pairs of a few points that nobody measured."""
+        _, upper = self._problem.bounds_among(points)
+        ends = combinations(range(len(points)), 2)
+        return [(points[x], points[y]) for x, y in ends if math.isinf(upper[x, y])]
 
     def _solved(self) -> SolvedPieces:
         """Return the pieces under their final numbers."""
@@ -312,10 +345,10 @@ def _ranges(piece: _Task, pairs: list[Pair]) -> list[Ranges]:
     """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
     found: list[Ranges] = []
     for hypothesis in piece.hypotheses or []:
-        new: Ranges = {}
-        for pair in pairs:
-            index = piece.points.index(pair[0]), piece.points.index(pair[1])
-            new[pair] = hypothesis.bounds_of_pair(*index)
+        new: Ranges = {
+            pair: hypothesis.bounds_of_pair(*(piece.points.index(point) for point in pair))
+            for pair in pairs
+        }
         while touching := [ranges for ranges in found if _touch(ranges, new)]:
             found = [ranges for ranges in found if ranges not in touching]
             new = _hull([new, *touching])
@@ -328,6 +361,15 @@ def _touch(first: Ranges, second: Ranges) -> bool:
     return all(
         low <= second[pair][1] and second[pair][0] <= high for pair, (low, high) in first.items()
     )
+
+
+def _common(ranges: Iterable[Ranges]) -> Ranges:
+    """Return what several ranges, each of some pairs, have in common."""
+    common: dict[Pair, tuple[float, float]] = {}
+    for pair, (low, high) in (item for given in ranges for item in given.items()):
+        least, most = common.get(pair, (0.0, math.inf))
+        common[pair] = max(low, least), min(high, most)
+    return common
 
 
 def _hull(ranges: list[Ranges]) -> Ranges:

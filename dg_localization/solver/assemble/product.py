@@ -148,12 +148,11 @@ class Product:
             True is a proof.
 
         """
-        n_points = self._problem.n_points
-        if not (is_crossed or has_loop) or n_points > MOST_CONTRACTED or stopped():
+        if not (is_crossed or has_loop) or stopped():
             return False
         if self._all is None:
             return True
-        most = min(self._options.max_hypotheses, MOST_LISTED // n_points**2)
+        most = min(self._options.max_hypotheses, MOST_LISTED // self._problem.n_points**2)
         if not is_crossed or self.combinations.number > most or stopped():
             return False
         self.hypotheses = self._build(stopped)
@@ -236,6 +235,9 @@ class Product:
             for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
             if hypothesis.positions is not None
         ]
+        if len(pieces) < len(chosen):
+            # There was no time to place one of them.
+            return None, False
         reflections = combination.reflections()
         least_m = math.sqrt(problem.lower.max())
         known = np.stack([problem.lower, problem.upper])

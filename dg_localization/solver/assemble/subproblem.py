@@ -5,16 +5,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from dg_localization.solver.box import FloatArray
+from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.problem import Chirality, Problem, SideConstraint
 
 Bounds = tuple[FloatArray, FloatArray]
 """Lower and upper bounds of squared distances in m^2."""
+
+Ranges = Mapping[Pair, tuple[float, float]]
+"""Lower and upper bounds of the squared distances of some pairs in m^2."""
+
+MOST_DENSE = 200
+"""Bounds among more points are those of listed pairs; no n x n array is made of them."""
 
 Constraint = SideConstraint | Chirality
 
@@ -49,7 +57,7 @@ def points_of(constraint: Constraint) -> Points:
 def restricted(
     problem: Problem,
     points: Sequence[int],
-    bounds: Bounds | None,
+    bounds: Bounds | Ranges | None,
     constraints: Iterable[Constraint],
 ) -> Problem | None:
     """
@@ -61,8 +69,9 @@ def restricted(
         The problem.
     points : sequence of int
         The points, ascending.
-    bounds : tuple of ndarray, shape (k, k), or None
-        Lower and upper bounds of their squared distances in m^2, besides those of the problem.
+    bounds : tuple of ndarray, shape (k, k), or mapping, or None
+        Bounds of their squared distances in m^2, besides those of the problem: of all pairs, or of
+        some by their numbers in `problem`.
     constraints : iterable of SideConstraint or Chirality
         Constraints among the points, by their numbers in `problem`.
 
@@ -72,15 +81,20 @@ def restricted(
         The points in the order given; None where the bounds contradict each other.
 
     """
-    index = np.array(points)
-    lower = problem.lower[index[:, None], index]
-    upper = problem.upper[index[:, None], index]
-    if bounds is not None:
-        np.maximum(lower, bounds[0], out=lower)
-        np.minimum(upper, bounds[1], out=upper)
-        if (lower > upper).any():
-            return None
     number = {point: x for x, point in enumerate(points)}
+    left: Bounds | PairBounds | None
+    if isinstance(bounds, Mapping):
+        local = {(number[i], number[j]): ends for (i, j), ends in bounds.items()}
+        if problem.is_sparse and len(points) > MOST_DENSE:
+            left = _narrowed_pairs(problem.pairs.restricted(points), local)
+        else:
+            left = _narrowed(problem.bounds_among(points), _as_matrices(len(points), local))
+    elif bounds is None and problem.is_sparse and len(points) > MOST_DENSE:
+        left = problem.pairs.restricted(points)
+    else:
+        left = _narrowed(problem.bounds_among(points), bounds)
+    if left is None:
+        return None
     sides, chiralities = [], []
     for constraint in constraints:
         if isinstance(constraint, Chirality):
@@ -90,7 +104,39 @@ def restricted(
             face = tuple(number[point] for point in constraint.face)
             apexes = number[constraint.first], number[constraint.second]
             sides.append(SideConstraint(face, *apexes, constraint.side))
-    return Problem.unchecked(lower, upper, problem.dimension, sides, chiralities)
+    return Problem.unchecked(left, problem.dimension, sides, chiralities)
+
+
+def _narrowed(bounds: Bounds, others: Bounds | None) -> Bounds | None:
+    """Narrow bounds, in place, to what they have in common with others; None where nothing."""
+    if others is not None:
+        lower, upper = bounds
+        np.maximum(lower, others[0], out=lower)
+        np.minimum(upper, others[1], out=upper)
+        if (lower > upper).any():
+            return None
+    return bounds
+
+
+def _as_matrices(n_points: int, ranges: Ranges) -> Bounds | None:
+    """Return the bounds of some pairs as matrices, None where there are none."""
+    if not ranges:
+        return None
+    lower, upper = unbounded(n_points)
+    for (i, j), (low, high) in ranges.items():
+        lower[i, j] = lower[j, i] = low
+        upper[i, j] = upper[j, i] = high
+    return lower, upper
+
+
+def _narrowed_pairs(pairs: PairBounds, ranges: Ranges) -> PairBounds | None:
+    """Return bounds narrowed to those of some pairs; None where they contradict each other."""
+    if not ranges:
+        return pairs
+    rows, columns = np.array(list(ranges), dtype=np.int64).T
+    lower, upper = np.array(list(ranges.values())).T
+    narrowed = pairs.narrowed(rows, columns, lower, upper)
+    return None if (narrowed.lower > narrowed.upper).any() else narrowed
 
 
 def unbounded(n_points: int) -> Bounds:

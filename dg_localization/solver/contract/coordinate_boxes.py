@@ -50,7 +50,7 @@ def contract_coordinate_boxes(
                 if i == j or (math.isinf(upper[i, j]) and lower[i, j] <= 0.0):
                     continue
                 for axis in range(dimension):
-                    new_low, new_high = _contracted_side(
+                    new_low, new_high = contracted_side(
                         low, high, i, j, axis, lower[i, j], upper[i, j]
                     )
                     if new_low > new_high:
@@ -66,7 +66,7 @@ def contract_coordinate_boxes(
 
 
 @kernel
-def _contracted_side(
+def contracted_side(
     low: FloatArray,
     high: FloatArray,
     i: int,

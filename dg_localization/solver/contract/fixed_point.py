@@ -40,8 +40,8 @@ LOCAL_POINTS = (20, 20, 12)
 SMOOTHED_SWEEPS = 2
 """The first sweeps begin with the triangle inequalities; later ones gain nothing from them."""
 
-AXES_BEFORE_SPLIT = 12
-"""How many axes per point are tried before a box with a gap is split."""
+AXES_BEFORE_SPLIT = (12, 12, 2)
+"""How many axes per point are tried, by dimension, before a box with a gap is split."""
 
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
@@ -192,7 +192,7 @@ class Contractor:
     ) -> Status | None:
         """Apply all axes, and test the box after every few; None when there is more to gain."""
         box = self._box
-        enough = min(len(axes), AXES_BEFORE_SPLIT * self._n_points)
+        enough = min(len(axes), AXES_BEFORE_SPLIT[self._dimension - 1] * self._n_points)
         n_idle = 0
         for first in range(0, max(1, len(axes)), goal.axes_per_test):
             some = axes[first : first + goal.axes_per_test]

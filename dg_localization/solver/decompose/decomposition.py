@@ -88,6 +88,19 @@ def pieces_of(measured: BoolArray, dimension: int) -> Decomposition:
     return _remembered(len(measured), np.packbits(measured).tobytes(), dimension)
 
 
+def pieces_of_pairs(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
+    """Return the same as `pieces_of` for listed pairs, ascending, the smaller point first."""
+    return _remembered_pairs(n_points, pairs.tobytes(), dimension)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _remembered_pairs(n_points: int, pairs: bytes, dimension: int) -> Decomposition:
+    """Decompose a fleet, given its measured pairs one after another."""
+    listed = np.frombuffer(pairs, dtype=np.int64).reshape(-1, 2)
+    # A kernel is compiled anew for arrays that are read only.
+    return decompose(n_points, listed.copy(), dimension)
+
+
 @lru_cache(maxsize=REMEMBERED)
 def _remembered(n_points: int, bits: bytes, dimension: int) -> Decomposition:
     """Decompose a fleet, given the bits of its matrix of measured pairs."""
@@ -282,7 +295,11 @@ class _Order:
         if shared <= self._known:
             return True
         points = self._points[part]
-        pairs = [pair for pair in pairs_of(points) if pair in self._known]
+        if len(points) ** 2 > len(self._known):
+            inside = set(points)
+            pairs = [(i, j) for i, j in self._known if i in inside and j in inside]
+        else:
+            pairs = [pair for pair in pairs_of(points) if pair in self._known]
         local = np.searchsorted(np.array(points), np.array(pairs).reshape(-1, 2))
         return is_rigid(len(points), local, self._dimension)
 

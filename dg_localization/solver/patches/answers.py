@@ -123,16 +123,23 @@ class PatchAnswers:
         Its patches.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
+    stopped : callable
+        Whether there is no time left to look for choices and placements that agree.
 
     """
 
     def __init__(
-        self, problem: Problem, solved: SolvedPatches, within: Sequence[Bounds] | None
+        self,
+        problem: Problem,
+        solved: SolvedPatches,
+        within: Sequence[Bounds] | None,
+        stopped: Callable[[], bool],
     ) -> None:
         self._problem = problem
         self._solved = solved
         self._within = within
-        self._ambiguities = Ambiguities(solved.patches, solved.known)
+        self._stopped = stopped
+        self._ambiguities = Ambiguities(solved.patches, solved.known, stopped)
 
     def boxes(self, most: int) -> list[Bounds]:
         """
@@ -166,7 +173,7 @@ class PatchAnswers:
         )
         return [(lower, upper) for lower, upper in common if (lower <= upper).all()]
 
-    def hypotheses(self, most: int, stopped: Callable[[], bool]) -> list[Hypothesis]:
+    def hypotheses(self, most: int) -> list[Hypothesis]:
         """
         Return hypotheses that hold every placement between them.
 
@@ -174,8 +181,6 @@ class PatchAnswers:
         ----------
         most : int
             Choices of hypotheses to tell apart; where there are more, one hypothesis holds all.
-        stopped : callable
-            Whether there is no time left to look for placements that agree.
 
         Returns
         -------
@@ -184,26 +189,38 @@ class PatchAnswers:
 
         """
         n_points = self._problem.n_points
+        known = self._solved.known
+        chains = ChainGraph(n_points, known.pairs, known.lower, known.upper)
         found: list[Hypothesis] = []
-        for choice in self._choices(min(most, max(1, MOST_NUMBERS // n_points**2))):
+        most = 1 if self._stopped() else min(most, max(1, MOST_NUMBERS // n_points**2))
+        for choice in self._choices(most):
             low, high = self._chosen(choice)
-            graph = ChainGraph(n_points, self._solved.known.pairs, low, high)
-            if found and stopped():
+            graph = chains.with_bounds(low, high)
+            if found and self._stopped():
                 # Without time for one of its own it has the placement of another.
                 positions, proved, flexible = found[0].positions, False, found[0].flexible
             else:
-                positions = self._placement(choice or self._ambiguities.first(), stopped)
-                proved = agrees(self._problem, positions)
+                positions = self._placement(choice or self._ambiguities.first())
+                proved = positions is not None and agrees(self._problem, positions)
                 flexible = self._is_flexible(positions)
             found.append(
                 ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
             )
         return found
 
-    def _is_flexible(self, positions: FloatArray) -> bool:
-        """Return whether a placement can move; a piece too large for its rank is rigid."""
-        problem = self._problem
-        if problem.n_points > MOST_RANKED:
+    def _is_flexible(self, positions: FloatArray | None) -> bool:
+        """
+        Return whether a placement can move, where that is to be had in time.
+
+        Rigid patches that hold together are rigid as a whole. Else the rank decides, and a piece
+        that is too large for it is rigid, as its graph is.
+        """
+        solved, problem = self._solved, self._problem
+        if solved.is_one_body and not any(
+            h.flexible for p in solved.patches for h in p.remaining()
+        ):
+            return False
+        if positions is None or problem.n_points > MOST_RANKED or self._stopped():
             return False
         return bool(is_flexible(positions, np.isfinite(problem.upper)))
 
@@ -222,8 +239,9 @@ class PatchAnswers:
             high[numbers] = np.minimum(high[numbers], patch_high)
         return low, high
 
-    def _placement(self, choice: Mapping[int, int], stopped: Callable[[], bool]) -> FloatArray:
-        """Return a placement for one hypothesis of every patch."""
+    def _placement(self, choice: Mapping[int, int]) -> FloatArray | None:
+        """Return a placement for one hypothesis of every patch, None without time for one."""
+        stopped = self._stopped
         local = []
         for number, patch in enumerate(self._solved.patches):
             chosen = choice.get(number, int(np.argmax(patch.left)))
@@ -234,8 +252,11 @@ class PatchAnswers:
         low, high = self._chosen(choice)
         positions = np.full((problem.n_points, problem.dimension), np.nan)
         if local:
-            positions = laid_together(problem.n_points, local, known.pairs, low, high)
+            args = problem.n_points, local, known.pairs, low, high
+            positions = laid_together(*args, stopped)
         lost = ~np.isfinite(positions[:, 0])
+        if lost.any() and stopped():
+            return None
         if lost.any():
             # Points of patches that were not solved: anywhere, but not in one place.
             spread = np.random.default_rng(0).standard_normal((int(lost.sum()), len(positions[0])))
@@ -249,8 +270,5 @@ class PatchAnswers:
     @cached_property
     def _measured(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """The pairs that the problem bounds, and their bounds in m^2."""
-        problem = self._problem
-        bounded = np.isfinite(problem.upper) | (problem.lower > 0.0)
-        pairs = np.argwhere(np.triu(bounded, 1))
-        rows, columns = pairs.T
-        return pairs, problem.lower[rows, columns], problem.upper[rows, columns]
+        bounded = self._problem.pairs
+        return bounded.pairs, bounded.lower, bounded.upper

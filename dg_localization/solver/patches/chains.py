@@ -11,6 +11,8 @@ pair that no patch holds.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
@@ -46,11 +48,21 @@ class ChainGraph:
     ) -> None:
         self._n_points = n_points
         both = np.concatenate([pairs, pairs[:, ::-1]])
-        order = np.lexsort((both[:, 1], both[:, 0]))
-        start = np.searchsorted(both[order, 0], np.arange(n_points + 1)).astype(np.int64)
-        self._graph = Graph(start, both[order, 1])
-        self._lower = np.concatenate([lower, lower])[order]
-        self._upper = np.concatenate([upper, upper])[order]
+        self._order = np.lexsort((both[:, 1], both[:, 0]))
+        ends = both[self._order]
+        start = np.searchsorted(ends[:, 0], np.arange(n_points + 1)).astype(np.int64)
+        self._graph = Graph(start, np.ascontiguousarray(ends[:, 1]))
+        self._set_bounds(lower, upper)
+
+    def _set_bounds(self, lower: FloatArray, upper: FloatArray) -> None:
+        self._lower = np.concatenate([lower, lower])[self._order]
+        self._upper = np.concatenate([upper, upper])[self._order]
+
+    def with_bounds(self, lower: FloatArray, upper: FloatArray) -> ChainGraph:
+        """Return the same pairs with other bounds in m^2, shapes (m,)."""
+        other = copy(self)
+        other._set_bounds(lower, upper)
+        return other
 
     def bounds(self, points: IntArray) -> tuple[FloatArray, FloatArray]:
         """
@@ -68,49 +80,89 @@ class ChainGraph:
 
         """
         start, neighbors = self._graph
-        needed = np.zeros(self._n_points, dtype=np.bool_)
-        needed[points] = True
-        for point in points:
-            needed[neighbors[start[point] : start[point + 1]]] = True
-        sources = np.flatnonzero(needed)
+        column_of = np.full(self._n_points, -1)
+        column_of[points] = np.arange(len(points))
+        sources, radii_m = _sources(start, neighbors, self._lower, np.asarray(points))
         row_of = np.full(self._n_points, -1)
         row_of[sources] = np.arange(len(sources))
-        lengths_m = _chain_lengths(start, neighbors, self._upper, sources)
+        lengths_m = _chain_lengths(start, neighbors, self._upper, sources, radii_m, column_of)
         args = start, neighbors, self._lower, self._upper
         lower, upper = _bounds(*args, np.asarray(points), row_of, lengths_m)
         return np.maximum(lower, lower.T), np.minimum(upper, upper.T)
 
 
 @kernel
+def _sources(
+    start: IntArray, neighbors: IntArray, lower: FloatArray, points: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """
+    Return where chains to some points have to begin, and how long in m they may be to matter.
+
+    A chain from one of the points may have any length. One from a neighbor serves to show that a
+    pair exceeds it, and is of no use beyond the length of that pair.
+    """
+    radius_m = np.full(len(start) - 1, -1.0)
+    for i in points:
+        for z in range(start[i], start[i + 1]):
+            j = neighbors[z]
+            radius_m[j] = max(radius_m[j], sqrt_up(lower[z]))
+    for i in points:
+        radius_m[i] = np.inf
+    sources = np.flatnonzero(radius_m >= 0.0)
+    return sources, radius_m[sources]
+
+
+@kernel
 def _chain_lengths(
-    start: IntArray, neighbors: IntArray, upper: FloatArray, sources: IntArray
+    start: IntArray,
+    neighbors: IntArray,
+    upper: FloatArray,
+    sources: IntArray,
+    radii_m: FloatArray,
+    column_of: IntArray,
 ) -> FloatArray:
-    """Return the length in m of the shortest chain from each source to each point, rounded up."""
+    """
+    Return the length in m of the shortest chain from each source to each target, rounded up.
+
+    The columns of the targets are ``column_of[target]``, -1 elsewhere. No chain is followed beyond
+    the radius of its source, nor farther than to the last target.
+    """
     n_points = len(start) - 1
-    lengths_m = np.full((len(sources), n_points), np.inf)
-    steps_m = np.empty(len(upper))
-    for x in range(len(upper)):
-        steps_m[x] = sqrt_up(upper[x])
+    n_targets = (column_of >= 0).sum()
+    lengths_m = np.full((len(sources), n_targets), np.inf)
+    length_m = np.full(n_points, np.inf)
+    reached = np.empty(n_points, dtype=np.int64)
     heap_m = np.empty(len(neighbors) + 1)
     heap = np.empty(len(neighbors) + 1, dtype=np.int64)
     for row in range(len(sources)):
-        length_m = lengths_m[row]
         length_m[sources[row]] = 0.0
+        reached[0], n_reached = sources[row], 1
         heap_m[0], heap[0] = 0.0, sources[row]
         size = 1
-        while size:
+        n_left = n_targets
+        while size and n_left:
             here_m, point = heap_m[0], heap[0]
             size -= 1
             _sink(heap_m, heap, size, heap_m[size], heap[size])
+            if here_m > radii_m[row]:
+                break
             if here_m > length_m[point]:
                 continue
+            if column_of[point] >= 0:
+                lengths_m[row, column_of[point]] = here_m
+                n_left -= 1
             for x in range(start[point], start[point + 1]):
                 other = neighbors[x]
-                there_m = up(here_m + steps_m[x])
+                there_m = up(here_m + sqrt_up(upper[x]))
                 if there_m < length_m[other]:
+                    if length_m[other] == np.inf:
+                        reached[n_reached] = other
+                        n_reached += 1
                     length_m[other] = there_m
                     _rise(heap_m, heap, size, there_m, other)
                     size += 1
+        for x in range(n_reached):
+            length_m[reached[x]] = np.inf
     return lengths_m
 
 
@@ -156,7 +208,7 @@ def _bounds(
         i = points[x]
         for y in range(size):
             if x != y:
-                length_m = lengths_m[row_of[i], points[y]]
+                length_m = lengths_m[row_of[i], y]
                 high[x, y] = square_up(length_m) if length_m < np.inf else np.inf
         for z in range(start[i], start[i + 1]):
             j = neighbors[z]
@@ -167,7 +219,7 @@ def _bounds(
                     low[x, y] = max(low[x, y], lower[z])
                     high[x, y] = min(high[x, y], upper[z])
                 elif k != i:
-                    rest_m = down(least_m - lengths_m[row_of[j], k])
+                    rest_m = down(least_m - lengths_m[row_of[j], y])
                     if rest_m > 0.0:
                         low[x, y] = max(low[x, y], square_down(rest_m))
     return low, high

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -27,23 +28,37 @@ class Ambiguities:
         All patches.
     known : KnownPairs
         Their pairs, narrowed.
+    stopped : callable
+        Whether there is no time left to compare patches.
 
     """
 
-    def __init__(self, patches: Sequence[Patch], known: KnownPairs) -> None:
+    def __init__(
+        self, patches: Sequence[Patch], known: KnownPairs, stopped: Callable[[], bool]
+    ) -> None:
         self._patches = patches
         self.ambiguous = [x for x, patch in enumerate(patches) if patch.left.sum() > 1]
         self._together: dict[int, dict[int, BoolArray]] = {x: {} for x in self.ambiguous}
-        for number, first in enumerate(self.ambiguous):
-            points = set(patches[first].points)
-            for second in self.ambiguous[number + 1 :]:
-                if len(points.intersection(patches[second].points)) > 1:
-                    (low, high), (other_low, other_high) = known.bounds_of_shared(first, second)
-                    agree = (low[:, None] <= other_high[None]).all(axis=2)
-                    agree &= (other_low[None] <= high[:, None]).all(axis=2)
-                    if not agree.all():
-                        self._together[first][second] = agree
-                        self._together[second][first] = agree.T
+        for first, second in self._overlapping():
+            if stopped():
+                # Choices that do not agree are told apart no more, which loses none.
+                break
+            (low, high), (other_low, other_high) = known.bounds_of_shared(first, second)
+            agree = (low[:, None] <= other_high[None]).all(axis=2)
+            agree &= (other_low[None] <= high[:, None]).all(axis=2)
+            if not agree.all():
+                self._together[first][second] = agree
+                self._together[second][first] = agree.T
+
+    def _overlapping(self) -> Iterator[tuple[int, int]]:
+        """Return the ambiguous patches that share pairs, two at a time, in their order."""
+        holders: dict[int, list[int]] = {}
+        for second in self.ambiguous:
+            points = self._patches[second].points
+            n_shared = Counter(first for point in points for first in holders.get(point, ()))
+            yield from ((first, second) for first, n in n_shared.items() if n > 1)
+            for point in points:
+                holders.setdefault(point, []).append(second)
 
     def drop_unmatched(self) -> bool:
         """Drop hypotheses that a neighbor has no match for; return whether there were any."""

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.assemble.subproblem import Bounds, unbounded
+from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import BoolArray, Pair
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -100,7 +101,7 @@ class KnownPairs:
         self._all_keys = np.unique(np.concatenate([rows * self._n_points + columns, *keys]))
         self.pairs = np.stack(np.divmod(self._all_keys, self._n_points), axis=1)
         rows, columns = self.pairs.T
-        self.lower, self.upper = problem.lower[rows, columns], problem.upper[rows, columns]
+        self.lower, self.upper = problem.pairs.of(rows, columns)
         self.numbers = [np.searchsorted(self._all_keys, of_patch) for of_patch in keys]
         self._bounds = [_bounds_of(patch) for patch in patches]
 
@@ -158,16 +159,8 @@ class KnownPairs:
 
     def among(self, points: Points) -> Bounds:
         """Return the bounds of all pairs of some points; what no patch holds is unbounded."""
-        lower, upper = unbounded(len(points))
-        np.fill_diagonal(upper, 0.0)
-        rows, columns = np.triu_indices(len(points), 1)
-        keys = self._keys(points)
-        places = np.minimum(np.searchsorted(self._all_keys, keys), len(self._all_keys) - 1)
-        held = self._all_keys[places] == keys
-        rows, columns, places = rows[held], columns[held], places[held]
-        lower[rows, columns] = lower[columns, rows] = self.lower[places]
-        upper[rows, columns] = upper[columns, rows] = self.upper[places]
-        return lower, upper
+        pairs = PairBounds(self._n_points, self._all_keys, self.lower, self.upper)
+        return pairs.among(points)
 
 
 def _bounds_of(patch: Patch) -> FloatArray:

@@ -10,7 +10,7 @@ much the patches tell, never what is true: any set of points may be solved as a 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -101,13 +101,15 @@ class Neighborhoods:
         """Return the points on a shortest path of known pairs in a body to each of some ends."""
         before = {start: start}
         front = [start]
-        while front:
+        left = set(ends) - {start}
+        while front and left:
             reached = []
             for point in front:
                 for other in self.neighbors[point]:
                     if other in body and other not in before:
                         before[other] = point
                         reached.append(other)
+                        left.discard(other)
             front = reached
         on_paths = set()
         for end in ends:
@@ -124,10 +126,14 @@ class Neighborhoods:
 
 
 def covering_patches(
-    graph: Neighborhoods, pairs: Sequence[Pair], seeds: Sequence[Points], most: int
+    graph: Neighborhoods,
+    pairs: Sequence[Pair],
+    seeds: Sequence[Points],
+    most: int,
+    stopped: Callable[[], bool],
 ) -> list[Points]:
     """
-    Return patches that cover every known pair.
+    Return patches that cover every known pair, or those found until there is no time left.
 
     Parameters
     ----------
@@ -139,6 +145,8 @@ def covering_patches(
         Sets of points that should lie in one patch, such as those that a chirality names.
     most : int
         Most points of a patch.
+    stopped : callable
+        Whether there is no time left; asked before each patch.
 
     Returns
     -------
@@ -149,6 +157,8 @@ def covering_patches(
     patches: list[Points] = []
     covered: set[Pair] = set()
     for seed in dict.fromkeys(seeds):
+        if stopped():
+            return patches
         if any(set(seed).issubset(patch) for patch in patches):
             continue
         patch = graph.rigid_part(graph.grown(seed, most), seed)
@@ -157,6 +167,8 @@ def covering_patches(
             covered.update(graph.pairs_among(patch))
     for pair in pairs:
         if pair not in covered:
+            if stopped():
+                return patches
             patch = graph.rigid_part(graph.grown(pair, most), pair)
             patches.append(patch)
             covered.update(graph.pairs_among(patch))
@@ -192,9 +204,14 @@ def bodies_of(patches: Sequence[Points], dimension: int) -> list[set[int]]:
     return sorted(bodies.values(), key=lambda body: (-len(body), min(body)))
 
 
-def seam_patches(known: Neighborhoods, bodies: Sequence[set[int]], dimension: int) -> list[Points]:
+def seam_patches(
+    known: Neighborhoods,
+    bodies: Sequence[set[int]],
+    dimension: int,
+    stopped: Callable[[], bool],
+) -> list[Points]:
     """
-    Return patches across the seams between bodies.
+    Return patches across the seams between bodies, or those found until there is no time left.
 
     The points that several bodies share hold the bodies together; with all distances within a
     body taken as known they are a problem of the same kind, and a small one. Its patches are
@@ -208,6 +225,8 @@ def seam_patches(known: Neighborhoods, bodies: Sequence[set[int]], dimension: in
         What the patches make together.
     dimension : int
         The dimension q of the space.
+    stopped : callable
+        Whether there is no time left.
 
     Returns
     -------
@@ -223,11 +242,15 @@ def seam_patches(known: Neighborhoods, bodies: Sequence[set[int]], dimension: in
     pairs: dict[Pair, None] = {}
     for body in bodies:
         for point in sorted(body & shared):
+            if stopped():
+                return []
             near = known.within_hops(point, body, SEAM_HOPS) & shared
             pairs.update(dict.fromkeys((point, other) for other in near if other > point))
     graph = Neighborhoods(n_points, pairs, dimension)
     found = []
-    for patch in covering_patches(graph, list(pairs), (), SEAM_POINTS):
+    for patch in covering_patches(graph, list(pairs), (), SEAM_POINTS, stopped):
+        if stopped():
+            break
         if len(patch) > dimension and not any(body.issuperset(patch) for body in bodies):
             filled = _filled(known, patch, [body for body in bodies if body & set(patch)])
             if filled:

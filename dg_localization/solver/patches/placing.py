@@ -26,6 +26,9 @@ from dg_localization.solver.decompose.rigid_components import Points
 MOST_STEPS = 40
 """Most steps of least squares."""
 
+LEAST_GAIN = 1e-6
+"""Least squares ends when a step takes off less than this part of what is left."""
+
 MOST_GRADIENTS = 100
 """Most conjugate gradients of a step."""
 
@@ -73,12 +76,12 @@ class _Layer:
         starts = np.searchsorted(pairs.ravel()[order], np.arange(n_points + 1))
         self._pairs_of = [order[a:b] // 2 for a, b in zip(starts[:-1], starts[1:], strict=True)]
 
-    def lay(self) -> None:
-        """Lay all patches."""
+    def lay(self, stopped: Callable[[], bool]) -> None:
+        """Lay all patches, or as many as there is time for."""
         queue = [(0.0, number) for number in range(len(self._patches))]
         heapq.heapify(queue)
         done = [False] * len(self._patches)
-        while queue:
+        while queue and not stopped():
             _, number = heapq.heappop(queue)
             members, local = self._patches[number]
             new = members[~self._placed[members]]
@@ -130,6 +133,7 @@ def laid_together(
     pairs: IntArray,
     lower: FloatArray,
     upper: FloatArray,
+    stopped: Callable[[], bool],
 ) -> FloatArray:
     """
     Lay the placements of patches against each other.
@@ -144,15 +148,17 @@ def laid_together(
         Known pairs.
     lower, upper : ndarray, shape (m,)
         Bounds of their squared distances in m^2.
+    stopped : callable
+        Whether there is no time left; asked before each patch.
 
     Returns
     -------
     ndarray, shape (n, q)
-        Coordinates in m, NaN for points of no patch.
+        Coordinates in m, NaN for points of no patch that was laid.
 
     """
     layer = _Layer(n_points, patches, pairs, lower, upper)
-    layer.lay()
+    layer.lay(stopped)
     return layer.positions
 
 
@@ -197,7 +203,7 @@ def refined(
         trial_misfits, trial_slopes = _misfits(trial, pairs, lower, upper, margin)
         trial_total = float(trial_misfits @ trial_misfits)
         if trial_total < total:
-            if trial_total > 0.999999 * total:
+            if trial_total > (1.0 - LEAST_GAIN) * total:
                 break
             best, misfits, slopes = trial, trial_misfits, trial_slopes
             total, damping = trial_total, max(0.1 * damping, 1e-9)

@@ -13,7 +13,7 @@ placement of each patch, so that nothing is lost, whatever the patches are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +25,8 @@ from dg_localization.solver.assemble.subproblem import (
     Orientations,
     points_of,
     restricted,
-    unbounded,
 )
+from dg_localization.solver.assemble.tasks import Part
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.rigid_components import Points
@@ -39,7 +39,6 @@ from dg_localization.solver.patches.neighborhoods import (
     covering_patches,
     seam_patches,
 )
-from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 
 MOST_WHOLE = 16
@@ -126,8 +125,7 @@ class PatchSolver:
         self._within = within
         self._orientations = Orientations(problem)
         self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
-        rows, columns = np.nonzero(np.triu(np.isfinite(problem.upper), 1))
-        self._pairs: list[Pair] = list(zip(rows.tolist(), columns.tolist(), strict=True))
+        self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
         self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
 
@@ -139,11 +137,13 @@ class PatchSolver:
             return None
         constraints: list[Constraint] = [*self._problem.sides, *self._problem.chiralities]
         seeds = [tuple(sorted(points_of(constraint))) for constraint in constraints]
-        chosen = covering_patches(self._measured, self._pairs, seeds, PATCH_POINTS)
-        if max(map(len, chosen), default=0) <= q + 1:
+        is_over = self._is_over
+        chosen = covering_patches(self._measured, self._pairs, seeds, PATCH_POINTS, is_over)
+        n_unsolved = int(is_over())
+        if max(map(len, chosen), default=0) <= q + 1 and not n_unsolved:
             return None
         patches = list(self._solved(chosen, None, MOST_PATCH_BOXES))
-        n_unsolved = len(chosen) - len(patches)
+        n_unsolved += len(chosen) - len(patches)
         known, empty = self._narrowed(patches)
         if empty is None and any(patch.pending for patch in patches):
             patches = [new for patch in patches for new in self._redone(patch, known)]
@@ -164,22 +164,14 @@ class PatchSolver:
         return self._budget.is_over() or self._budget.seconds() > self._end_s
 
     def _solved(
-        self, chosen: Iterable[Points], known: KnownPairs | None, most_boxes: int
+        self, chosen: Sequence[Points], known: KnownPairs | None, most_boxes: int
     ) -> Iterator[Patch]:
         """Solve patches within what is known of their pairs, while there is time."""
-        for points in chosen:
-            if self._is_over():
-                return
-            problem = self._part(points, known)
-            if problem is None:
-                yield Patch(points, [], set())
-                continue
-            index = np.ix_(points, points)
-            within = self._within and [(low[index], high[index]) for low, high in self._within]
-            cover = self._budget.search(problem, 1.0, within, most_boxes)
-            hypotheses = list(hypotheses_of(problem, cover.kept + cover.pending))
-            pending = {box[: UPPER + 1].tobytes() for box in cover.pending}
-            yield Patch(points, hypotheses, pending)
+        parts = (self._part(points, known) for points in chosen)
+        solved = self._budget.solve_parts(parts, most_boxes, self._is_over)
+        for points, found in zip(chosen, solved, strict=False):
+            pending = {box[: UPPER + 1].tobytes() for box in found.cover.pending}
+            yield Patch(points, list(found.hypotheses), pending)
 
     def _redone(self, patch: Patch, known: KnownPairs) -> list[Patch]:
         """Solve a patch that took too many boxes again, as several smaller ones."""
@@ -187,15 +179,20 @@ class PatchSolver:
             return [patch]
         pairs = self._measured.pairs_among(patch.points)
         graph = Neighborhoods(self._problem.n_points, pairs, self._problem.dimension)
-        smaller = covering_patches(graph, pairs, (), SMALL_POINTS)
+        smaller = covering_patches(graph, pairs, (), SMALL_POINTS, self._is_over)
+        if self._is_over():
+            return [patch]
         new = list(self._solved(smaller, known, MOST_SMALL_BOXES))
         return new if len(new) == len(smaller) else [patch]
 
-    def _part(self, points: Points, known: KnownPairs | None) -> Problem | None:
-        """Return the problem of a patch, None where the bounds of a pair contradict each other."""
-        bounds = known.among(points) if known else unbounded(len(points))
+    def _part(self, points: Points, known: KnownPairs | None) -> Part:
+        """Return the problem of a patch, within what is known of its pairs."""
+        bounds = known.among(points) if known else None
         constraints = self._orientations.among(points)
-        return restricted(self._problem, points, bounds, constraints)
+        problem = restricted(self._problem, points, bounds, constraints)
+        index = np.ix_(points, points)
+        within = self._within and [(low[index], high[index]) for low, high in self._within]
+        return Part(problem, within)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
         """Return the pairs of all patches, and a patch that is left without a hypothesis."""
@@ -205,7 +202,8 @@ class PatchSolver:
             if number is not None:
                 patches[number].left[:] = False
                 return known, patches[number]
-            if not Ambiguities(patches, known).drop_unmatched():
+            ambiguities = Ambiguities(patches, known, self._is_over)
+            if self._is_over() or not ambiguities.drop_unmatched():
                 return known, None
 
     def _bodies(self, patches: Sequence[Patch]) -> list[set[int]]:
@@ -218,12 +216,16 @@ class PatchSolver:
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
         bodies = self._bodies(patches)
         is_open = not self._hold_together(bodies) and not self._is_over()
-        seams = seam_patches(graph, bodies, q) if is_open else []
-        reviews = [self._review(patch, graph) for patch in patches if patch.left.sum() > 1]
+        seams = seam_patches(graph, bodies, q, self._is_over) if is_open else []
+        reviews = [
+            self._review(patch, graph)
+            for patch in patches
+            if patch.left.sum() > 1 and not self._is_over()
+        ]
         for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
             self._tried.update(new)
-            for patch in self._solved(filter(None, new), known, most_boxes):
+            for patch in self._solved([*filter(None, new)], known, most_boxes):
                 # One that takes many boxes is worth nothing, and nothing depends on it.
                 if not patch.pending:
                     yield patch

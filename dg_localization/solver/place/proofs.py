@@ -10,8 +10,6 @@ Coordinates are taken as exact. What outward rounding cannot decide is decided i
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import combinations
-import math
 
 import numpy as np
 
@@ -32,41 +30,65 @@ def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArr
     """
     Compare every squared distance, with all rounding, with its interval.
 
-    Returns 1 when all lie inside, -1 when one lies outside or a coordinate is not finite, 0
-    when it is too close to call.
+    Returns 1 when all lie inside, -1 when one lies outside, 0 when it is too close to call.
     """
-    n_points, dimension = positions.shape
+    n_points = len(positions)
     answer = 1
     for i in range(n_points):
-        for axis in range(dimension):
-            if not math.isfinite(positions[i, axis]):
-                return -1
-    for i in range(n_points):
         for j in range(i + 1, n_points):
-            low = 0.0
-            high = 0.0
-            for axis in range(dimension):
-                difference = abs(positions[i, axis] - positions[j, axis])
-                low = down(low + square_down(max(0.0, down(difference))))
-                high = up(high + square_up(up(difference)))
-            if high < lower[i, j] or low > upper[i, j]:
+            compared = _compare_distance(positions, i, j, lower[i, j], upper[i, j])
+            if compared < 0:
                 return -1
-            if low < lower[i, j] or high > upper[i, j]:
-                answer = 0
+            answer = min(answer, compared)
     return answer
+
+
+@kernel(borrows=True)
+def _compare_listed(
+    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray
+) -> int:
+    """Compare the squared distances of listed pairs with their intervals, as of all pairs."""
+    answer = 1
+    for x in range(len(pairs)):
+        compared = _compare_distance(positions, pairs[x, 0], pairs[x, 1], lower[x], upper[x])
+        if compared < 0:
+            return -1
+        answer = min(answer, compared)
+    return answer
+
+
+@kernel(inlined=True)
+def _compare_distance(positions: FloatArray, i: int, j: int, lower: float, upper: float) -> int:
+    """Compare the squared distance of one pair with its interval."""
+    low = 0.0
+    high = 0.0
+    for axis in range(positions.shape[1]):
+        difference = abs(positions[i, axis] - positions[j, axis])
+        low = down(low + square_down(max(0.0, down(difference))))
+        high = up(high + square_up(up(difference)))
+    if high < lower or low > upper:
+        return -1
+    return 0 if low < lower or high > upper else 1
 
 
 def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
     """Return whether every squared distance of a placement lies in its interval, exactly."""
-    answer = _compare_distances(positions, problem.lower, problem.upper)
+    if not np.isfinite(positions).all():
+        return False
+    if problem.is_sparse:
+        known = problem.pairs
+        answer = _compare_listed(positions, known.pairs, known.lower, known.upper)
+    else:
+        answer = _compare_distances(positions, problem.lower, problem.upper)
     if answer != 0:
         return bool(answer > 0)
     exact = [[Fraction(x) for x in point] for point in positions.tolist()]
+    known = problem.pairs
     # A fraction compares exactly with a float of Python, infinity included.
-    lower, upper = problem.lower.tolist(), problem.upper.tolist()
-    for i, j in combinations(range(problem.n_points), 2):
+    ends = zip(known.pairs.tolist(), known.lower.tolist(), known.upper.tolist(), strict=True)
+    for (i, j), lower, upper in ends:
         squared = sum((x - y) ** 2 for x, y in zip(exact[i], exact[j], strict=True))
-        if not lower[i][j] <= squared <= upper[i][j]:
+        if not lower <= squared <= upper:
             return False
     return True
 

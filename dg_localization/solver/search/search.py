@@ -32,6 +32,8 @@ def search(
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
     within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+    at_once: int | None = None,
+    at_gaps: bool = False,
 ) -> tuple[Cover, Statistics]:
     """
     Cover all placements of a problem by boxes.
@@ -48,6 +50,11 @@ def search(
         Called with the statistics so far, once a box.
     within : sequence of (ndarray, ndarray), shapes (n, n), optional
         Lower and upper bounds, in m^2, of the boxes to search in; everywhere without any.
+    at_once : int, optional
+        How many boxes to examine at a time; as many as there are processors without it, where
+        the boxes are large. The cover depends on it.
+    at_gaps : bool, optional
+        Whether boxes are split at gaps only; one without a gap is finished then.
 
     Returns
     -------
@@ -58,13 +65,13 @@ def search(
 
     """
     budget = Budget(options, cancel)
-    pruners = [Pruner(problem, options) for _ in range(_n_workers(problem))]
+    pruners = [Pruner(problem, options) for _ in range(at_once or _n_workers(problem))]
     whole = pruners[0].whole()
     if whole is None:
         cover = Cover(empty=1)
     else:
         starts = [whole] if within is None else _common_parts(whole, within)
-        cover = _cover(starts, pruners, options.resolution, budget, progress)
+        cover = _cover(starts, pruners, options.resolution, at_gaps, budget, progress)
     if not cover.pending and options.tighten_slices:
         _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
     return cover, budget.statistics(cover, len(cover.pending))
@@ -95,13 +102,14 @@ def _cover(
     starts: list[FloatArray],
     pruners: list[Pruner],
     resolution_m: float,
+    at_gaps: bool,
     budget: Budget,
     progress: Callable[[Statistics], None] | None,
 ) -> Cover:
     """Cover the placements in some boxes, as many boxes at a time as there are pruners."""
 
     def split_further(pruned: Pruned) -> list[FloatArray]:
-        return split(pruned, resolution_m)
+        return split(pruned, resolution_m, at_gaps)
 
     def prune_here(boxes: list[FloatArray]) -> list[Pruned]:
         return [pruners[0].prune(box, budget.stopped) for box in boxes]

@@ -71,7 +71,7 @@ def choose_split(
     return i, j, middle, middle
 
 
-def split(pruned: Pruned, resolution_m: float) -> list[FloatArray]:
+def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
     """
     Split a contracted box.
 
@@ -81,6 +81,8 @@ def split(pruned: Pruned, resolution_m: float) -> list[FloatArray]:
         The box, and what the errors explain of it.
     resolution_m : float
         What all distances should be known to, in m.
+    at_gaps : bool, optional
+        Whether to split at gaps only.
 
     Returns
     -------
@@ -90,4 +92,6 @@ def split(pruned: Pruned, resolution_m: float) -> list[FloatArray]:
     """
     box = pruned.box
     i, j, low_end, high_start = choose_split(box, pruned.explained, resolution_m)
+    if at_gaps and low_end == high_start:
+        return []
     return cut_at(box, (i, j), low_end, high_start) if i >= 0 else []

@@ -1,0 +1,164 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Parts of a problem as independent tasks, for this process or for those of an executor.
+
+Parts are handed out in batches and taken back in their order, so that the answer is the one that
+this process alone would give. Clocks differ between machines: a task takes along how much time is
+left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from itertools import islice
+import time
+
+from dg_localization.interval.environment import default_environment
+from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.options import Cancel, SolverOptions
+from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Hypothesis, Statistics
+from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.search import search
+
+PARTS_PER_TASK = 16
+"""Parts of a task: enough that handing them over takes less time than they do."""
+
+LOOK_S = 0.02
+"""How long to wait for a task before looking whether the call was cancelled."""
+
+LEAST_S = 1e-9
+"""A search with less time than this left does not look at a single box."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a problem; None where its bounds contradict each other."""
+
+    problem: Problem | None
+    within: Sequence[Bounds] | None
+
+
+@dataclass(frozen=True)
+class SolvedPart:
+    """The cover of a part, the effort, and the hypotheses that the cover makes."""
+
+    cover: Cover
+    statistics: Statistics
+    hypotheses: Sequence[Hypothesis]
+
+
+def solve_part(
+    part: Part,
+    options: SolverOptions,
+    cancel: Cancel | None = None,
+    progress: Callable[[Statistics], None] | None = None,
+) -> SolvedPart:
+    """Solve one part."""
+    if part.problem is None:
+        return SolvedPart(Cover(), Statistics(), ())
+    # One box at a time, so that no answer depends on the processors of a worker.
+    args = part.problem, options, cancel, progress, part.within
+    cover, statistics = search(*args, at_once=1)
+    return SolvedPart(cover, statistics, hypotheses_of(part.problem, cover.kept + cover.pending))
+
+
+@default_environment()
+def _solve_batch(
+    parts: Sequence[Part], options: SolverOptions, prepare: Callable[[], object]
+) -> list[SolvedPart]:
+    """Solve parts one after another, in a worker; those that there is time for."""
+    prepare()
+    start = time.perf_counter()
+    solved: list[SolvedPart] = []
+    for part in parts:
+        passed_s = time.perf_counter() - start
+        if passed_s >= options.max_seconds:
+            break
+        solved.append(solve_part(part, _left_of(options, passed_s)))
+    return solved
+
+
+def _left_of(options: SolverOptions, passed_s: float) -> SolverOptions:
+    """Return the options with what is left of the time."""
+    return replace(
+        options,
+        max_seconds=max(LEAST_S, options.max_seconds - passed_s),
+        tighten_seconds=max(LEAST_S, options.tighten_seconds - passed_s),
+    )
+
+
+class Workers:
+    """
+    Solves parts in the workers of an executor.
+
+    Parameters
+    ----------
+    executor : concurrent.futures.Executor
+        The executor. Its workers have this package.
+    prepare : callable
+        What each worker calls before its clock starts; it can be pickled.
+
+    """
+
+    def __init__(self, executor: Executor, prepare: Callable[[], object]) -> None:
+        self._executor = executor
+        self._prepare = prepare
+
+    def solved(
+        self,
+        parts: Iterable[Part],
+        options: SolverOptions,
+        stopped: Callable[[], bool],
+    ) -> Iterator[tuple[Part, SolvedPart]]:
+        """
+        Solve parts, each within the same limits.
+
+        Parameters
+        ----------
+        parts : iterable of Part
+            The parts.
+        options : SolverOptions
+            The boxes that each may take, and the time left for all.
+        stopped : callable
+            Whether to stop early.
+
+        Yields
+        ------
+        tuple of (Part, SolvedPart)
+            The parts in their order; fewer where there is no time left.
+
+        """
+        start = time.perf_counter()
+        waiting: list[tuple[list[Part], Future[list[SolvedPart]]]] = []
+        left = iter(parts)
+        try:
+            while not stopped() and (batch := list(islice(left, PARTS_PER_TASK))):
+                limits = _left_of(options, time.perf_counter() - start)
+                args = batch, limits, self._prepare
+                waiting.append((batch, self._executor.submit(_solve_batch, *args)))
+            for batch, future in waiting:
+                solved = _wait_for(future, stopped)
+                yield from zip(batch, solved, strict=False)
+                if len(solved) < len(batch):
+                    return
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+
+def _wait_for(future: Future[list[SolvedPart]], stopped: Callable[[], bool]) -> list[SolvedPart]:
+    """Return the result of a task, nothing when there is no time left to wait for it."""
+    while True:
+        try:
+            return future.result(timeout=LOOK_S)
+        except TimeoutError:
+            if future.done():
+                raise
+            if stopped():
+                return []

@@ -1,0 +1,208 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Where one point can be, given its distances to others whose coordinates are bounded.
+
+Boxes of its coordinates are contracted by the distances and bisected, down to about the errors of
+the distances (set inversion: Jaulin, Walter, Automatica 29(4), 1993). What is left falls into
+regions that do not touch: trilateration from q points leaves two, from more mostly one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.scalars import add, square, sub
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, narrow
+from dg_localization.solver.contract.coordinate_boxes import contracted_side
+
+LEAST_SHRINK = 0.9
+"""A box is contracted again while some side shrinks below this share of its length,"""
+
+MOST_CONTRACTIONS = 8
+"""at most so often before it is bisected."""
+
+MOST_LEAVES = 512
+"""When there are so many boxes, they are not bisected any more."""
+
+
+@kernel
+def _contract(low: FloatArray, high: FloatArray, lower: FloatArray, upper: FloatArray) -> bool:
+    """Contract the box in row 0 by the distances to the others; False when nothing is left."""
+    n_rows, dimension = low.shape
+    for _ in range(MOST_CONTRACTIONS):
+        gained = False
+        for j in range(1, n_rows):
+            for axis in range(dimension):
+                new_low, new_high = contracted_side(low, high, 0, j, axis, lower[j], upper[j])
+                if new_low > new_high:
+                    return False
+                if new_high - new_low < LEAST_SHRINK * (high[0, axis] - low[0, axis]):
+                    gained = True
+                low[0, axis] = new_low
+                high[0, axis] = new_high
+        if not gained:
+            break
+    return True
+
+
+@kernel
+def _leaves(
+    low: FloatArray, high: FloatArray, lower: FloatArray, upper: FloatArray, side_m: float
+) -> FloatArray:
+    """
+    Return boxes that hold all places of the point in row 0, shape (k, 2, q).
+
+    They are bisected until no side is longer than `side_m`, or there are too many.
+    """
+    dimension = low.shape[1]
+    stack = np.empty((MOST_LEAVES, 2, dimension))
+    n_leaves, first = 0, MOST_LEAVES - 1
+    # Leaves grow from the start, boxes to examine from the end.
+    stack[first, LOWER] = low[0]
+    stack[first, UPPER] = high[0]
+    while first < MOST_LEAVES:
+        low[0] = stack[first, LOWER]
+        high[0] = stack[first, UPPER]
+        first += 1
+        if not _contract(low, high, lower, upper):
+            continue
+        widest = 0
+        for axis in range(1, dimension):
+            if high[0, axis] - low[0, axis] > high[0, widest] - low[0, widest]:
+                widest = axis
+        width = high[0, widest] - low[0, widest]
+        middle = 0.5 * (low[0, widest] + high[0, widest]) if width < np.inf else np.inf
+        is_divisible = low[0, widest] < middle < high[0, widest]
+        if width <= side_m or not is_divisible or first - n_leaves < 2:
+            stack[n_leaves, LOWER] = low[0]
+            stack[n_leaves, UPPER] = high[0]
+            n_leaves += 1
+            continue
+        for part in range(2):
+            first -= 1
+            stack[first, LOWER] = low[0]
+            stack[first, UPPER] = high[0]
+            stack[first, UPPER if part == 0 else LOWER, widest] = middle
+    return stack[:n_leaves].copy()
+
+
+@kernel
+def _regions(leaves: FloatArray) -> FloatArray:
+    """Return the hulls of the connected components of some boxes, shape (k, 2, q)."""
+    count, _, dimension = leaves.shape
+    label = np.full(count, -1)
+    queue = np.empty(count, dtype=np.int64)
+    hulls = np.empty((count, 2, dimension))
+    n_regions = 0
+    for seed in range(count):
+        if label[seed] >= 0:
+            continue
+        label[seed] = n_regions
+        hulls[n_regions] = leaves[seed]
+        queue[0] = seed
+        head, tail = 0, 1
+        while head < tail:
+            member = queue[head]
+            head += 1
+            for axis in range(dimension):
+                hulls[n_regions, LOWER, axis] = min(
+                    hulls[n_regions, LOWER, axis], leaves[member, LOWER, axis]
+                )
+                hulls[n_regions, UPPER, axis] = max(
+                    hulls[n_regions, UPPER, axis], leaves[member, UPPER, axis]
+                )
+            for other in range(seed + 1, count):
+                if label[other] >= 0:
+                    continue
+                touch = True
+                for axis in range(dimension):
+                    if (
+                        leaves[member, LOWER, axis] > leaves[other, UPPER, axis]
+                        or leaves[other, LOWER, axis] > leaves[member, UPPER, axis]
+                    ):
+                        touch = False
+                if touch:
+                    label[other] = n_regions
+                    queue[tail] = other
+                    tail += 1
+        n_regions += 1
+    return hulls[:n_regions].copy()
+
+
+@kernel
+def regions_of_point(
+    enclosure: FloatArray, lower: FloatArray, upper: FloatArray, least_ratio: float
+) -> FloatArray:
+    """
+    Return the regions in which a point can be, by its distances to some others.
+
+    Parameters
+    ----------
+    enclosure : ndarray, shape (k, 2, q)
+        Bounds of the coordinates of the others in m.
+    lower, upper : ndarray, shape (k,)
+        Bounds of the squared distances to them in m^2.
+    least_ratio : float
+        Boxes are not bisected below this fraction of the longest distance.
+
+    Returns
+    -------
+    ndarray, shape (r, 2, q)
+        Bounds of the coordinates of each region in m; none when the point can be nowhere.
+
+    """
+    count, _, dimension = enclosure.shape
+    low, high = np.empty((count + 1, dimension)), np.empty((count + 1, dimension))
+    low[0], high[0] = -np.inf, np.inf
+    low[1:], high[1:] = enclosure[:, LOWER], enclosure[:, UPPER]
+    all_lower, all_upper = np.zeros(count + 1), np.zeros(count + 1)
+    all_lower[1:], all_upper[1:] = lower, upper
+    side_m = 0.0
+    for j in range(count):
+        long_m = math.sqrt(upper[j])
+        side_m = max(side_m, least_ratio * long_m, long_m - math.sqrt(lower[j]))
+    return _regions(_leaves(low, high, all_lower, all_upper, side_m))
+
+
+@kernel
+def distances_to_region(
+    region: FloatArray, enclosure: FloatArray, box: FloatArray, point: int
+) -> bool:
+    """
+    Narrow the distances of one point to the first others by the region it is in.
+
+    Parameters
+    ----------
+    region : ndarray, shape (2, q)
+        Bounds of the coordinates of the point in m.
+    enclosure : ndarray, shape (k, 2, q)
+        Bounds of the coordinates of the first k points.
+    box : ndarray, shape (4, n, n)
+        The box in m^2, narrowed in place.
+    point : int
+        The point.
+
+    Returns
+    -------
+    bool
+        False when nothing is left.
+
+    """
+    for x in range(len(enclosure)):
+        low, high = 0.0, 0.0
+        for axis in range(region.shape[1]):
+            difference = sub(
+                region[LOWER, axis],
+                region[UPPER, axis],
+                enclosure[x, LOWER, axis],
+                enclosure[x, UPPER, axis],
+            )
+            low, high = add(low, high, *square(*difference))
+        if not narrow(box, point, x, max(low, 0.0), high):
+            return False
+    return True

@@ -1,0 +1,106 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How a rigid piece in space is solved: grown point by point first, then contracted as a whole.
+
+Growth finds what can come apart: one box for each choice of regions. Where points are held weakly
+these boxes are wide, because many placements agree. Halves of such a box would hold parts of one
+and the same hypothesis, and so it is split at gaps alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.growth.partial_boxes import Growth
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.branch_and_prune import Cover
+
+LEAST_GROWN, MOST_GROWN = 12, 60
+"""A piece of fewer points is searched as a whole, and for more points each step takes too long."""
+
+ONE_BOX_SHARE = 0.1
+"""One box is tried first, in this part of the time: it is enough where points are held well."""
+
+GROWTH_SHARE = 0.6
+"""Growth may take this part of the time of a piece."""
+
+BOXES_PER_START, LEAST_BOXES = 2, 6
+"""Once all points are placed, so many boxes are looked at for each that grew, and at least
+so many."""
+
+
+def is_grown(n_points: int, dimension: int) -> bool:
+    """Return whether a piece is solved point by point."""
+    return dimension == 3 and LEAST_GROWN <= n_points <= MOST_GROWN
+
+
+def solve_grown(
+    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+) -> Cover | None:
+    """
+    Solve a piece in space point by point.
+
+    Parameters
+    ----------
+    problem : Problem
+        The piece.
+    budget : CallBudget
+        What the call may take.
+    share : float
+        The fraction of the boxes and of the time left that the piece may take.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 to search in; everywhere when there are none.
+
+    Returns
+    -------
+    Cover or None
+        The cover; None where there is nothing to begin with.
+
+    """
+    boxes_left = budget.options.max_boxes - budget.spent.processed
+    if not is_grown(problem.n_points, problem.dimension) or boxes_left < LEAST_BOXES:
+        return None
+    if within is None:
+        in_one_box = budget.search_in_one_box(problem, ONE_BOX_SHARE * share)
+        if in_one_box is not None:
+            return in_one_box
+    left_s = budget.options.max_seconds - budget.seconds()
+    end_s = budget.seconds() + GROWTH_SHARE * share * left_s
+    growth = Growth(
+        problem,
+        budget.options.resolution,
+        lambda: budget.is_over() or budget.seconds() > end_s,
+    )
+    grown = growth.run()
+    if grown is None:
+        return None
+    budget.count_split()
+    boxes = [growth.bounds(partial) for partial in grown]
+    if within is not None:
+        boxes = _common_parts(boxes, within)
+    if any(len(partial.points) < problem.n_points for partial in grown):
+        return budget.search(problem, share, boxes)
+    most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
+    cover = budget.search(problem, share, boxes, most_boxes, at_gaps=True)
+    boxes_left = budget.options.max_boxes - budget.spent.processed
+    if cover.processed >= len(boxes) and boxes_left >= len(cover.pending):
+        # Growth came to its end, and every box that it left was looked at.
+        budget.accept(len(cover.pending))
+        cover.kept, cover.pending = cover.kept + cover.pending, []
+    return cover
+
+
+def _common_parts(boxes: Sequence[Bounds], within: Sequence[Bounds]) -> list[Bounds]:
+    """Return what each of some boxes has in common with each of others."""
+    common = (
+        (np.maximum(lower, low), np.minimum(upper, high))
+        for lower, upper in boxes
+        for low, high in within
+    )
+    return [(lower, upper) for lower, upper in common if (lower <= upper).all()]

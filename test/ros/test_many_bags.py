@@ -1,0 +1,105 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The executable `localize_bag` with several bags: each as alone, and one report on all."""
+
+import json
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+
+from test_localize_bag import PARAMETERS, Recorder, counts  # noqa: E402
+
+from dg_localization.ros.bags import many_bags  # noqa: E402
+from dg_localization.ros.executables import localize_bag  # noqa: E402
+
+
+@pytest.fixture
+def bags(tmp_path):
+    """Write two bags of a triangle, of 11 and 21 steps."""
+    recorders = [Recorder(tmp_path / name) for name in ('first', 'second')]
+    for recorder, steps in zip(recorders, (11, 21), strict=True):
+        recorder.write_triangle(range(steps))
+    return [recorder.close() for recorder in recorders]
+
+
+@pytest.fixture
+def localize(tmp_path):
+    """Localize bags; return the exit code and the merged report."""
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+
+    def run(*arguments, output='out', report='all.json'):
+        paths = ('-o', tmp_path / output, '--params', params, '--report', tmp_path / report)
+        code = localize_bag([str(text) for text in (*paths, *arguments)])
+        path = tmp_path / report
+        return code, path.read_text() if path.exists() else None
+
+    return run
+
+
+def test_each_bag_is_localized_as_alone(bags, localize, tmp_path):
+    code, text = localize(*bags, '--jobs', '1')
+    merged = json.loads(text)
+    assert code == 0 and [bag['name'] for bag in merged['bags']] == ['first', 'second']
+    ticks = [bag['report']['ticks'] for bag in merged['bags']]
+    assert merged['ticks'] == sum(ticks) and ticks[0] < ticks[1]
+    code, alone = localize(bags[0], output='alone', report='alone.json')
+    assert code == 0 and json.loads(alone) == merged['bags'][0]['report']
+    assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
+
+
+def test_a_bag_that_fails_leaves_the_others_theirs(bags, localize, tmp_path):
+    (tmp_path / 'broken.mcap').write_bytes(b'no bag')
+    code, text = localize(bags[0], tmp_path / 'broken.mcap', report='all.md')
+    assert code == 1
+    first, broken = text.splitlines()[-2:]
+    assert first.startswith('| first |') and first.endswith('| at its end |')
+    assert broken.startswith('| broken |') and 'broken.mcap' in broken
+
+
+def test_ros_arguments_reach_every_process(bags, localize):
+    _, text = localize('--ros-args', '-p', 'rate:=1.0', '--', *bags)
+    merged = json.loads(text)
+    assert [bag['report']['rate_hz'] for bag in merged['bags']] == [1.0, 1.0]
+
+
+def test_two_bags_of_one_name_are_refused(bags, localize, tmp_path, capsys):
+    code, text = localize(bags[0], bags[0])
+    assert code == 2 and text is None and not (tmp_path / 'out').exists()
+    assert "two bags are called 'first'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('jobs', ['0', '-1', 'two'])
+def test_wrong_jobs_are_refused(bags, localize, capsys, jobs):
+    with pytest.raises(SystemExit):
+        localize(*bags, '--jobs', jobs)
+    assert f"'{jobs}' must be an integer of at least 1" in capsys.readouterr().err
+
+
+def test_a_scheduler_that_does_not_answer_is_named(bags, localize, capsys, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+
+    def refuse(address):
+        raise OSError(f'Timed out trying to connect to {address}')
+
+    monkeypatch.setattr(distributed, 'Client', refuse)
+    code, text = localize(*bags, '--scheduler', 'tcp://127.0.0.1:1')
+    assert code == 2 and text is None
+    assert "--scheduler 'tcp://127.0.0.1:1': no Dask" in capsys.readouterr().err
+
+
+def test_without_dask_the_message_says_how_to_get_it(bags, localize, capsys, monkeypatch):
+    monkeypatch.setitem(many_bags.sys.modules, 'distributed', None)
+    code, _ = localize(*bags, '--scheduler', 'tcp://127.0.0.1:1')
+    assert code == 1 and 'pip install distributed' in capsys.readouterr().err
+
+
+def test_workers_of_a_scheduler_localize_the_bags(bags, localize):
+    distributed = pytest.importorskip('distributed')
+    settings = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
+    with distributed.LocalCluster(**settings, processes=False) as cluster:
+        code, text = localize(*bags, '--scheduler', cluster.scheduler_address)
+    assert code == 0 and [bag['exit_code'] for bag in json.loads(text)['bags']] == [0, 0]

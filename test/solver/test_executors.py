@@ -1,0 +1,168 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Parts solved by the workers of an executor: the same answer, stopped as promptly."""
+
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+import pickle
+import threading
+
+from joined_cases import missing
+import numpy as np
+import pytest
+from solver_cases import bounds, squared_distances
+from test_patches import braced_grid
+
+from dg_localization import Chirality, Problem, SolverOptions, Verdict, solve
+from dg_localization.solver.assemble import tasks
+
+
+class LaterExecutor:
+    """Runs tasks when they are asked for, last first, in copies as another machine would."""
+
+    def __init__(self):
+        self.n_tasks = 0
+
+    def submit(self, function, *args):
+        self.n_tasks += 1
+        future = Future()
+        result = future.result
+
+        def run_when_asked(timeout=None):
+            if not future.done():
+                run, given = pickle.loads(pickle.dumps((function, args)))
+                future.set_result(pickle.loads(pickle.dumps(run(*given))))
+            return result(timeout)
+
+        future.result = run_when_asked
+        return future
+
+
+class NeverExecutor:
+    """Takes tasks and never runs them."""
+
+    def __init__(self):
+        self.futures = []
+
+    def submit(self, function, *args):
+        self.futures.append(Future())
+        return self.futures[-1]
+
+
+def check_same(result, other):
+    assert result.verdict is other.verdict and result.n_hypotheses == other.n_hypotheses
+    for counted in ('processed', 'empty', 'split', 'kept', 'pending'):
+        assert getattr(result.statistics, counted) == getattr(other.statistics, counted)
+    assert len(result.pieces) == len(other.pieces)
+    for piece, twin in zip(result.pieces, other.pieces, strict=True):
+        for part, same in zip((piece, *piece.patches), (twin, *twin.patches), strict=True):
+            assert part.points == same.points
+            for h, g in zip(part.hypotheses, same.hypotheses, strict=True):
+                assert (h.lower == g.lower).all() and (h.upper == g.upper).all()
+                assert (h.positions == g.positions).all() and h.proved == g.proved
+
+
+def chain_of_triangles(count):
+    """Return triangles and fours, each hinged to the next in one point."""
+    rng = np.random.default_rng(0)
+    ranges = {}
+    last = 0
+    for number in range(count):
+        points = [last, *range(last + 1, last + 3 + number % 2)]
+        places = rng.uniform(0.0, 5.0, (len(points), 2))
+        squared = squared_distances(places)
+        for x, y in np.argwhere(np.triu(squared, 1)).tolist():
+            ranges[points[x], points[y]] = (0.98 * squared[x, y], 1.02 * squared[x, y])
+        last = points[-1]
+    return Problem(*bounds(last + 1, ranges))
+
+
+PROBLEMS = {
+    'a chain of small pieces': chain_of_triangles(30),
+    'one large piece': braced_grid(9, 9, 0.01)[0],
+    'many pieces': braced_grid(8, 8, 0.03, holes=0.3)[0],
+}
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+@pytest.mark.parametrize('max_boxes', [1, 40, 300])
+def test_workers_give_the_same_answer(name, max_boxes):
+    options = SolverOptions(max_boxes=max_boxes)
+    executor = LaterExecutor()
+    result = solve(PROBLEMS[name], options, executor=executor)
+    assert executor.n_tasks > 0
+    check_same(result, solve(PROBLEMS[name], options))
+
+
+def test_threads_give_the_same_answer():
+    options = SolverOptions(max_boxes=10**6)
+    problem = PROBLEMS['one large piece']
+    with ThreadPoolExecutor(2) as executor:
+        check_same(solve(problem, options, executor=executor), solve(problem, options))
+
+
+def test_processes_give_the_same_answer():
+    options = SolverOptions(max_boxes=10**6)
+    problem = PROBLEMS['one large piece']
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as executor:
+        check_same(solve(problem, options, executor=executor), solve(problem, options))
+
+
+def test_dask_gives_the_same_answer():
+    distributed = pytest.importorskip('distributed')
+    options = SolverOptions(max_boxes=10**6)
+    problem = PROBLEMS['one large piece']
+    settings = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
+    with (
+        distributed.LocalCluster(**settings, processes=False) as cluster,
+        distributed.Client(cluster) as client,
+        client.get_executor(pure=False) as executor,
+    ):
+        check_same(solve(problem, options, executor=executor), solve(problem, options))
+
+
+def test_what_no_worker_solves_in_time_is_left_open():
+    problem, positions = braced_grid(9, 9, 0.01)
+    executor = NeverExecutor()
+    result = solve(problem, SolverOptions(max_seconds=0.2), executor=executor)
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert executor.futures and all(future.cancelled() for future in executor.futures)
+    assert not missing(result, positions, squared_distances(positions))
+
+
+def test_waiting_for_workers_ends_when_the_call_is_cancelled():
+    problem, positions = braced_grid(9, 9, 0.01)
+    executor, cancel = NeverExecutor(), threading.Event()
+    threading.Timer(0.1, cancel.set).start()
+    result = solve(problem, cancel=cancel, executor=executor)
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert all(future.cancelled() for future in executor.futures)
+    assert not missing(result, positions, squared_distances(positions))
+
+
+def test_a_worker_stops_at_its_own_clock():
+    problem, _ = braced_grid(4, 4, 0.01)
+    parts = [tasks.Part(problem, None)] * 2
+    slow = [*parts, *parts]
+    assert len(tasks._solve_batch(parts, SolverOptions(), lambda: None)) == 2
+    assert tasks._solve_batch(slow, SolverOptions(max_seconds=1e-9), lambda: None) == []
+
+
+def test_an_error_of_a_worker_is_raised():
+    class Broken(LaterExecutor):
+        def submit(self, function, *args):
+            future = Future()
+            future.set_exception(TimeoutError('the worker is gone'))
+            return future
+
+    with pytest.raises(TimeoutError, match='the worker is gone'):
+        solve(PROBLEMS['one large piece'], executor=Broken())
+
+
+def test_a_problem_survives_pickling_read_only():
+    lower = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
+    problem = Problem(lower, 2.0 * lower, chiralities=[Chirality((0, 1, 2), 1)])
+    again = pickle.loads(pickle.dumps(problem))
+    assert (again.upper == problem.upper).all() and again.chiralities == problem.chiralities
+    assert not again.lower.flags.writeable and not again.upper.flags.writeable

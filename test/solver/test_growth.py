@@ -1,0 +1,147 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Rigid pieces in space, placed point by point: what is found, and that nothing is lost."""
+
+from hypothesis import given, settings, strategies as st
+from joined_cases import FIRST_SEED, PROBLEMS, grown_case, missing, solve_as_one
+import numpy as np
+import pytest
+from solver_cases import squared_distances
+from test_pieces_never_lose import disturbed, first_and_last, lacks_placement
+
+from dg_localization import Problem, SolverOptions, Verdict, solve
+from dg_localization.solver.box import LOWER, UPPER
+from dg_localization.solver.contract.paving import regions_of_point
+from dg_localization.solver.growth import solver
+from dg_localization.solver.growth.partial_boxes import Growth
+from dg_localization.solver.growth.seeds import best_seed
+
+CHUNK = 100
+GROWN_PROBLEMS = max(1, PROBLEMS // 10)
+END = FIRST_SEED + GROWN_PROBLEMS
+CHUNKS = [range(seed, min(seed + CHUNK, END)) for seed in range(FIRST_SEED, END, CHUNK)]
+
+
+@pytest.fixture
+def grows_everything(monkeypatch):
+    """Place point by point whatever is in space, however small or well held it is."""
+    monkeypatch.setattr(solver, 'LEAST_GROWN', 5)
+    monkeypatch.setattr(solver, 'ONE_BOX_SHARE', 0.0)
+
+
+def neighbors_in_space(n_points, degree, seed, relative_error=0.01):
+    """Return random points and the problem of their closest pairs."""
+    positions = np.random.default_rng(seed).uniform(0.0, 5.0 * n_points ** (1 / 3), (n_points, 3))
+    squared = squared_distances(positions)
+    rows, columns = np.triu_indices(n_points, 1)
+    nearest = np.argsort(squared[rows, columns])[: n_points * degree // 2]
+    measured = np.eye(n_points, dtype=bool)
+    measured[rows[nearest], columns[nearest]] = measured[columns[nearest], rows[nearest]] = True
+    lower = np.where(measured, squared * (1.0 - relative_error) ** 2, 0.0)
+    upper = np.where(measured, squared * (1.0 + relative_error) ** 2, np.inf)
+    return positions, Problem(lower, upper, 3)
+
+
+def grown(problem, resolution=0.05):
+    """Return the partial boxes of a problem and the bounds of all pairs in each."""
+    growth = Growth(problem, resolution, lambda: False)
+    partial_boxes = growth.run()
+    return partial_boxes, [growth.bounds(partial) for partial in partial_boxes]
+
+
+@settings(deadline=None, derandomize=True)
+@given(
+    places=st.lists(st.tuples(*[st.integers(-9, 9)] * 3), min_size=2, max_size=6),
+    slack=st.sampled_from([0.0, 1e-12, 0.1, 3.0]),
+    margin=st.sampled_from([0.0, 1e-9, 0.5, 20.0]),
+)
+def test_regions_hold_the_point(places, slack, margin):
+    points = np.array(places, dtype=float)
+    squared = squared_distances(points)[0, 1:]
+    enclosure = np.stack([points[1:] - margin, points[1:] + margin], axis=1)
+    regions = regions_of_point(enclosure, np.maximum(squared - slack, 0.0), squared + slack, 0.01)
+    inside = (regions[:, LOWER] <= points[0]) & (points[0] <= regions[:, UPPER])
+    assert inside.all(axis=1).any()
+
+
+@pytest.mark.parametrize(('n_others', 'n_regions'), [(3, 2), (4, 1)])
+def test_three_distances_leave_two_regions_and_four_leave_one(n_others, n_regions):
+    others = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 0], [2, 1, 5]], dtype=float)[:n_others]
+    squared = ((others - [1.0, 2.0, 3.0]) ** 2).sum(axis=1)
+    enclosure = np.stack([others, others], axis=1)
+    regions = regions_of_point(enclosure, 0.98 * squared, 1.02 * squared, 0.01)
+    assert len(regions) == n_regions
+
+
+def test_there_is_no_region_where_distances_contradict_each_other():
+    others = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
+    enclosure = np.stack([others, others], axis=1)
+    assert len(regions_of_point(enclosure, np.ones(2), np.full(2, 2.0), 0.01)) == 0
+
+
+def test_growth_begins_where_most_points_are_reached():
+    """Two groups that share a triangle; of one of them a point measures only two others."""
+    measured = np.zeros((9, 9), dtype=bool)
+    measured[:5, :5] = True
+    measured[np.ix_((2, 3, 4, 5, 6, 7), (2, 3, 4, 5, 6, 7))] = True
+    measured[8, :2] = measured[:2, 8] = True
+    np.fill_diagonal(measured, False)
+    squared = squared_distances(np.random.default_rng(0).random((9, 3)))
+    upper = np.where(measured | np.eye(9, dtype=bool), squared, np.inf)
+    seed = best_seed(Problem(np.where(measured, squared, 0.0), upper, 3), measured)
+    assert seed is not None
+    assert measured[np.ix_(seed, seed)].sum() == 12
+    nothing = Problem(np.zeros((4, 4)), np.where(np.eye(4), 0.0, np.inf), 3)
+    assert best_seed(nothing, np.zeros((4, 4), dtype=bool)) is None
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_all_points_are_placed_and_the_truth_is_in_a_box(seed):
+    positions, problem = neighbors_in_space(14, 9, seed)
+    partial_boxes, boxes = grown(problem)
+    assert all(len(partial.points) == 14 for partial in partial_boxes)
+    squared = squared_distances(positions)
+    assert any(((low <= squared) & (squared <= high)).all() for low, high in boxes)
+
+
+def test_weakly_held_points_do_not_keep_a_piece_from_an_answer():
+    """Fleets of neighbors in space on which halves of boxes were split without end."""
+    for seed in range(3):
+        positions, problem = neighbors_in_space(20, 8, seed)
+        result = solve(problem, SolverOptions(max_boxes=8000))
+        assert result.verdict is Verdict.COVERED
+        assert not missing(result, positions, squared_distances(positions))
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('seeds', CHUNKS, ids=first_and_last)
+@pytest.mark.usefixtures('grows_everything')
+def test_no_truth_is_lost(seeds):
+    for seed in seeds:
+        case = grown_case(seed)
+        result = solve(case.problem, case.options)
+        assert result.verdict is not Verdict.INFEASIBLE, seed
+        assert not missing(result, case.positions, case.squared), seed
+        done = result.statistics
+        boxes = sum(len(h.boxes) for piece in result.pieces for h in piece.hypotheses)
+        assert done.processed == done.empty + done.split + done.kept, seed
+        assert done.kept + done.pending == boxes, seed
+
+
+@pytest.mark.parametrize('seeds', CHUNKS[::10], ids=first_and_last)
+@pytest.mark.usefixtures('grows_everything')
+def test_grown_and_searched_answers_agree(seeds, monkeypatch):
+    """What either proves to be a placement is in the other, contradictory problems included."""
+    for seed in seeds:
+        case = grown_case(seed, max_points=8)
+        problem = disturbed(case.problem, np.random.default_rng(seed))
+        options = SolverOptions(resolution=case.options.resolution, max_boxes=40)
+        by_growth = solve(problem, options)
+        with monkeypatch.context() as patch:
+            patch.setattr(solver, 'LEAST_GROWN', 1000)
+            searched = solve_as_one(problem, options)
+        for answer, other in ((by_growth, searched), (searched, by_growth)):
+            for hypothesis in other.hypotheses:
+                if hypothesis.proved:
+                    assert not lacks_placement(answer, hypothesis.positions), seed
