@@ -6,17 +6,19 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
+    python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
 
 Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
 there are no cameras and no anchors. MRCLAM: five robots among 15 landmarks, which serve as
-anchors.
+anchors; `robots` leaves the landmarks out.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 import math
 from pathlib import Path
@@ -175,10 +177,9 @@ LATE_S = 0.05
 """Stamps of sightings are late by about this."""
 
 
-def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
-    """Print the figures of the four-minute excerpt as a row of a table."""
-    excerpt = Excerpt(folder)
-    config = FleetConfig(
+def mrclam_config(excerpt: Excerpt, outliers: int, memory_s: float) -> FleetConfig:
+    """Return what the localizer is told of the excerpt."""
+    return FleetConfig(
         robots=excerpt.names,
         anchors=excerpt.anchors,
         max_age_s=2.0,
@@ -195,20 +196,34 @@ def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -
         max_outliers=1,
         solver=SolverOptions(resolution=0.1, max_boxes=200),
     )
+
+
+def answers(
+    excerpt: Excerpt, config: FleetConfig, tick_s: float
+) -> Iterator[tuple[float, Estimate, float]]:
+    """Yield times, estimates, and how many milliseconds of the processor each took."""
     localizer = Localizer(config)
     pending = iter(excerpt.events)
     event = next(pending, None)
     start_s = excerpt.events[0].stamp_s
-    inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
     for now_s in np.arange(start_s + 20.0, excerpt.events[-1].stamp_s, tick_s):
         while event is not None and event.stamp_s <= now_s:
             excerpt.feed(localizer, event)
             event = next(pending, None)
         start = time.process_time()
         estimate = localizer.step(float(now_s))
-        spent.append(1000.0 * (time.process_time() - start))
+        yield float(now_s), estimate, 1000.0 * (time.process_time() - start)
+
+
+def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
+    """Print the figures of the four-minute excerpt as a row of a table."""
+    excerpt = Excerpt(folder)
+    config = mrclam_config(excerpt, outliers, memory_s)
+    inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
+    for now_s, estimate, milliseconds in answers(excerpt, config, tick_s):
+        spent.append(milliseconds)
         forgotten += bool(estimate.forgotten)
-        places, yaws = excerpt.truth(float(now_s))
+        places, yaws = excerpt.truth(now_s)
         held = [holds(placement, places, yaws) for placement in estimate.placements]
         inside.append(any(held))
         if estimate.placements:
@@ -224,6 +239,36 @@ def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -
         f'| {memory_s:.0f} | {outliers} | {sum(inside)} of {len(inside)} | '
         f'{np.mean(infinite):.1%} | {cells[0]} | {cells[1]} | {fast:.0f} ({slow:.0f}) | '
         f'{forgotten} |'
+    )
+
+
+def report_robots(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
+    """Print the figures of the four-minute excerpt without landmarks as a row of a table."""
+    excerpt = Excerpt(folder)
+    config = replace(mrclam_config(excerpt, outliers, memory_s), anchors={})
+    seen = [event for event in excerpt.events if not event.target.startswith('m')]
+    excerpt.events[:] = seen
+    frames: Counter[str] = Counter()
+    hypotheses, inside, widths, spent = [], [], [], []
+    for now_s, estimate, milliseconds in answers(excerpt, config, tick_s):
+        spent.append(milliseconds)
+        frames[estimate.frame.kind.value if estimate.frame else 'none'] += 1
+        hypotheses.append(estimate.n_hypotheses)
+        places, _ = excerpt.truth(now_s)
+        apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+        parts = [*estimate.placements]
+        if parts:
+            held = [np.all((p.lower_m <= apart) & (apart <= p.upper_m)) for p in parts]
+            inside.append(any(held))
+            wide = (parts[0].upper_m - parts[0].lower_m)[np.triu_indices(len(apart), 1)]
+            widths += list(wide)
+    single = np.mean(np.array(hypotheses) == 1)
+    bounded = np.array(widths)[np.isfinite(widths)]
+    fast, slow = np.percentile(spent, [50, 95])
+    print(
+        f'| {memory_s:.0f} | {outliers} | {len(hypotheses)} | {dict(frames)} | {single:.0%} | '
+        f'{sum(inside)} of {len(inside)} | {np.median(bounded):.2f} | '
+        f'{1.0 - len(bounded) / len(widths):.0%} | {fast:.0f} ({slow:.0f}) |'
     )
 
 
@@ -303,7 +348,7 @@ def main() -> None:
     """Read the command line and print what was asked for."""
     name = 'python -m benchmarks.fleet_in_time'
     parser = argparse.ArgumentParser(prog=name, description=__doc__)
-    parser.add_argument('study', choices=['simulated', 'mrclam'])
+    parser.add_argument('study', choices=['simulated', 'mrclam', 'robots'])
     parser.add_argument('--runs', type=int, default=10)
     parser.add_argument('--robots', type=int, nargs='+', default=[2, 3, 4, 6])
     parser.add_argument('--seconds', type=float, default=15.0)
@@ -314,6 +359,12 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
+    elif arguments.study == 'robots':
+        print(
+            '| memory (s) | outliers | ticks | frames | one hypothesis | true distances inside '
+            '| width of a distance (m) | not bounded | ms (95 %) |'
+        )
+        report_robots(arguments.data, arguments.outliers, arguments.memory, arguments.every)
     else:
         print(
             '| memory (s) | outliers | truth inside | infinite | width (m) | point off by (m) '

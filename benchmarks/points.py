@@ -227,7 +227,6 @@ def mrclam(arguments: argparse.Namespace) -> None:
         window_outliers=5,
         max_speed_m_s=0.2,
         max_turn_rate_rad_s=0.6,
-        odometry_relative_error=0.1,
         range_error=error,
         bearing_half_width_rad=0.12,
         max_outliers=1,

@@ -43,7 +43,6 @@ PARAMETERS = """\
     max_turn_rate: 0.6
     # Velocities that were commanded, as fit_bounds finds them: the robots follow late.
     odometry:
-      relative_error: 0.1
       translation_per_m: 0.2
       rotation_per_m: 0.0
       rotation_per_rad: 0.2

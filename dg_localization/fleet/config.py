@@ -76,11 +76,8 @@ class FleetConfig:
     min_separation_m : float
         No two robots come nearer than this, for example their size. Bearings between moving
         robots without a range need it: the direction to a very near point may turn at once.
-    odometry_relative_error : float
-        Greatest error of odometry between two of its stamps, as a fraction of the path and of the
-        turn at full speed in that time.
     odometry_error : OdometryErrorModel
-        Greatest errors of odometry along its path, which carry what is remembered to now.
+        Greatest errors of odometry along its path, which carry older measurements to now.
     memory_s : float
         How long measurements between points with odometry, and with anchors, are remembered; 0
         remembers nothing.
@@ -131,7 +128,6 @@ class FleetConfig:
     robot_max_speed_m_s: Mapping[str, float] = field(default_factory=dict)
     max_turn_rate_rad_s: float = 1.0
     min_separation_m: float = 0.0
-    odometry_relative_error: float = 0.05
     odometry_error: OdometryErrorModel = OdometryErrorModel(
         translation_per_m=0.1,
         rotation_per_m=0.02,
@@ -223,7 +219,6 @@ class FleetConfig:
         )
         require_number('bearing_expected_error_rad', self.bearing_expected_error_rad)
         require_number('min_separation_m', self.min_separation_m, at_least=0.0)
-        require_number('odometry_relative_error', self.odometry_relative_error, at_least=0.0)
         require_integer('max_repeats', self.max_repeats, 1)
         require_integer('max_hypotheses', self.max_hypotheses, 1)
         require_integer('max_outliers', self.max_outliers, 0)

@@ -241,7 +241,7 @@ class MeasurementStore:
             self._tracks[robot] = OdometryTrack(
                 self._config.speed_m_s(robot),
                 self._config.max_turn_rate_rad_s,
-                self._config.odometry_relative_error,
+                self._config.odometry_error,
                 keep_s,
             )
         return self._tracks[robot]

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from dg_localization.fleet.odometry import OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
@@ -42,6 +43,10 @@ def rotation_angle_rad(rotation: np.ndarray) -> float:
     return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
 
 
+ROUNDING = 1.0 + 1e-9
+"""A robot at its limits is not a restart of its odometry."""
+
+
 class OdometryTrack:
     """
     The newest odometry of one robot, oldest first.
@@ -50,8 +55,7 @@ class OdometryTrack:
     ----------
     max_speed_m_s, max_turn_rate_rad_s : float
         Limits of the robot.
-    relative_error : float
-        Greatest error of odometry as a fraction of the path and the turn at full speed.
+    error : OdometryErrorModel
     keep_s : float
         How long readings are kept.
 
@@ -61,12 +65,12 @@ class OdometryTrack:
         self,
         max_speed_m_s: float,
         max_turn_rate_rad_s: float,
-        relative_error: float,
+        error: OdometryErrorModel,
         keep_s: float,
     ) -> None:
         self._max_speed_m_s = max_speed_m_s
         self._max_turn_rate_rad_s = max_turn_rate_rad_s
-        self._tolerance = 1.0 + relative_error + 1e-9
+        self._error = error
         self._keep_s = keep_s
         self._readings: list[OdometryReading] = []
         self._restarted_s = 0.0
@@ -89,21 +93,27 @@ class OdometryTrack:
         is another frame. It says nothing about the motion before it, so the older readings are
         forgotten.
         """
-        if self._readings and self._restarted(self._readings[-1], reading):
-            self._readings.clear()
-            self._restarted_s = reading.stamp_s
+        if self._readings:
+            last = self._readings[-1]
+            step_m = _distance_up_m(reading.position_m, last.position_m)
+            turn_rad = angle_up(rotation_angle_rad(last.rotation.T @ reading.rotation))
+            elapsed_s = elapsed_up(reading.stamp_s, last.stamp_s)
+            if reading.frame != last.frame or self._is_too_fast(step_m, turn_rad, elapsed_s):
+                self._readings.clear()
+                self._restarted_s = reading.stamp_s
+            else:
+                way_m, turned_rad = sum_up(last.way_m, step_m), sum_up(last.turned_rad, turn_rad)
+                reading = replace(reading, way_m=way_m, turned_rad=turned_rad)
         self._readings.append(replace(reading, restarted_s=self._restarted_s))
         self._forget_before(reading.stamp_s - self._keep_s)
 
-    def _restarted(self, last: OdometryReading, reading: OdometryReading) -> bool:
-        """Return whether a reading is of another frame, or more than the robot can do away."""
-        if reading.frame != last.frame:
-            return True
-        step_m = float(np.linalg.norm(reading.position_m - last.position_m))
-        turn_rad = rotation_angle_rad(last.rotation.T @ reading.rotation)
-        longest_s = elapsed_up(reading.stamp_s, last.stamp_s) * self._tolerance
-        too_far = step_m > self._max_speed_m_s * longest_s
-        return too_far or turn_rad > angle_up(self._max_turn_rate_rad_s * longest_s)
+    def _is_too_fast(self, step_m: float, turn_rad: float, elapsed_s: float) -> bool:
+        """Return whether a step or a turn is more than the robot can do in that time."""
+        longest_s = sum_up(elapsed_s, 2.0 * self._error.latency_s)
+        error_m, error_rad = greatest_errors(self._error, step_m, turn_rad)
+        farthest_m = sum_up(product_up(self._max_speed_m_s, longest_s), error_m)
+        farthest_rad = sum_up(product_up(self._max_turn_rate_rad_s, longest_s), error_rad)
+        return step_m > farthest_m * ROUNDING or turn_rad > angle_up(farthest_rad * ROUNDING)
 
     def _forget_before(self, stamp_s: float) -> None:
         """Drop readings older than `stamp_s`, except the last of them."""
@@ -121,9 +131,8 @@ class Motion:
     max_speed_m_s : mapping of str to float
         By point.
     max_turn_rate_rad_s : float
-    relative_error : float
-        Of odometry, as a fraction of the path and the turn at full speed. The path itself is not
-        known: between two poses a robot may have gone back and forth.
+    error : OdometryErrorModel
+        Of odometry, along the path of its samples.
     odometry : mapping of str to tuple of OdometryReading
         By robot, oldest first.
 
@@ -131,7 +140,7 @@ class Motion:
 
     max_speed_m_s: Mapping[str, float]
     max_turn_rate_rad_s: float
-    relative_error: float
+    error: OdometryErrorModel
     odometry: Mapping[str, tuple[OdometryReading, ...]]
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
@@ -142,11 +151,17 @@ class Motion:
         if not track:
             return by_speed_m
         start, end = _nearest(track, first_s), _nearest(track, second_s)
-        by_odometry_m = sum_up(
-            _distance_up_m(start.position_m, end.position_m),
-            product_up(speed_m_s, self._unknown_up_s(start, end, first_s, second_s)),
+        way_m, turned_rad = _way_between(start, end)
+        error_m = greatest_errors(self.error, way_m, turned_rad)[0]
+        # An error of a turn swings what lies before it, and makes no way longer.
+        swing_rad = sum_up(
+            product_up(self.error.rotation_per_m, way_m),
+            product_up(self.error.rotation_per_rad, turned_rad),
         )
-        return min(by_speed_m, by_odometry_m)
+        chord_m = _distance_up_m(start.position_m, end.position_m)
+        chord_m = min(sum_up(chord_m, product_up(swing_rad, way_m)), way_m)
+        beyond_s = self._beyond_up_s(start, end, first_s, second_s)
+        return min(by_speed_m, sum_up(chord_m, error_m, product_up(speed_m_s, beyond_s)))
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
         """
@@ -166,8 +181,11 @@ class Motion:
         track = self.odometry.get(point)
         if track:
             start, end = _nearest(track, first_s), _nearest(track, second_s)
-            unknown_s = self._unknown_up_s(start, end, first_s, second_s)
-            error_rad = angle_up(product_up(rate_rad_s, unknown_s))
+            beyond_s = self._beyond_up_s(start, end, first_s, second_s)
+            error_rad = greatest_errors(self.error, *_way_between(start, end))[1]
+            error_rad = angle_up(
+                sum_up(error_rad, 2.0 * self.error.tilt_rad, product_up(rate_rad_s, beyond_s))
+            )
             if error_rad < by_rate_rad:
                 return end.rotation.T @ start.rotation, error_rad
         return np.eye(3), by_rate_rad
@@ -177,19 +195,41 @@ class Motion:
         rotation, half_width_rad = self.turn(point, first_s, second_s)
         return angle_up(sum_up(angle_up(rotation_angle_rad(rotation)), half_width_rad))
 
-    def _unknown_up_s(
+    def _beyond_up_s(
         self, start: OdometryReading, end: OdometryReading, first_s: float, second_s: float
     ) -> float:
-        """
-        Return for how long at full speed the motion between two times is unknown.
-
-        That is the time beyond the two readings, and the error of odometry between them.
-        """
+        """Return for how long the motion between two times is not that between two readings."""
         return sum_up(
-            product_up(self.relative_error, elapsed_up(start.stamp_s, end.stamp_s)),
             elapsed_up(start.stamp_s, first_s),
             elapsed_up(end.stamp_s, second_s),
+            2.0 * self.error.latency_s,
         )
+
+
+def greatest_errors(
+    error: OdometryErrorModel, way_m: float, turned_rad: float
+) -> tuple[float, float]:
+    """Return the greatest errors of odometry over a way and the turns on it, in m and in rad."""
+    return (
+        sum_up(
+            product_up(error.translation_per_m, way_m),
+            product_up(error.translation_per_rad, turned_rad),
+            error.constant_m,
+        ),
+        sum_up(
+            product_up(error.rotation_per_m, way_m),
+            product_up(error.rotation_per_rad, turned_rad),
+            error.constant_rad,
+        ),
+    )
+
+
+def _way_between(first: OdometryReading, second: OdometryReading) -> tuple[float, float]:
+    """Return upper bounds of the way and of the turns between two readings of one track."""
+    if first is second:
+        return 0.0, 0.0
+    start, end = sorted((first, second), key=lambda reading: reading.stamp_s)
+    return sum_up(end.way_m, -start.way_m), sum_up(end.turned_rad, -start.turned_rad)
 
 
 def _distance_up_m(first: np.ndarray, second: np.ndarray) -> float:

@@ -101,7 +101,7 @@ def take_snapshot(
     motion = Motion(
         max_speed_m_s={point: config.speed_m_s(robot) for point, robot in robot_of.items()},
         max_turn_rate_rad_s=config.max_turn_rate_rad_s,
-        relative_error=config.odometry_relative_error,
+        error=config.odometry_error,
         odometry={
             point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
         },

@@ -127,6 +127,9 @@ class OdometryReading:
         The name of the odometry frame; empty where it has none.
     restarted_s : float
         When this odometry started anew, as far as it showed; 0 when it never did.
+    way_m, turned_rad : float
+        Sums of the steps and of the turns since the odometry began, rounded up: what lies between
+        two readings is at most the difference.
 
     """
 
@@ -135,6 +138,8 @@ class OdometryReading:
     rotation: np.ndarray
     frame: str = ''
     restarted_s: float = 0.0
+    way_m: float = 0.0
+    turned_rad: float = 0.0
 
 
 class RejectionReason(Enum):

@@ -112,7 +112,6 @@ class History:
             bearing_half_width_rad=float(rng.choice([0.02, 0.1])),
             max_speed_m_s=1.0,
             max_turn_rate_rad_s=1.3,
-            odometry_relative_error=0.5,
             odometry_error=error,
             memory_max_seconds=math.inf,
             max_hypotheses=1000,

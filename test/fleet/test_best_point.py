@@ -20,7 +20,7 @@ from dg_localization.fleet import (
 )
 from dg_localization.fleet.best_point.best_point import BestPointFinder
 from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
-from dg_localization.fleet.best_point.normal_equations import normal_equations
+from dg_localization.fleet.best_point.normal_equations import eliminate, normal_equations
 from dg_localization.fleet.best_point.terms import (
     STEP,
     TURN,
@@ -153,6 +153,15 @@ def test_the_gradient_is_that_of_the_cost(seed, robust):
         slope = (costs[0] - costs[1]) / (2.0 * step)
         assert 2.0 * vector[6 * body + axis] == pytest.approx(slope, rel=1e-4, abs=1e-3)
     assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > -1e-6
+
+
+@pytest.mark.parametrize('size', [0, 3, 8])
+def test_what_is_left_after_elimination_is_inverse_to_the_block(size):
+    root = np.random.default_rng(size).normal(size=(8, 8))
+    matrix = root @ root.T + np.eye(8)
+    wanted = np.linalg.inv(matrix)[:size, :size]
+    eliminate(matrix, size)
+    assert np.allclose(np.linalg.inv(matrix[:size, :size]), wanted)
 
 
 @pytest.mark.parametrize('seed', range(20))
@@ -368,6 +377,20 @@ def test_a_robot_that_sees_nothing_now_has_its_point_by_what_it_saw():
     (placement,) = localizer.step(now_s).placements
     assert inside(placement)
     assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
+
+
+def test_what_was_seen_before_the_odometry_started_anew_does_not_pull():
+    localizer = driver()
+    drive(localizer, ANCHORS[2], 5.0, lambda tick: True)
+    after_m = np.array([6.0, 4.0])
+    now_s = NOW_S + 7.0
+    localizer.add_odometry('r', [50.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+    for name, place in zip('012', ANCHORS[2], strict=True):
+        line_m = place - after_m
+        localizer.add_range('r', f'a{name}', np.linalg.norm(line_m), now_s, now_s)
+        localizer.add_bearing('r', f'a{name}', [*line_m, 0.0], now_s, now_s)
+    (placement,) = localizer.step(now_s).placements
+    assert np.linalg.norm(placement.positions_m[0] - after_m) < 0.01
 
 
 def test_a_dropped_reading_does_not_pull():

@@ -98,7 +98,9 @@ def test_the_surveyed_truth_is_in_a_placement_at_every_tick(shared, excerpt):
         max_age_s=2.0,
         max_speed_m_s=0.2,
         max_turn_rate_rad_s=0.6,
-        odometry_relative_error=0.1,
+        odometry_error=OdometryErrorModel(
+            translation_per_m=0.1, rotation_per_rad=0.2, constant_m=0.04, constant_rad=0.12
+        ),
         range_error=RANGES,
         bearing_half_width_rad=0.12,
         max_outliers=1,

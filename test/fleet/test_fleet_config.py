@@ -24,7 +24,6 @@ WRONG = [
     ({'robot_max_speed_m_s': {'a': -1.0}}, 'robot_max_speed_m_s[a]: -1.0', '>= 0'),
     ({'max_turn_rate_rad_s': 'fast'}, "max_turn_rate_rad_s: 'fast'", 'number'),
     ({'bearing_half_width_rad': 4.0}, 'bearing_half_width_rad: 4.0', '<= 3.14159'),
-    ({'odometry_relative_error': -1.0}, 'odometry_relative_error: -1.0', '>= 0'),
     ({'min_separation_m': -1.0}, 'min_separation_m: -1.0', '>= 0'),
     ({'max_repeats': 0}, 'max_repeats: 0', '>= 1'),
     ({'max_hypotheses': 0}, 'max_hypotheses: 0', '>= 1'),

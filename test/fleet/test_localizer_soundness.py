@@ -157,7 +157,6 @@ def make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options):
         anchors=anchors,
         max_speed_m_s=speed * 1.0001,
         max_turn_rate_rad_s=turn_rate * 1.0001,
-        odometry_relative_error=0.05,
         max_hypotheses=10_000,
         solver=SolverOptions(resolution=0.2, max_boxes=40, max_seconds=1.0),
     )
@@ -224,30 +223,33 @@ def feed_odometry(localizer, world, rng):
         frame = rotation_about(rng.normal(size=3) if world.positions.shape[2] == 3 else [0, 0, 1])
         position = rng.normal(size=3)
         rotation = frame @ world.rotations[0, robot]
+        last = 0
         for tick in range(len(world.positions)):
-            if tick:
-                step = np.zeros(3)
-                step[: world.positions.shape[2]] = (
-                    world.positions[tick, robot] - world.positions[tick - 1, robot]
-                )
-                position = position + frame @ step * (1.0 + rng.uniform(-0.04, 0.04))
-                turn = world.rotations[tick - 1, robot].T @ world.rotations[tick, robot]
-                quaternion = quaternion_of(turn)
-                angle = 2.0 * np.arctan2(np.linalg.norm(quaternion[:3]), quaternion[3])
-                axis = quaternion[:3] / max(np.linalg.norm(quaternion[:3]), 1e-15)
-                scaled = rotation_about(axis * angle * (1.0 + rng.uniform(-0.04, 0.04)))
-                rotation = rotation @ scaled
-            if rng.uniform() < 0.7:
-                rejection = localizer.add_odometry(
-                    world.config.robots[robot],
-                    position,
-                    quaternion_of(rotation),
-                    world.stamp_s(tick),
-                    world.now_s,
-                    f'odom of {world.config.robots[robot]}',
-                )
-                assert rejection is None
-                world.odometry[robot] = tick, position, rotation
+            if rng.uniform() < 0.3:
+                continue
+            step = np.zeros(3)
+            step[: world.positions.shape[2]] = (
+                world.positions[tick, robot] - world.positions[last, robot]
+            )
+            ahead = world.rotations[last, robot].T @ step
+            position = position + rotation @ ahead * (1.0 + rng.uniform(-0.04, 0.04))
+            quaternion = quaternion_of(
+                world.rotations[last, robot].T @ world.rotations[tick, robot]
+            )
+            angle = 2.0 * np.arctan2(np.linalg.norm(quaternion[:3]), quaternion[3])
+            axis = quaternion[:3] / max(np.linalg.norm(quaternion[:3]), 1e-15)
+            rotation = rotation @ rotation_about(axis * angle * (1.0 + rng.uniform(-0.04, 0.04)))
+            last = tick
+            rejection = localizer.add_odometry(
+                world.config.robots[robot],
+                position,
+                quaternion_of(rotation),
+                world.stamp_s(tick),
+                world.now_s,
+                f'odom of {world.config.robots[robot]}',
+            )
+            assert rejection is None
+            world.odometry[robot] = tick, position, rotation
 
 
 def holds(placement, world, frame):

@@ -9,15 +9,25 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from dg_localization.fleet.motion import Motion
+from dg_localization.fleet.motion import Motion, OdometryTrack
+from dg_localization.fleet.odometry import OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometryReading
 
 coordinate = st.floats(-1e6, 1e6)
 positions = st.tuples(coordinate, coordinate, coordinate)
 
 
-def motion_of(*readings, relative_error=0.0, speed=1e9):
-    return Motion({'a': speed}, 1.0, relative_error, {'a': readings})
+def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
+    error = OdometryErrorModel(**errors)
+    track = OdometryTrack(1e9, 1e9, error, 1e9)
+    for reading in readings:
+        track.append(reading)
+    return Motion({'a': speed}, turn_rate, error, {'a': track.readings})
+
+
+def yaw_rotation(yaw):
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @settings(deadline=None)
@@ -33,15 +43,59 @@ def test_the_displacement_is_never_below_the_exact_distance(start, end):
 
 
 def test_a_point_that_cannot_move_has_no_displacement():
-    still = Motion({'p': 0.0}, 1.0, 0.1, {})
+    still = Motion({'p': 0.0}, 1.0, OdometryErrorModel(translation_per_m=0.1), {})
     assert still.displacement_m('p', 1.0, 5.0) == 0.0
 
 
 def test_odometry_bounds_a_turn_by_its_error():
-    readings = [OdometryReading(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (1.0, 3.0)]
-    _, half_width_rad = motion_of(*readings, relative_error=0.1).turn('a', 1.0, 3.0)
-    assert half_width_rad == pytest.approx(0.2)
-    assert half_width_rad > 0.2
+    """To the left and back: what counts is the way that the robot turned."""
+    readings = [
+        OdometryReading(1.0 + k, np.zeros(3), yaw_rotation(yaw))
+        for k, yaw in enumerate((0.0, 0.4, 0.0))
+    ]
+    motion = motion_of(*readings, rotation_per_rad=0.1, constant_rad=0.01)
+    _, half_width_rad = motion.turn('a', 1.0, 3.0)
+    assert 0.09 <= half_width_rad == pytest.approx(0.09)
+
+
+def test_odometry_bounds_a_way_by_its_error():
+    places = ([0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0])
+    readings = [
+        OdometryReading(1.0 + k, np.array(place), np.eye(3)) for k, place in enumerate(places)
+    ]
+    motion = motion_of(*readings, speed=9.0, translation_per_m=0.1, constant_m=0.02)
+    assert 5.72 <= motion.displacement_m('a', 1.0, 3.0) == pytest.approx(5.72)
+    assert motion.displacement_m('a', 3.0, 1.0) == motion.displacement_m('a', 1.0, 3.0)
+    late = motion_of(*readings, speed=9.0, latency_s=0.1)
+    assert 6.8 <= late.displacement_m('a', 1.0, 3.0) == pytest.approx(6.8)
+
+
+@pytest.mark.parametrize('seed', range(50))
+def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
+    rng = np.random.default_rng(seed)
+    errors = {
+        'translation_per_m': rng.choice([0.0, 0.1]),
+        'translation_per_rad': rng.choice([0.0, 0.05]),
+        'rotation_per_m': rng.choice([0.0, 0.2]),
+        'rotation_per_rad': rng.choice([0.0, 0.3]),
+    }
+    error = OdometryErrorModel(**errors)
+    pose, stated, readings, sign = np.zeros(3), np.zeros(3), [], rng.choice([-1.0, 1.0])
+    for k in range(12):
+        place = np.array([*stated[:2], 0.0])
+        readings.append(OdometryReading(1.0 + k, place, yaw_rotation(stated[2])))
+        way, turn = rng.uniform(0.0, 1.0), rng.uniform(-1.0, 1.0)
+        off_m = error.translation_per_m * way + error.translation_per_rad * abs(turn)
+        off_rad = error.rotation_per_m * way + error.rotation_per_rad * abs(turn)
+        for moved, longer, more in ((stated, 0.0, 0.0), (pose, off_m, sign * off_rad)):
+            step = (way + 0.999 * longer) * np.array([np.cos(moved[2]), np.sin(moved[2])])
+            moved += [*step, turn + 0.999 * more]
+    readings.append(OdometryReading(13.0, np.array([*stated[:2], 0.0]), yaw_rotation(stated[2])))
+    motion = motion_of(*readings, **errors)
+    assert np.linalg.norm(pose[:2]) <= motion.displacement_m('a', 1.0, 13.0)
+    rotation, half_width_rad = motion_of(*readings, turn_rate=9.0, **errors).turn('a', 1.0, 13.0)
+    off_rad = pose[2] + np.arctan2(rotation[1, 0], rotation[0, 0])
+    assert half_width_rad >= abs(np.arctan2(np.sin(off_rad), np.cos(off_rad))) - 1e-9
 
 
 def test_a_robot_may_move_at_full_speed_before_and_after_its_odometry():

@@ -17,6 +17,7 @@ from dg_localization.fleet import (
     FleetConfig,
     Localizer,
     Mount,
+    OdometryErrorModel,
     RangeErrorModel,
 )
 from dg_localization.fleet.mounts import mount_geometry
@@ -191,7 +192,7 @@ def test_old_readings_of_a_robot_that_moves_and_turns_hold_the_truth(odometry):
                 max_speed_m_s=speed_m_s,
                 max_turn_rate_rad_s=0.6,
                 bearing_half_width_rad=RAY_ERROR_RAD,
-                odometry_relative_error=0.0,
+                odometry_error=OdometryErrorModel(),
             )
         )
         for k in range(24):

@@ -112,13 +112,31 @@ def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
     assert abs(found['range']['expected_error']) < 0.05
     assert abs(found['bearing']['expected_error']) < 0.01
     odometry = found['odometry']
-    assert 0.0 < odometry['relative_error'] < 0.3
     # It is simulated with 0.05 per m and per rad, step by step.
     assert 0.0 < odometry['translation_per_m'] + odometry['constant_translation'] < 0.1
     assert 0.0 < odometry['rotation_per_rad'] + odometry['constant_rotation'] < 0.1
     assert 'links' not in found
     assert 'all: 5400 readings' in learn.output and '0.0' in learn.output
     assert 'Odometry of robot_1' in learn.output
+
+
+def test_broken_bounds_are_named_with_their_times(tmp_path, learn):
+    """Three ranges in a row are far too long, as those of a misread marker."""
+    count = 0
+
+    def misread(topic, message):
+        nonlocal count
+        if topic == 'robot_1/range/robot_2':
+            count += 1
+            message.range *= 3.0 if 40 <= count < 43 else 1.0
+        return message
+
+    code, _ = learn(record(tmp_path / 'bag', change=misread), '--truth', TRUTH)
+    assert code == 0
+    text = ' '.join(learn.output.replace('#', ' ').split())
+    found = re.findall(r'The stated bounds of (.*?) are broken from (\S+) to (\S+) s: (\S+)', text)
+    assert [(link, times) for link, _, _, times in found] == [('range robot_1->robot_2', '3')]
+    assert 0.0 < float(found[0][2]) - float(found[0][1]) < 1.0
 
 
 def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):

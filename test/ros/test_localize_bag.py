@@ -25,6 +25,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
+from dg_localization.fleet import Estimate  # noqa: E402
+from dg_localization.fleet.window.forgetting import Forgotten  # noqa: E402
 from dg_localization.ros.bags import (  # noqa: E402
     localize_bag as localize_bag_module,
     reader as bag_module,
@@ -36,6 +38,7 @@ from dg_localization.ros.bags.offline import (  # noqa: E402
     read_task,
     timeline,
 )
+from dg_localization.ros.bags.report import Tally  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 from msg_adapters import Level, PeersReading, adapter_for  # noqa: E402
 
@@ -679,3 +682,12 @@ def test_one_long_answer_shows_signs_of_life(localize, triangle_bag, capsys, mon
     assert code == 0
     assert 'for the answer at 0.4 s' in told
     assert 'the slowest answer, at 0.4 s of the bag, took' in told
+
+
+def test_the_report_says_what_was_forgotten_and_when():
+    why = 'what r1 and the anchors measured more than 3 s ago contradicts what they measured since'
+    forgotten = Forgotten(frozenset({('r1', 'a')}), 7.0, why)
+    tally = Tally(('r1',))
+    tally.add(Estimate(10.0, ('r1',), None, ''), 1.0)
+    tally.add(Estimate(12.0, ('r1',), None, '', forgotten=(forgotten,)), 3.0)
+    assert tally.forgotten == [(3.0, why)]

@@ -186,6 +186,11 @@ def test_recording_has_six_links_and_no_templates():
         ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
         ('solver.resolution', 0.0, "'solver.resolution': 0.0 is not allowed"),
         ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
+        (
+            'odometry.relative_error',
+            0.1,
+            'is unknown; the error of odometry is stated by odometry.t',
+        ),
         ('solver.resolutoin', 0.1, "'solver.resolutoin' is unknown; did you mean 'solver.resol"),
         ('anchors.names', ['x.y'], "'anchors.names': 'x.y' is not allowed"),
         ('min_separation', -0.1, "'min_separation': -0.1 is not allowed, it must be .* >= 0"),

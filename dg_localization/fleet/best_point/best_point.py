@@ -19,8 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
-from dg_localization.fleet.best_point.normal_equations import LEFT_OUT
+from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms, matrix_at
+from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, eliminate
 from dg_localization.fleet.best_point.past import Past
 from dg_localization.fleet.best_point.terms import (
     LEAST_HALF_WIDTH,
@@ -72,8 +72,9 @@ class BestPoint:
         Of the bodies that turn, from body to fixed frame.
     covariances : numpy.ndarray, shape (n, 6, 6)
         Of each position (m) and of a small rotation about the axes of the fixed frame (rad), for
-        readings whose errors are independent and anywhere in their bounds. Zero for what the
-        frame fixes, and for rotations that are not fitted; NaN where nothing was fitted.
+        readings whose errors are independent and anywhere in their bounds; those of one target
+        within a few seconds of the past count as one. Zero for what the frame fixes, and for
+        rotations that are not fitted; NaN where nothing was fitted.
 
     """
 
@@ -198,16 +199,18 @@ class BestPointFinder:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
+        information = fit.matrix
         if self._past is not None:
             bodies = self._with_past(self._past, fit, bodies)
             self._effort += int(bodies.free.sum()) ** 3
             rough = fit_terms(self._past.terms, bodies)
             bodies = replace(bodies, positions_m=rough.positions_m, rotations=rough.rotations)
             fit = fit_terms(self._past.terms, bodies, robust=True)
+            information = matrix_at(self._past.terms.counted_once(), fit)
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m, proved)
         n_points = len(start_m)
-        covariances = _covariances(fit, bodies)[:n_points]
+        covariances = _covariances(fit, bodies, information, n_points)
         return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
@@ -309,16 +312,19 @@ def _agreeing(
     return start_m + share * (best_m - start_m), True
 
 
-def _covariances(fit: Fit, bodies: Bodies) -> FloatArray:
-    """Return the covariance of each body: of its position, and of its rotation."""
-    n_points = len(fit.columns)
-    size = len(fit.matrix)
+def _covariances(fit: Fit, bodies: Bodies, information: FloatArray, n_points: int) -> FloatArray:
+    """Return the covariance of each point: of its position, and of its rotation."""
     sides_m = np.maximum(bodies.upper_m - fit.positions_m, fit.positions_m - bodies.lower_m)
-    widths = np.concatenate([sides_m, np.full((n_points, 3), np.pi / np.sqrt(UNIFORM))], axis=1)
+    turns = np.full(sides_m.shape, np.pi / np.sqrt(UNIFORM))
+    widths = np.concatenate([sides_m, turns], axis=1)
     # The enclosure counts as one more reading, so that nothing is wider than it.
     variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
+    equations = UNIFORM * information + np.diag(1.0 / variances)
+    size = int(bodies.free[:n_points].sum())
+    eliminate(equations, size)
     everything = np.zeros((size + 1, size + 1))
-    everything[:size, :size] = np.linalg.inv(UNIFORM * fit.matrix + np.diag(1.0 / variances))
+    everything[:size, :size] = np.linalg.inv(equations[:size, :size])
     # The last row stands for what is left out.
-    rows = np.where(fit.columns == LEFT_OUT, size, fit.columns)
+    columns = fit.columns[:n_points]
+    rows = np.where(columns == LEFT_OUT, size, columns)
     return np.asarray(everything[rows[:, :, None], rows[:, None, :]])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.descent import descend
-from dg_localization.fleet.best_point.normal_equations import LEFT_OUT
+from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, normal_equations
 from dg_localization.fleet.best_point.terms import PackedTerms
 
 FloatArray = NDArray[np.float64]
@@ -104,3 +104,22 @@ def fit_terms(terms: PackedTerms, start: Bodies, *, robust: bool = False) -> Fit
         size,
     )
     return Fit(positions_m, rotations, float(cost), columns, matrix)
+
+
+def matrix_at(terms: PackedTerms, fit: Fit) -> FloatArray:
+    """Return the matrix of the normal equations of other terms at the result of a fit."""
+    matrix, vector = np.empty_like(fit.matrix), np.empty(len(fit.matrix))
+    normal_equations(
+        terms.kinds,
+        terms.bodies,
+        terms.arms_m,
+        terms.values,
+        terms.weights,
+        True,
+        fit.positions_m,
+        fit.rotations,
+        fit.columns,
+        matrix,
+        vector,
+    )
+    return matrix

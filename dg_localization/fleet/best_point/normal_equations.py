@@ -172,3 +172,18 @@ def normal_equations(
                 for row in range(n_rows):
                     matrix[column, other] += slopes[row, i] * slopes[row, j]
     return total
+
+
+@kernel(borrows=True)
+def eliminate(matrix: FloatArray, size: int) -> None:
+    """
+    Leave in the first rows and columns of a positive definite matrix its Schur complement.
+
+    The inverse of that is the first block of the inverse of the whole.
+    """
+    for last in range(len(matrix) - 1, size - 1, -1):
+        for i in range(last):
+            share = matrix[i, last] / matrix[last, last]
+            if share != 0.0:
+                for j in range(last):
+                    matrix[i, j] -= share * matrix[last, j]

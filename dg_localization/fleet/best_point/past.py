@@ -47,6 +47,9 @@ SPACING_S = 3.0
 MOST_POSES = 60
 """Of all robots before now: a fit takes the cube of their number."""
 
+LEAST_POSES = 2
+"""Of each robot before now; larger fleets have no smoother."""
+
 LEAST_STEP_ERROR = 1e-3
 """Odometry is never as exact as its bounds may say, in m and in rad."""
 
@@ -108,8 +111,10 @@ def past_of(snapshot: Snapshot, solved: Constraints) -> Past | None:
     if config.dimension != 2 or not observations:
         return None
     moving = _moving(snapshot, solved)
+    if not 0 < len(moving) <= MOST_POSES // LEAST_POSES:
+        return None
     times_s = _times_s(snapshot, len(moving))
-    if not moving or times_s[-1] >= snapshot.stamp_s:
+    if times_s[-1] >= snapshot.stamp_s:
         return None
     ways: dict[str, _Poses] = {}
     for robot in moving:
@@ -129,7 +134,8 @@ def past_of(snapshot: Snapshot, solved: Constraints) -> Past | None:
             continue
         both = [ways.get(end) or _Fixed(solved.rows[end]) for end in (observer, target)]
         error_rad = config.bearing_expected_error_of(observer, target)
-        recent = _Seen.of([one for one in seen if one.stamp_s >= times_s[-1]], error_rad)
+        since_s = max(times_s[-1], *(end.since_s for end in both))
+        recent = _Seen.of([one for one in seen if one.stamp_s >= since_s], error_rad)
         parts += _terms_of(recent, *both)
         ends.add((observer, target))
         if target in fixed and observer in ways:
@@ -168,7 +174,7 @@ def _times_s(snapshot: Snapshot, robots: int) -> FloatArray:
     """Return the times of the bodies of each robot, now first."""
     oldest_s = min(seen[0].stamp_s for seen in snapshot.window.observations.values())
     span_s = min(LONGEST_S, snapshot.stamp_s - oldest_s)
-    count = min(math.ceil(span_s / SPACING_S), MOST_POSES // max(1, robots))
+    count = min(math.ceil(span_s / SPACING_S), MOST_POSES // robots)
     return snapshot.stamp_s - np.linspace(0.0, span_s, max(1, count) + 1)
 
 
@@ -205,6 +211,9 @@ class _Seen:
 class _Fixed:
     """A landmark as an end of readings."""
 
+    since_s = -math.inf
+    """It has always been there."""
+
     def __init__(self, row: int) -> None:
         self._row = row
 
@@ -231,6 +240,8 @@ class _Poses:
 
     def __init__(self, way: StatedWay, times_s: FloatArray, row: int, first_past: int) -> None:
         self.way, self.row = way, row
+        # Where it was before its odometry began, or started anew, is not known.
+        self.since_s = float(way.stamps_s[0])
         self._times_s = times_s
         self._bodies = np.concatenate([[row], first_past + np.arange(len(times_s) - 1)])
         self._stated = way.poses(times_s)

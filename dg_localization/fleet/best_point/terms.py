@@ -14,7 +14,7 @@ A robot that moves is one body now and others before: steps and turns of its odo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -164,6 +164,12 @@ class PackedTerms:
             self.values[rows],
             self.weights[rows],
         )
+
+    def counted_once(self) -> PackedTerms:
+        """Return the terms so that those of one kind and of the same bodies weigh as one."""
+        keys = np.column_stack([self.kinds, self.bodies])
+        _, groups, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+        return replace(self, weights=self.weights / np.sqrt(counts[groups.ravel()]))
 
     def _put(self, row: int, term: Term) -> None:
         """Write a term."""

@@ -15,7 +15,7 @@ message cannot be.
 from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from dg_localization.optional import install_hint
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError
+from dg_localization.ros.executables import ExecutableError
 
 # After the field of its checksum a file has its magic; the checksum has 4 bytes.
 MCAP_MAGIC_BYTES = 8
@@ -122,6 +123,36 @@ def read_contents(path: Path) -> Contents:
         elif file.suffix == '.db3':
             _read_sqlite(file, contents)
     return contents
+
+
+@contextmanager
+def contents_of(path: Path) -> Iterator[Contents]:
+    """
+    Read a bag from end to end, for a block that works with it.
+
+    Parameters
+    ----------
+    path : Path
+        A bag folder, or a .db3 or .mcap file.
+
+    Yields
+    ------
+    Contents
+
+    Raises
+    ------
+    ExecutableError
+        If the block cannot read or write: of a damaged bag with all that is wrong with it.
+
+    """
+    contents = Contents()
+    try:
+        contents = read_contents(path)
+        yield contents
+    except BagError as error:
+        raise BagError('\n'.join([str(error), *contents.damage])) from error
+    except (OSError, sqlite3.Error) as error:
+        raise ExecutableError(str(error)) from error
 
 
 def damage_of(bag: Bag, contents: Contents, read_ns: tuple[int, int] | None) -> Iterator[str]:

@@ -16,25 +16,24 @@ import argparse
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-import sqlite3
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
-from dg_localization.ros.bags.contents import Contents, damage_of, read_contents
+from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.fit_report import as_yaml
 from dg_localization.ros.bags.fit_with_truth import fit_with_truth
 from dg_localization.ros.bags.fit_without_truth import fit_without_truth
 from dg_localization.ros.bags.fitted import Fit
 from dg_localization.ros.bags.localize_bag import parameter_file
 from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
-from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, recorded_types
+from dg_localization.ros.bags.reader import NS_PER_S, Bag, recorded_types
 from dg_localization.ros.bags.samples import (
     Collector,
     Samples,
     find_truth,
     read_truth_file,
 )
-from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
+from dg_localization.ros.executables import EXIT_FAILED, UsageError
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import make_progress, number, print_line, print_result
 
@@ -227,15 +226,9 @@ def main(args: Sequence[str]) -> int:
     if options.bias and options.bias[0] > options.bias[1]:
         raise UsageError(f'--bias: {options.bias[0]:g} is above {options.bias[1]:g}')
     task = read_task(options.params, args)
-    contents = Contents()
-    try:
-        contents = read_contents(options.bag)
+    with contents_of(options.bag) as contents:
         samples, inputs, damage = collect(options, task, contents)
         text = as_yaml(fit(options, task, samples), inputs.links, options.bag.resolve().name)
-    except BagError as error:
-        raise BagError('\n'.join([str(error), *contents.damage])) from error
-    except (OSError, sqlite3.Error) as error:
-        raise ExecutableError(str(error)) from error
     check_loads(text, options, args)
     for sentence in damage:
         print_line(sentence)

@@ -4,7 +4,6 @@
 """Bounds from the readings of a bag beside a ground truth."""
 
 from collections.abc import Mapping
-import math
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from dg_localization.calibration.bounds import (
     fit_half_width_rad,
     fit_range,
     is_relative,
-    n_kept,
 )
 from dg_localization.calibration.odometry import (
     OdometryFit,
@@ -22,8 +20,9 @@ from dg_localization.calibration.odometry import (
     fit_odometry,
     odometry_windows,
 )
-from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
+from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet.motion import rotation_of_quaternion
+from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, compared_rays
 from dg_localization.ros.bags.fitted import (
     EVERYTHING,
     EXPECTED_ERROR,
@@ -58,27 +57,9 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
 
     """
     tracks, dimension = samples.tracks(settings), settings.fleet.dimension
-    ranges, bearings, unknown = {}, {}, 0
-    for key, rows in samples.ranges.items():
-        if {key.observer, key.target} <= tracks.keys():
-            ends = tracks[key.observer], tracks[key.target]
-            stamps, values = np.array(rows).T
-            errors = range_errors_m(*ends, stamps, values, dimension)
-            known = np.isfinite(errors)
-            ranges[key] = values[known], errors[known]
-            unknown += int(np.count_nonzero(~known))
-        else:
-            unknown += len(rows)
-    for key, seen in samples.rays.items():
-        if {key.observer, key.target} <= tracks.keys():
-            stamps, rays = (np.array(column) for column in zip(*seen, strict=True))
-            ends = tracks[key.observer], tracks[key.target]
-            errors = ray_errors_rad(*ends, stamps, rays, dimension)
-            bearings[key] = (errors[np.isfinite(errors)],)
-            unknown += int(np.count_nonzero(~np.isfinite(errors)))
-        else:
-            unknown += len(seen)
-    by_group = gathered(ranges, per)
+    ranges = compared_ranges(samples, tracks, dimension)
+    bearings = compared_rays(samples, tracks, dimension)
+    by_group = gathered({key: (one.values, one.errors) for key, one in ranges.items()}, per)
     relative = False
     if EVERYTHING in by_group:
         readings, errors = by_group[EVERYTHING]
@@ -90,17 +71,22 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
         },
         bearings={
             pair: _bearing_group(errors, choice)
-            for pair, (errors,) in gathered(bearings, per).items()
+            for pair, (errors,) in gathered(
+                {key: (one.errors,) for key, one in bearings.items()}, per
+            ).items()
         },
     )
-    _add_odometry(fit, samples, tracks, settings, choice)
+    _add_odometry(fit, samples, tracks, choice)
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
             "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'?"
         )
+    known = sum(len(one.errors) for one in (*ranges.values(), *bearings.values()))
+    unknown = samples.n_readings - known
     if unknown:
         fit.notes.append(f'{unknown} readings have no ground truth at their time.')
+    fit.notes += broken_bounds(settings.fleet, ranges, bearings)
     return fit
 
 
@@ -129,7 +115,6 @@ def _add_odometry(
     fit: Fit,
     samples: Samples,
     tracks: Mapping[str, TrueTrack],
-    settings: Settings,
     choice: Choice,
 ) -> None:
     """Add the bounds of odometry: one set for all robots, and a sentence on each."""
@@ -165,7 +150,6 @@ def _add_odometry(
         'constant_translation': bounds.constant_m,
         'constant_rotation': bounds.constant_rad,
         'latency': 0.0,
-        'relative_error': _relative_error(together, settings, choice),
     }
 
 
@@ -175,16 +159,3 @@ def _odometry_text(fit: OdometryFit) -> str:
         f'within {fit.constant_rad:.4f} rad + {fit.rotation_per_rad:.4f} per rad, in '
         f'{fit.windows - fit.excluded} of {fit.windows} windows of 0.5 to 40 s.'
     )
-
-
-def _relative_error(windows: OdometryWindows, settings: Settings, choice: Choice) -> float:
-    """Return the error as a fraction of what full speed allows, over the ages that matter."""
-    short = windows.seconds <= max(1.1, settings.fleet.max_age_s)
-    speeds = [settings.fleet.speed_m_s(robot) for robot in settings.fleet.robots]
-    limits = min(speeds), settings.fleet.max_turn_rate_rad_s
-    if not np.any(short) or min(limits) <= 0.0:
-        return 1.0
-    errors = np.maximum(windows.error_m / limits[0], windows.error_rad / limits[1])[short]
-    shares = np.sort(errors / windows.seconds[short])
-    largest = shares[n_kept(len(shares), choice.keep) - 1]
-    return math.ceil(largest * (1.0 + choice.margin) * 1e4) / 1e4

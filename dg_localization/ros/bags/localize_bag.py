@@ -23,11 +23,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 import os
 from pathlib import Path
-import sqlite3
 import time
 
 from dg_localization.fleet import Estimate, warm_up
-from dg_localization.ros.bags.contents import Contents, damage_of, read_contents
+from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many, many_as_markdown
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
@@ -42,7 +41,7 @@ from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage,
 from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
 from dg_localization.ros.bags.watch import TickWatch
 from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
-from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
+from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import make_progress, number, print_line, print_result
@@ -361,18 +360,12 @@ def main(args: Sequence[str]) -> int:
     if len(options.bags) > 1 or options.scheduler is not None:
         return _localize_many(options, args)
     options.bag = options.bags[0]
-    contents = Contents()
     try:
-        contents = read_contents(options.bag)
-        warm_up()
-        with stop_request() as stop:
+        with contents_of(options.bag) as contents, stop_request() as stop:
+            warm_up()
             began_s = time.perf_counter()
             report = localize_bag(options, task, contents, stop)
             _print_report(report, options.report, time.perf_counter() - began_s)
-    except BagError as error:
-        raise BagError('\n'.join([str(error), *contents.damage])) from error
-    except (OSError, sqlite3.Error) as error:
-        raise ExecutableError(str(error)) from error
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')

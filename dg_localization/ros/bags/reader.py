@@ -9,7 +9,7 @@ sensor_msgs/Range has a variance since Iron, and no subscriber of today reads th
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, redirect_stdout
 from functools import partial
 from importlib import import_module
@@ -27,6 +27,8 @@ from dg_localization.ros.executables import ExecutableError
 NS_PER_S = 1_000_000_000
 # So many messages of a topic show by which definition they were written.
 SAMPLES = 20
+# They are sought among so many messages of the bag together; topics that come later, one by one.
+MOST_SAMPLED = 50_000
 # Where a bag does not hold the definitions of its types, those of a distribution that fit.
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
@@ -135,14 +137,16 @@ class Bag:
             raise BagError(
                 f'no topic {", ".join(missing)} in the bag; it has {", ".join(sorted(recorded))}'
             )
-        for name in sorted(wanted or recorded):
-            reason = self._take(name, recorded[name])
+        chosen = sorted(wanted or recorded)
+        samples = self._samples({name: recorded[name] for name in chosen})
+        for name in chosen:
+            reason = self._take(name, recorded[name], samples[name])
             if reason:
                 self.notices.append(f'{name} is passed over: {reason}')
         if not self.topics:
             raise BagError('nothing in the bag can be read: ' + '; '.join(self.notices))
 
-    def _take(self, name: str, info: Any) -> str:
+    def _take(self, name: str, info: Any, samples: Sequence[bytes]) -> str:
         """Take a topic among those to read, or return why not."""
         if not info.msgcount:
             return 'it holds no message'
@@ -151,7 +155,7 @@ class Bag:
         message_class = find_message_class(info.msgtype)
         if message_class is None:
             return f'its type {info.msgtype} is not installed'
-        converter = self._converter(info)
+        converter = self._converter(info, samples)
         if converter is None:
             reason = f'its messages do not fit any definition of {info.msgtype}'
             self.damaged.append(f'{name} is passed over: {reason}')
@@ -163,7 +167,7 @@ class Bag:
         self.topics.append(Topic(name, message_class, latched, info.msgtype, offered))
         return ''
 
-    def _converter(self, info: Any) -> Callable[[bytes], bytes] | None:
+    def _converter(self, info: Any, samples: Sequence[bytes]) -> Callable[[bytes], bytes] | None:
         """Return what makes recorded bytes those of the installed type, or None."""
         from rosbags.convert.converter import generate_message_converter
         from rosbags.interfaces import MessageDefinitionFormat
@@ -177,7 +181,6 @@ class Bag:
         else:
             candidates = [get_typestore(Stores[f'ROS2_{name}']) for name in DISTRIBUTIONS]
         candidates = [one for one in candidates if not _renamed(one, installed, info.msgtype)]
-        samples = self._samples(info)
         # The first of those that fit the most: some samples may be damaged.
         recorded = max(candidates, key=partial(_n_fitting, samples, info.msgtype), default=None)
         if recorded is None or (samples and not _n_fitting(samples, info.msgtype, recorded)):
@@ -188,15 +191,33 @@ class Bag:
             )
         return lambda data: bytes(convert(data))
 
-    def _samples(self, info: Any) -> list[bytes]:
-        """Return the first messages of a topic, without those behind damage of the file."""
-        samples: list[bytes] = []
-        try:
-            for _, _, data in islice(self._reader.messages(info.connections), SAMPLES):
-                samples.append(data)
-        except Exception:  # it comes again, and is reported, when the messages are read
-            pass
+    def _samples(self, infos: Mapping[str, Any]) -> Mapping[str, Sequence[bytes]]:
+        """
+        Return the first messages of each topic, without those behind damage of the file.
+
+        One pass over the beginning of the bag serves all topics; what comes late is read alone.
+        """
+        samples: dict[str, list[bytes]] = {name: [] for name in infos}
+        missing = {name for name, info in infos.items() if info.msgcount}
+        for topic, data in self._first_messages(infos.values(), MOST_SAMPLED):
+            samples[topic].append(data)
+            if len(samples[topic]) == min(SAMPLES, infos[topic].msgcount):
+                missing.discard(topic)
+                if not missing:
+                    break
+        for name in missing:
+            found = self._first_messages([infos[name]], SAMPLES)
+            samples[name] = [data for _, data in found]
         return samples
+
+    def _first_messages(self, infos: Iterable[Any], most: int) -> Iterator[tuple[str, bytes]]:
+        """Yield topics and messages in the order of the bag, up to the first damage."""
+        connections = [connection for info in infos for connection in info.connections]
+        try:
+            for connection, _, data in islice(self._reader.messages(connections), most):
+                yield connection.topic, data
+        except Exception:  # it comes again, and is reported, when the messages are read
+            return
 
     @property
     def index_span_ns(self) -> tuple[int, int]:

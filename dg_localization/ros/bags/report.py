@@ -64,6 +64,8 @@ class Tally:
         How many ticks had this verdict; 'none' where there was nothing to solve.
     contradictions : list of Contradiction
         In the order of time.
+    forgotten : list of (float, str)
+        When something that was remembered was forgotten, and why: some bound was broken.
 
     """
 
@@ -73,6 +75,7 @@ class Tally:
         self.hypotheses: Counter[int] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.contradictions: list[Contradiction] = []
+        self.forgotten: list[tuple[float, str]] = []
         self._widths_m: dict[str, list[float]] = {robot: [] for robot in robots}
         self._was_contradictory = False
 
@@ -86,6 +89,7 @@ class Tally:
             sides_m = placement.enclosure_m[:, 1] - placement.enclosure_m[:, 0]
             for robot, width_m in zip(estimate.robots, sides_m.max(axis=1), strict=True):
                 self._widths_m[robot].append(float(width_m))
+        self.forgotten += [(time_s, forgotten.text) for forgotten in estimate.forgotten]
         self._add_contradiction(estimate, time_s)
 
     def _add_contradiction(self, estimate: Estimate, time_s: float) -> None:
@@ -233,6 +237,7 @@ def as_json(report: BagReport) -> str:
             }
             for found in tally.contradictions
         ],
+        'forgotten': [{'at_s': at_s, 'why': text} for at_s, text in tally.forgotten],
         'notices': list(report.notices),
     }
     return json.dumps(tree, indent=2, allow_nan=False) + '\n'
@@ -271,6 +276,7 @@ def as_markdown(report: BagReport) -> str:
         f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
         _table('rejected because', 'measurements', sorted(report.rejected.items())),
         *_contradictions(tally.contradictions),
+        _table('forgotten at', 'because', [(f'{s:.1f} s', why) for s, why in tally.forgotten]),
         *report.notices,
         '' if report.checksums else WITHOUT_CHECKSUMS,
     ]

@@ -66,6 +66,11 @@ class Samples:
         default_factory=lambda: defaultdict(list)
     )
 
+    @property
+    def n_readings(self) -> int:
+        """How many ranges and rays there are."""
+        return sum(len(rows) for rows in (*self.ranges.values(), *self.rays.values()))
+
     def tracks(self, settings: Settings) -> dict[str, TrueTrack]:
         """Return the true paths of the robots and the places of the anchors, by name."""
         tracks = {

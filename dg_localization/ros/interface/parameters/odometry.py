@@ -17,15 +17,6 @@ ODOMETRY = Section(
     (
         Spec('odometry.topic', STRING, '{robot}/odom', 'template of the topics; empty for none'),
         Spec(
-            'odometry.relative_error',
-            DOUBLE,
-            0.05,
-            'greatest error of odometry as a fraction of the distance and the angle at full speed',
-            at_least=0.0,
-            details='These are what is possible at full speed between two stamps. It serves '
-            'measurements younger than max_age.',
-        ),
-        Spec(
             'odometry.translation_per_m',
             DOUBLE,
             0.1,
@@ -83,6 +74,12 @@ ODOMETRY = Section(
         ),
     ),
 )
+
+REPLACED = {
+    'odometry.relative_error': 'the error of odometry is stated by odometry.translation_per_m, '
+    'odometry.rotation_per_rad and the like, along its way and not at full speed'
+}
+"""Parameters of before, and what to set in their place."""
 
 MEMORY = Section(
     'Memory',

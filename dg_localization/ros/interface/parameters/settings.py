@@ -34,7 +34,7 @@ from dg_localization.ros.interface.parameters.mounts import (
     mounts_from,
     specs_of_mounts,
 )
-from dg_localization.ros.interface.parameters.odometry import odometry_error
+from dg_localization.ros.interface.parameters.odometry import REPLACED, odometry_error
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
@@ -156,6 +156,8 @@ def _named(values: Mapping[str, Any]) -> Iterator[Spec]:
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
+    if name in REPLACED:
+        return f'; {REPLACED[name]}'
     if name.startswith('anchors.'):
         wanted = 'anchors.NAME.position or anchors.NAME.bound'
         return f"; name the anchor in 'anchors.names' and set {wanted}"
@@ -320,7 +322,6 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         robot_max_speed_m_s=_robot_speeds_m_s(values),
         max_turn_rate_rad_s=values['max_turn_rate'],
         min_separation_m=values['min_separation'],
-        odometry_relative_error=values['odometry.relative_error'],
         odometry_error=odometry_error(values),
         memory_s=values['memory.seconds'],
         memory_max_seconds=values['memory.max_seconds'],
