@@ -169,7 +169,8 @@ def _distance_at(
         upper_m = min(upper_m, sum_up(reading.upper_m, moved_m))
         if math.isfinite(reading.likeliest_m):
             half_width_m = 0.5 * (reading.upper_m - reading.lower_m) + moved_m
-            weight = 1.0 / max(half_width_m, LEAST_HALF_WIDTH_M) ** 2
+            # A square of the quotient underflows to no weight, one of the width would overflow.
+            weight = (1.0 / max(half_width_m, LEAST_HALF_WIDTH_M)) ** 2
             likeliest_m += weight * reading.likeliest_m
             total_weight += weight
     likeliest_m = likeliest_m / total_weight if total_weight else math.nan

@@ -71,7 +71,9 @@ def test_odometry_turns_a_ray_instead_of_widening_it():
         localizer.add_odometry('a', [0.0, 0.0, 0.0], pose, NOW_S - 1.0 + 0.1 * tick, NOW_S)
     (seen,) = constrain(localizer.snapshot(NOW_S)).rays['a']
     assert math.atan2(seen.direction[1], seen.direction[0]) == pytest.approx(-0.5)
-    assert seen.half_width_rad == pytest.approx(0.1 + 0.05 * 1.0)
+    error = localizer.config.odometry_error
+    turned_rad = error.rotation_per_rad * 0.5 + error.constant_rad
+    assert seen.half_width_rad == pytest.approx(0.1 + turned_rad)
 
 
 def test_a_moving_target_turns_a_ray_by_at_most_the_arcsine():

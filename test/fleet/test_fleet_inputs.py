@@ -186,7 +186,8 @@ def drive(localizer, robot, way, start_s=NOW_S - 0.4, step_s=0.1):
 def test_odometry_says_how_far_a_robot_really_moved(localizer):
     drive(localizer, 'a', [0.0, 0.01, 0.02, 0.03, 0.04])
     localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
-    moved_m = 0.04 + 0.05 * 0.5 * 0.4
+    error = localizer.config.odometry_error
+    moved_m = 0.04 * (1.0 + error.translation_per_m) + error.constant_m
     assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
 
 
@@ -200,7 +201,8 @@ def test_odometry_that_starts_again_says_nothing_about_before(localizer):
     # It goes back to where it was when the range was measured, but the robot does not.
     drive(localizer, 'a', [0.0, 0.04, 0.08, 0.0, 0.0])
     localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
-    assert link(localizer).upper_m == pytest.approx(3.0 + 0.5 * 0.3 + 0.05 * 0.5 * 0.1)
+    moved_m = 0.5 * 0.3 + localizer.config.odometry_error.constant_m
+    assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
 
 
 def test_odometry_must_be_in_order(localizer):
