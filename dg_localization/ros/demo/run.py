@@ -75,12 +75,28 @@ def phases(seconds: float) -> list[Scenario]:
 
     """
     speed_m_s = 0.5
-    moving = {'cameras': False, 'path': 'loops', 'speed': speed_m_s, 'odometry': True}
+    moving = {
+        'cameras': False,
+        'path': 'loops',
+        'speed': speed_m_s,
+        'odometry': True,
+        # Two processors have to do for the simulator, the node and this process.
+        'peers': True,
+        'rate': 5.0,
+        'odometry_rate': 10.0,
+    }
+    # The bounds are those of the simulator, which has next to no constant errors. Sixteen
+    # hypotheses share the time for what is remembered.
     odometry = {
         'max_speed': 1.2 * speed_m_s,
         'max_turn_rate': 1.5,
         'odometry.translation_per_m': 0.05,
+        'odometry.rotation_per_m': 0.0,
         'odometry.rotation_per_rad': 0.05,
+        'odometry.constant_translation': 0.002,
+        'odometry.constant_rotation': 0.002,
+        'rate': 2.0,
+        'memory.max_seconds': 0.4,
     }
     return [
         Scenario('Ranges', seconds, {'cameras': False}),
