@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 import math
@@ -55,6 +55,43 @@ ARC_RAD = 1.0
 """A heading counts as bounded in less than this."""
 
 
+def driving_config(robots: int, memory_s: float) -> FleetConfig:
+    """Return what a localizer is told of robots that drive about."""
+    return FleetConfig(
+        robots=tuple(f'r{i}' for i in range(robots)),
+        range_error=RangeErrorModel(
+            min_error_relative=-RANGE_ERROR, max_error_relative=RANGE_ERROR
+        ),
+        max_speed_m_s=0.9,
+        max_turn_rate_rad_s=0.9,
+        odometry_error=OdometryErrorModel(
+            translation_per_m=ODOMETRY_ERROR, rotation_per_rad=ODOMETRY_ERROR
+        ),
+        memory_s=memory_s,
+    )
+
+
+def feed_odometry(
+    localizer: Localizer, members: Sequence[SimulatedRobot], step: int, now_s: float
+) -> None:
+    """Give a localizer the odometry of all robots at a step."""
+    for name, member in zip(localizer.config.robots, members, strict=True):
+        yaw = float(member.stated_rad[step])
+        orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
+        localizer.add_odometry(name, member.stated_m[step], orientation, now_s, now_s)
+
+
+def truth_in_frame(
+    members: Sequence[SimulatedRobot], step: int, origin: int, towards: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions (n, 2) and yaws (n,) with one robot at the origin and x to another."""
+    places = np.array([member.positions_m[step] for member in members])
+    yaws = np.array([member.yaws_rad[step] for member in members])
+    edge = places[towards] - places[origin]
+    angle = math.atan2(edge[1], edge[0])
+    return ((places - places[origin]) @ rotation(angle))[:, :2], yaws - angle
+
+
 @dataclass
 class SimulatedFleet:
     """Robots that drive about, and what they measure, given to a localizer step by step."""
@@ -68,17 +105,8 @@ class SimulatedFleet:
         """Return a fleet of a seed."""
         rng = np.random.default_rng([seed, robots])
         members = [SimulatedRobot.drive(rng, seconds, ODOMETRY_ERROR) for _robot in range(robots)]
-        config = FleetConfig(
-            robots=tuple(f'r{i}' for i in range(robots)),
-            range_error=RangeErrorModel(
-                min_error_relative=-RANGE_ERROR, max_error_relative=RANGE_ERROR
-            ),
-            max_speed_m_s=0.9,
-            max_turn_rate_rad_s=0.9,
-            odometry_error=OdometryErrorModel(
-                translation_per_m=ODOMETRY_ERROR, rotation_per_rad=ODOMETRY_ERROR
-            ),
-            memory_s=memory_s,
+        config = replace(
+            driving_config(robots, memory_s),
             memory_max_seconds=math.inf,
             solver=SolverOptions(max_seconds=1.0),
         )
@@ -88,10 +116,7 @@ class SimulatedFleet:
         """Give the localizer what is measured at a step; return its time."""
         now_s = START_S + step * STEP_S
         names = self.localizer.config.robots
-        for name, member in zip(names, self.members, strict=True):
-            position, yaw = member.stated_m[step], float(member.stated_rad[step])
-            orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
-            self.localizer.add_odometry(name, position, orientation, now_s, now_s)
+        feed_odometry(self.localizer, self.members, step, now_s)
         if step % EVERY == 0:
             for (a, first), (b, second) in combinations(zip(names, self.members, strict=True), 2):
                 apart = np.linalg.norm(second.positions_m[step] - first.positions_m[step])
@@ -102,12 +127,8 @@ class SimulatedFleet:
     def truth(self, step: int, frame: FixedFrame) -> tuple[FloatArray, FloatArray]:
         """Return positions (n, 2) and yaws (n,) in the frame of an estimate."""
         names = self.localizer.config.robots
-        places = np.array([member.positions_m[step] for member in self.members])
-        yaws = np.array([member.yaws_rad[step] for member in self.members])
         origin, towards = (names.index(name) for name in frame.points)
-        edge = places[towards] - places[origin]
-        angle = math.atan2(edge[1], edge[0])
-        return ((places - places[origin]) @ rotation(angle))[:, :2], yaws - angle
+        return truth_in_frame(self.members, step, origin, towards)
 
 
 def holds(placement: Placement, places_m: FloatArray, yaws_rad: FloatArray) -> bool:

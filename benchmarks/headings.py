@@ -86,8 +86,8 @@ def study(robots: int, runs: int, seconds: float, options: HeadingOptions) -> st
             widths += arcs
             below += max(arcs) < 1.0
             gains.append(np.mean((found.upper_m - found.lower_m)[:, :2]) / (2.0 * PLACE_ERROR_M))
-        mirrored = np.sort(np.stack([lower_m * MIRROR, upper_m * MIRROR]), axis=0)
-        ruled_out += not narrow_headings(*mirrored, readings, options).possible
+        low_m, high_m = np.sort(np.stack([lower_m * MIRROR, upper_m * MIRROR]), axis=0)
+        ruled_out += not narrow_headings(low_m, high_m, readings, options).possible
     low, middle, high = np.percentile(widths, [5, 50, 95])
     fast, slow = np.percentile(seconds_used, [50, 95])
     return (

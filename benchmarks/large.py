@@ -64,7 +64,8 @@ def fleet(n_points: int, degree: int, error: float, seed: int) -> tuple[Problem,
     squared = ((positions[pairs[:, 0]] - positions[pairs[:, 1]]) ** 2).sum(axis=1)
     nearest = np.argsort(squared)[:n_pairs]
     lower, upper = known_to(error, squared[nearest])
-    return Problem.from_pairs(n_points, *pairs[nearest].T, lower, upper), positions
+    first, second = pairs[nearest].T
+    return Problem.from_pairs(n_points, first, second, lower, upper), positions
 
 
 def holds(result: Result, positions: FloatArray) -> bool:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 import math
@@ -26,15 +26,24 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.fleet_in_time import START_S, Event, Excerpt, holds
+from benchmarks.fleet_in_time import (
+    ODOMETRY_ERROR,
+    RANGE_ERROR,
+    START_S,
+    Event,
+    Excerpt,
+    answers,
+    driving_config,
+    feed_odometry,
+    holds,
+    mrclam_config,
+    truth_in_frame,
+)
 from benchmarks.pairs import (
     BEARING_ERROR_RAD,
-    LIMITS,
     RANGE_ERROR as SEEN_RANGE_ERROR,
     STEP_S,
     SimulatedRobot,
-    odometry_error,
-    rotation,
 )
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
@@ -43,7 +52,6 @@ from dg_localization.fleet import (
     FixedFrame,
     FleetConfig,
     Localizer,
-    OdometryErrorModel,
     RangeErrorModel,
     Snapshot,
 )
@@ -55,8 +63,6 @@ Pair = tuple[int, int]
 Lie = tuple[int, Pair]
 """A step, and who is ranged then."""
 
-RANGE_ERROR = 0.03
-ODOMETRY_ERROR = 0.05
 SECONDS = 5.0
 EVERY = round(0.3 / STEP_S)
 """A range of each measured pair every 0.3 s."""
@@ -141,11 +147,12 @@ class Case:
             if kind == 'agreeing':
                 other = pair[0] + pair[1] - robot
                 place = self.members[robot].positions_m[step] + elsewhere
-                reading = np.linalg.norm(self.members[other].positions_m[step] - place)
+                apart_m = self.members[other].positions_m[step] - place
+                reading = float(np.linalg.norm(apart_m))
             else:
                 each = rng.uniform(1.0, 4.0) if kind == 'scattered' else abs(off_m)
                 reading = self.ranges_m[step, pair] + math.copysign(each, off_m)
-            self.ranges_m[step, pair] = max(0.05, float(reading))
+            self.ranges_m[step, pair] = max(0.05, reading)
 
     @property
     def wrong(self) -> set[Lie]:
@@ -164,17 +171,8 @@ class Case:
 
     def localize(self, outliers: int) -> tuple[Estimate, float]:
         """Return the answer at the end, with so many outliers, and what it took in s."""
-        config = FleetConfig(
-            robots=tuple(f'r{i}' for i in range(len(self.members))),
-            range_error=RangeErrorModel(
-                min_error_relative=-RANGE_ERROR, max_error_relative=RANGE_ERROR
-            ),
-            max_speed_m_s=0.9,
-            max_turn_rate_rad_s=0.9,
-            odometry_error=OdometryErrorModel(
-                translation_per_m=ODOMETRY_ERROR, rotation_per_rad=ODOMETRY_ERROR
-            ),
-            memory_s=2.0 * SECONDS,
+        config = replace(
+            driving_config(len(self.members), 2.0 * SECONDS),
             memory_max_seconds=MEMORY_MAX_SECONDS,
             window_outliers=outliers,
             max_hypotheses=MOST_PLACEMENTS,
@@ -183,10 +181,7 @@ class Case:
         localizer = Localizer(config)
         for step in range(round(SECONDS / STEP_S) + 1):
             now_s = START_S + step * STEP_S
-            for name, member in zip(config.robots, self.members, strict=True):
-                yaw = float(member.stated_rad[step])
-                orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
-                localizer.add_odometry(name, member.stated_m[step], orientation, now_s, now_s)
+            feed_odometry(localizer, self.members, step, now_s)
             for i, j in self.pairs:
                 if (step, (i, j)) in self.ranges_m:
                     range_m = self.ranges_m[step, (i, j)]
@@ -201,7 +196,7 @@ class Case:
         """Note whom the window makes suspect where there is time to find out."""
         config = replace(snapshot.config, memory_max_seconds=math.inf)
         patient = replace(snapshot, config=config)
-        pose_sets = recall(patient, None).pose_sets
+        pose_sets = recall(patient, None, None).pose_sets
         self.suspects = {
             (round((one.stamp_s - START_S) / STEP_S), (int(one.name[1:]), int(one.target[1:])))
             for one in suspects_in_window(patient, pose_sets, lambda: False)
@@ -216,12 +211,8 @@ class Case:
 
     def truth(self, frame: FixedFrame) -> tuple[FloatArray, FloatArray]:
         """Return positions (n, 2) and yaws (n,) at the end, in the frame of an estimate."""
-        places = np.array([member.positions_m[-1] for member in self.members])
-        yaws = np.array([member.yaws_rad[-1] for member in self.members])
         origin, towards = (int(name[1:]) for name in frame.points)
-        edge = places[towards] - places[origin]
-        angle = math.atan2(edge[1], edge[0])
-        return ((places - places[origin]) @ rotation(angle))[:, :2], yaws - angle
+        return truth_in_frame(self.members, -1, origin, towards)
 
 
 @dataclass
@@ -398,40 +389,20 @@ class Landmarks:
 def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
     """Print which readings of the recording are wrong by its ground truth, and named as such."""
     excerpt = Excerpt(folder)
-    config = FleetConfig(
-        robots=excerpt.names,
-        anchors=excerpt.anchors,
-        max_age_s=2.0,
-        range_error=RangeErrorModel(
-            min_error_relative=-SEEN_RANGE_ERROR, max_error_relative=SEEN_RANGE_ERROR
-        ),
-        bearing_half_width_rad=BEARING_ERROR_RAD,
-        max_speed_m_s=LIMITS.speed_m_s,
-        max_turn_rate_rad_s=LIMITS.turn_rate_rad_s,
-        odometry_error=odometry_error(0.2),
-        memory_s=memory_s,
-        memory_max_seconds=math.inf,
-        window_outliers=outliers,
-        max_outliers=1,
-        solver=SolverOptions(resolution=0.1, max_boxes=200),
-    )
-    localizer = Localizer(config)
-    pending: Iterator[Event] = iter(excerpt.events)
-    event = next(pending, None)
-    truth_off: dict[tuple[str, str, float], float] = {}
     named: set[tuple[str, str, float]] = set()
     ticks = inside = 0
-    for now_s in np.arange(excerpt.events[0].stamp_s + 20.0, excerpt.events[-1].stamp_s, tick_s):
-        while event is not None and event.stamp_s <= now_s:
-            excerpt.feed(localizer, event)
-            if event.target:
-                truth_off[event.robot, event.target, event.stamp_s] = beyond_bounds(excerpt, event)
-            event = next(pending, None)
-        estimate = localizer.step(float(now_s))
-        places, yaws = excerpt.truth(float(now_s))
+    last_s = 0.0
+    for now_s, estimate, _ in answers(excerpt, mrclam_config(excerpt, outliers, memory_s), tick_s):
+        places, yaws = excerpt.truth(now_s)
         ticks += 1
+        last_s = now_s
         inside += any(holds(placement, places, yaws) for placement in estimate.placements)
         named |= {(one.name, one.target, one.stamp_s) for one in estimate.suspects_in_window}
+    truth_off = {
+        (event.robot, event.target, event.stamp_s): beyond_bounds(excerpt, event)
+        for event in excerpt.events
+        if event.target and event.stamp_s <= last_s
+    }
     wrong = {key for key, off in truth_off.items() if off > 1.0}
     gross = {key for key, off in truth_off.items() if off > GROSS}
     print(

@@ -334,13 +334,13 @@ def two_robots(
     ranges *= 1.0 + rng.uniform(-range_error, range_error, len(ranges))
     stamps = np.arange(len(ranges)) * STEP_S
     origin = Interval.point(np.zeros((len(stamps), 3)))
-    points = [
+    first_m, second_m = (
         robot.path.past_poses(stamps, stamps[-1]).points_now(origin) for robot in (first, second)
-    ]
+    )
     bounds = Interval(ranges / (1.0 + range_error), ranges / (1.0 - range_error))
     turned_rad = float(second.yaws_rad[-1] - first.yaws_rad[-1])
     position = rotation(-first.yaws_rad[-1]) @ between[-1]
-    return PairReadings.of(*points, bounds), position, turned_rad
+    return PairReadings.of(first_m, second_m, bounds), position, turned_rad
 
 
 def report_two(runs: int) -> None:

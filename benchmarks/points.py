@@ -109,9 +109,8 @@ class Points:
         """Yield the placements of a snapshot, as any ones and as the best ones."""
         for name, tally in self.tallies.items():
             # Without readings to fit, the point is the placement that the fit starts from.
-            of_now, of_before = terms_of, past_of
-            if name == 'any placement':
-                of_now, of_before = no_terms, no_past
+            is_any = name == 'any placement'
+            of_now, of_before = (no_terms, no_past) if is_any else (terms_of, past_of)
             with (
                 patch.object(placer, 'terms_of', of_now),
                 patch.object(placer, 'past_of', of_before),
@@ -302,10 +301,10 @@ def tiers(arguments: argparse.Namespace) -> None:
     for stamp_s, pairs in list(epochs.items())[:: int(arguments.every)]:
         points.localizer.reset()
         squared_m2 = np.zeros((4, 4))
-        for (first, second), (measured_m, true_m) in pairs.items():
+        for (first, second), (measured_m, apart_m) in pairs.items():
             points.localizer.add_range(first, second, measured_m, stamp_s, stamp_s)
             a, b = config.robots.index(first), config.robots.index(second)
-            squared_m2[a, b] = squared_m2[b, a] = true_m**2
+            squared_m2[a, b] = squared_m2[b, a] = apart_m**2
         true_m = _planar(squared_m2)
         for tally, placements in points.answers(points.localizer.snapshot(stamp_s)):
             fits = [_fitted(placement.positions_m, true_m) for placement in placements]

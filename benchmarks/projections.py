@@ -257,13 +257,14 @@ def study_axes() -> dict[str, list[Trial]]:
     rows = []
     for name, some in found.items():
         total = sum(t.bits for t in some)
-        row = [name, str(len(some))]
+        cells = [name, str(len(some))]
         for part in binned(some):
             mean = f'{np.mean([t.bits for t in part]):.2f}' if part else ''
-            row.append(f'{mean} ({sum(t.bits for t in part) / total:.0%})' if part else '')
-        rows.append(row)
-    head = ('case', 'axes', *names)
-    print(f'### mean gain in bits (share of all) by error\n\n{table(head, rows)}\n', flush=True)
+            cells.append(f'{mean} ({sum(t.bits for t in part) / total:.0%})' if part else '')
+        rows.append(cells)
+    by_error = ('case', 'axes', *names)
+    title = '### mean gain in bits (share of all) by error'
+    print(f'{title}\n\n{table(by_error, rows)}\n', flush=True)
     return found
 
 
@@ -458,7 +459,7 @@ def skip_axes(*_: Any) -> bool:
 def explain_only(*arguments: Any) -> bool:
     """Return what the errors explain, so that the search ends where it does; narrow nothing."""
     *groups, box, dimension, explained = arguments
-    combine(*groups, box.copy(), dimension, explained)
+    combine(*(*groups, box.copy(), dimension, explained))
     return True
 
 
