@@ -150,6 +150,19 @@ def same_readings(first, second):
     assert np.array_equal(one.lower, two.lower) and np.array_equal(one.upper, two.upper)
 
 
+def check_truth_is_kept(among_others, alone, seed):
+    """Assert that the one taker knows what the other does, and that its answer has the truth."""
+    fleet = among_others.fleet
+    snapshot = among_others.localizer.snapshot(fleet.now_s)
+    check_snapshot(snapshot)
+    same_readings(snapshot, alone.localizer.snapshot(fleet.now_s))
+    estimate = among_others.localizer.estimate(snapshot)
+    check_estimate(estimate, among_others)
+    assert estimate.verdict is not Verdict.INFEASIBLE, seed
+    if estimate.placements:
+        assert any(holds_truth(placement, fleet) for placement in estimate.placements), seed
+
+
 @pytest.mark.parametrize('test', range(TESTS))
 def test_useless_messages_change_nothing_and_the_truth_is_kept(test):
     for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
@@ -167,14 +180,7 @@ def test_useless_messages_change_nothing_and_the_truth_is_kept(test):
                 assert among_others.take(link, data) is None, seed
                 assert alone.take(link, data) is None, seed
         assert among_others.counted == among_others.wanted, seed
-        snapshot = among_others.localizer.snapshot(fleet.now_s)
-        check_snapshot(snapshot)
-        same_readings(snapshot, alone.localizer.snapshot(fleet.now_s))
-        estimate = among_others.localizer.estimate(snapshot)
-        check_estimate(estimate, among_others)
-        assert estimate.verdict is not Verdict.INFEASIBLE, seed
-        if estimate.placements:
-            assert any(holds_truth(placement, fleet) for placement in estimate.placements), seed
+        check_truth_is_kept(among_others, alone, seed)
 
 
 @pytest.mark.parametrize('test', range(TESTS))
@@ -294,14 +300,7 @@ def test_useless_messages_with_ids_change_nothing(as_objects, test):
                 assert as_objects(alone, link, message) is None, seed
                 assert not alone.malformed(link), (seed, alone.intake.malformed)
                 assert among_others.counted > before or not message.detections, seed
-        snapshot = among_others.localizer.snapshot(fleet.now_s)
-        check_snapshot(snapshot)
-        same_readings(snapshot, alone.localizer.snapshot(fleet.now_s))
-        estimate = among_others.localizer.estimate(snapshot)
-        check_estimate(estimate, among_others)
-        assert estimate.verdict is not Verdict.INFEASIBLE, seed
-        if estimate.placements:
-            assert any(holds_truth(placement, fleet) for placement in estimate.placements), seed
+        check_truth_is_kept(among_others, alone, seed)
 
 
 @pytest.mark.parametrize('test', range(TESTS))

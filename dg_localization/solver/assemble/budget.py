@@ -95,8 +95,10 @@ class CallBudget:
             self.spent, processed=self.spent.processed + 1, split=self.spent.split + 1
         )
 
-    def accept(self, n_pending: int) -> None:
-        """Note that boxes which a search left pending are kept as they are."""
+    def accept_pending(self, cover: Cover) -> None:
+        """Keep the boxes which a search left pending as they are."""
+        n_pending = len(cover.pending)
+        cover.kept, cover.pending = cover.kept + cover.pending, []
         self.spent = replace(
             self.spent,
             processed=self.spent.processed + n_pending,
@@ -240,10 +242,14 @@ class CallBudget:
         """Return the options for a share of what is left."""
         boxes = self._boxes()
         seconds = self.options.max_seconds - (self.seconds() if self.spent.processed else 0.0)
+        return self._limited(max(1, min(int(share * boxes), most_boxes or boxes)), share * seconds)
+
+    def _limited(self, max_boxes: int, max_seconds: float) -> SolverOptions:
+        """Return the options for some boxes and time."""
         return replace(
             self.options,
-            max_boxes=max(1, min(int(share * boxes), most_boxes or boxes)),
-            max_seconds=max(LEAST_S, share * seconds),
+            max_boxes=max_boxes,
+            max_seconds=max(LEAST_S, max_seconds),
             tighten_seconds=max(LEAST_S, self.options.tighten_seconds - self.seconds()),
         )
 
@@ -272,11 +278,7 @@ class CallBudget:
             time is over, which counts as no effort.
 
         """
-        seconds = max(LEAST_S, share * (self.options.max_seconds - self.seconds()))
-        tighten_seconds = max(LEAST_S, self.options.tighten_seconds - self.seconds())
-        options = replace(
-            self.options, max_boxes=1, max_seconds=seconds, tighten_seconds=tighten_seconds
-        )
+        options = self._limited(1, share * (self.options.max_seconds - self.seconds()))
         cover, statistics = search(problem, options, self._cancel)
         if cover.pending:
             return None

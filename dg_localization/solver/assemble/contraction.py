@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import Bounds, unbounded
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.assemble.subproblem import Bounds, common_parts, unbounded
+from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.fixed_point import Contractor, Goal
 from dg_localization.solver.contract.groups import groups_of
 from dg_localization.solver.contract.status import Status
@@ -112,15 +112,14 @@ def contracted(
             if tightened is None:
                 return None
             box = tightened
-    return _common_hull(box, within)
+    return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
 
 
-def _common_hull(box: FloatArray, within: Sequence[Bounds] | None) -> Bounds | None:
-    """Return the hull of what a box has in common with others, None where it has nothing."""
+def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
+    """Return the hull of what bounds have in common with boxes, None where they have nothing."""
     if within is None:
-        return box[LOWER].copy(), box[UPPER].copy()
-    common = [(np.maximum(box[LOWER], low), np.minimum(box[UPPER], high)) for low, high in within]
-    left = [(low, high) for low, high in common if (low <= high).all()]
+        return bounds
+    left = common_parts([bounds], within)
     if not left:
         return None
     return np.min([low for low, _ in left], axis=0), np.max([high for _, high in left], axis=0)

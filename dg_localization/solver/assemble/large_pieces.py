@@ -97,6 +97,5 @@ def solve_large(
     most_boxes = BOXES_PER_CHOICE * len(boxes)
     cover = budget.search(problem, PATCHES_SHARE * share, boxes, most_boxes)
     # The patches were examined to the end, and so is what they allow.
-    budget.accept(len(cover.pending))
-    cover.kept, cover.pending = cover.kept + cover.pending, []
+    budget.accept_pending(cover)
     return LargePiece(solved, cover, [])

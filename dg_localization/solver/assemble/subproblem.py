@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -137,6 +138,15 @@ def _narrowed_pairs(pairs: PairBounds, ranges: Ranges) -> PairBounds | None:
     lower, upper = np.array(list(ranges.values())).T
     narrowed = pairs.narrowed(rows, columns, lower, upper)
     return None if (narrowed.lower > narrowed.upper).any() else narrowed
+
+
+def common_parts(boxes: Iterable[Bounds], others: Iterable[Bounds]) -> list[Bounds]:
+    """Return what each of some boxes has in common with each of others."""
+    common = (
+        (np.maximum(lower, low), np.minimum(upper, high))
+        for (lower, upper), (low, high) in product(boxes, others)
+    )
+    return [(lower, upper) for lower, upper in common if (lower <= upper).all()]
 
 
 def unbounded(n_points: int) -> Bounds:

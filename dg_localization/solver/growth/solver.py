@@ -13,10 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.growth.partial_boxes import Growth
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.search.branch_and_prune import Cover
@@ -83,7 +81,7 @@ def solve_grown(
     budget.count_split()
     boxes = [growth.bounds(partial) for partial in grown]
     if within is not None:
-        boxes = _common_parts(boxes, within)
+        boxes = common_parts(boxes, within)
     if any(len(partial.points) < problem.n_points for partial in grown):
         return budget.search(problem, share, boxes)
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
@@ -91,16 +89,5 @@ def solve_grown(
     boxes_left = budget.options.max_boxes - budget.spent.processed
     if cover.processed >= len(boxes) and boxes_left >= len(cover.pending):
         # Growth came to its end, and every box that it left was looked at.
-        budget.accept(len(cover.pending))
-        cover.kept, cover.pending = cover.kept + cover.pending, []
+        budget.accept_pending(cover)
     return cover
-
-
-def _common_parts(boxes: Sequence[Bounds], within: Sequence[Bounds]) -> list[Bounds]:
-    """Return what each of some boxes has in common with each of others."""
-    common = (
-        (np.maximum(lower, low), np.minimum(upper, high))
-        for lower, upper in boxes
-        for low, high in within
-    )
-    return [(lower, upper) for lower, upper in common if (lower <= upper).all()]

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.choices import Ambiguities
@@ -166,12 +166,7 @@ class PatchAnswers:
             boxes.append((lower, upper))
         if self._within is None:
             return boxes
-        common = (
-            (np.maximum(lower, low), np.minimum(upper, high))
-            for lower, upper in boxes
-            for low, high in self._within
-        )
-        return [(lower, upper) for lower, upper in common if (lower <= upper).all()]
+        return common_parts(boxes, self._within)
 
     def hypotheses(self, most: int) -> list[Hypothesis]:
         """
