@@ -18,18 +18,27 @@ in place of deviations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
-from dg_localization.interval.angles import angle_up, chord_up
+from dg_localization.interval.angles import angle_up, chord_up, cosine
 from dg_localization.interval.arrays import Interval, up
 from dg_localization.interval.bounds import elapsed_up
 from dg_localization.pairs import PastPoses
 from dg_localization.pairs.turns import turned
+
+STEEPEST_RAD = 1.5
+"""Where the body pitches more than this, roll and yaw are not told apart."""
+
+UNBOUNDED = 1e300
+"""
+How many times faster than the body they can change then. It is finite, so that a body that does
+not turn keeps both.
+"""
 
 
 @dataclass(frozen=True)
@@ -92,6 +101,7 @@ class _Nearest:
     offset_m: np.ndarray
     offset_rad: np.ndarray
     rotation_rad: np.ndarray
+    steepness: np.ndarray
 
 
 class OdometryPath:
@@ -106,11 +116,13 @@ class OdometryPath:
     stamps_s : array_like, shape (n,)
         Increasing.
     positions_m : array_like, shape (n, 3)
-        In the odometry frame, whose z axis is upright. In the plane z is zero.
+        In the odometry frame, whose z axis is upright.
     rotations : array_like, shape (n, 3, 3)
         From body to odometry frame.
     error : OdometryErrorModel
     limits : MotionLimits, optional
+    dimension : {2, 3}, optional
+        In the plane heights, roll, pitch and their errors do not count.
 
     Raises
     ------
@@ -126,6 +138,7 @@ class OdometryPath:
         rotations: ArrayLike,
         error: OdometryErrorModel,
         limits: MotionLimits | None = None,
+        dimension: int = 2,
     ) -> None:
         self._stamps_s = np.array(stamps_s, dtype=float)
         self._positions_m = np.array(positions_m, dtype=float).reshape(-1, 3)
@@ -140,8 +153,12 @@ class OdometryPath:
                 f'odometry stamps must increase: {self._stamps_s[first]} s is followed by '
                 f'{self._stamps_s[first + 1]} s'
             )
-        self._level = not np.any(self._positions_m[:, 2])
+        self._level = dimension == 2
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
+        if self._level:
+            self._positions_m[:, 2] = 0.0
+            self._rotations = _turns(self._yaws_rad)
+            self._error = replace(error, tilt_rad=0.0)
         self._step_errors_m, self._step_errors_rad = self._step_errors()
 
     def past_poses(self, times_s: ArrayLike, now_s: float) -> PastPoses:
@@ -187,11 +204,11 @@ class OdometryPath:
             In the body frame; of a sensor, with the bound of its place.
 
         """
-        tilts, errors_rad = self._tilts(np.asarray(times_s, dtype=float))
+        tilts, errors_rad = self.tilts(times_s)
         columns = [Interval.point(tilts[:, :, k]) * points_m[:, k][:, None] for k in range(3)]
         squares = points_m.square()
         length = (squares[:, 0] + squares[:, 1] + squares[:, 2]).sqrt().upper
-        chords = np.array([chord_up(min(math.pi, error)) for error in errors_rad])
+        chords = np.array([chord_up(error) for error in errors_rad])
         swing = up(chords * length)[:, None]
         return columns[0] + columns[1] + columns[2] + Interval(-swing, swing)
 
@@ -210,7 +227,7 @@ class OdometryPath:
             Greatest angles to the true directions.
 
         """
-        tilts, tilt_errors_rad = self._tilts(np.asarray(times_s, dtype=float))
+        tilts, tilt_errors_rad = self.tilts(times_s)
         leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
         return leveled, angle_up(up(np.asarray(errors_rad, dtype=float) + tilt_errors_rad))
 
@@ -248,16 +265,36 @@ class OdometryPath:
         reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)
         beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
 
-        def offset(spans: np.ndarray, limit: float) -> np.ndarray:
+        def offset(spans: np.ndarray, limit: float | np.ndarray) -> np.ndarray:
             return np.where(beyond, up(limit * reach_s), np.minimum(spans, up(limit * reach_s)))
 
         turn_rate = self._limits.turn_rate_rad_s
+        rotation_rad = offset(spans[2], turn_rate)
+        steepness = self._steepness(index, rotation_rad)
         return _Nearest(
             index,
             offset(spans[0], self._limits.speed_m_s),
-            offset(spans[1], turn_rate),
-            offset(spans[2], turn_rate),
+            offset(spans[1], up(turn_rate * steepness)),
+            rotation_rad,
+            steepness,
         )
+
+    def _steepness(self, index: np.ndarray, rotation_rad: np.ndarray) -> np.ndarray:
+        """
+        Return how many times faster yaw and tilt can change than the body turns.
+
+        One over the cosine of the greatest pitch within a rotation from a sample: the rates of the
+        angles of Euler.
+        """
+        if self._level:
+            return np.ones(len(index))
+        rotations = self._rotations[index]
+        cosines = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])
+        pitch_rad = np.abs(np.arctan2(rotations[:, 2, 0], cosines))
+        steepest_rad = angle_up(up(pitch_rad + rotation_rad + self._error.tilt_rad))
+        below = steepest_rad < STEEPEST_RAD
+        cosines = cosine(Interval.point(np.where(below, steepest_rad, 0.0))).lower
+        return np.where(below, up(1.0 / cosines), UNBOUNDED)
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
         """Return the poses of samples seen from sample `last`, with the errors of the way."""
@@ -280,17 +317,38 @@ class OdometryPath:
             bounds.lower[:, 2] = bounds.upper[:, 2] = 0.0
         return bounds, Interval.around(yaws, angle_up(turns))
 
-    def _tilts(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rotations from body to level frame at some times, and their errors."""
-        near = self._nearest(times_s)
+    def tilts(self, times_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the rotations from body to level frame at some times, and their errors.
+
+        Parameters
+        ----------
+        times_s : array_like, shape (m,)
+
+        Returns
+        -------
+        rotations : numpy.ndarray, shape (m, 3, 3)
+        errors_rad : numpy.ndarray, shape (m,)
+            Greatest angles to the true ones, a half turn at most.
+
+        """
+        near = self._nearest(np.asarray(times_s, dtype=float))
         yaws = self._yaws_rad[near.index]
-        c, s, zero, one = np.cos(yaws), np.sin(yaws), np.zeros(len(yaws)), np.ones(len(yaws))
-        back = np.array([[c, s, zero], [-s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
-        errors_rad = angle_up(up(near.rotation_rad + self._error.tilt_rad))
-        return back @ self._rotations[near.index], errors_rad
+        moved_rad = up(near.steepness * near.rotation_rad)
+        errors_rad = angle_up(up(moved_rad + self._error.tilt_rad))
+        return _turns(-yaws) @ self._rotations[near.index], np.minimum(errors_rad, math.pi)
 
     def _ball(self, radius_m: np.ndarray) -> Interval:
         """Return the boxes around balls, flat in the plane, shape (m, 3)."""
         flat = np.array([1.0, 1.0, 0.0 if self._level else 1.0])
         half = np.where(flat > 0.0, radius_m[:, None], 0.0)
         return Interval(-half, half)
+
+
+def _turns(yaws_rad: np.ndarray) -> np.ndarray:
+    """Return rotations about the upright axis, shape (n, 3, 3)."""
+    turns = np.zeros((len(yaws_rad), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(yaws_rad)
+    turns[:, 1, 0], turns[:, 0, 1] = np.sin(yaws_rad), -np.sin(yaws_rad)
+    turns[:, 2, 2] = 1.0
+    return turns

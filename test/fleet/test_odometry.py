@@ -61,8 +61,19 @@ def seen_from_last(positions, yaws):
     return (positions - positions[-1]) @ back.T, yaws - yaws[-1]
 
 
+def angles_of(turned):
+    """Return yaw, pitch and roll of a rotation."""
+    return (
+        math.atan2(turned[1, 0], turned[0, 0]),
+        -math.asin(turned[2, 0]),
+        math.atan2(turned[2, 1], turned[2, 2]),
+    )
+
+
 def path_of(stamps, track, error, limits=None):
-    return OdometryPath(stamps, track[0], [rotation(yaw) for yaw in track[1]], error, limits)
+    rotations = [rotation(yaw) for yaw in track[1]]
+    dimension = 3 if track[0][:, 2].any() else 2
+    return OdometryPath(stamps, track[0], rotations, error, limits, dimension)
 
 
 def assert_inside(poses, positions, yaws):
@@ -179,7 +190,8 @@ def test_between_and_beyond_samples():
 def test_a_body_that_is_not_level():
     yaw, pitch, roll = 0.5, 0.3, -0.2
     error = OdometryErrorModel(tilt_rad=0.05)
-    path = OdometryPath([0.0], [[1.0, 2.0, 3.0]], [rotation(yaw, pitch, roll)], error)
+    turned = rotation(yaw, pitch, roll)
+    path = OdometryPath([0.0], [[1.0, 2.0, 3.0]], [turned], error, dimension=3)
     mount = np.array([[0.4, 0.1, 0.2]])
     true = rotation(0.0, pitch, roll) @ mount[0]
     leveled = path.leveled_points([0.0], Interval.point(mount))
@@ -188,6 +200,24 @@ def test_a_body_that_is_not_level():
     assert (leveled.upper - leveled.lower)[0] == pytest.approx(2.0 * swing, rel=1e-6)
     rays, errors = path.leveled_rays([0.0], mount, [0.01])
     assert rays[0] == pytest.approx(true) and errors[0] == pytest.approx(0.06)
+
+
+def test_yaw_and_tilt_change_faster_than_a_steep_body_turns():
+    limits = MotionLimits(1.0, 0.1)
+    steep = rotation(0.0, 1.2, 0.0)
+    path = OdometryPath([0.0], np.zeros((1, 3)), [steep], OdometryErrorModel(), limits, 3)
+    _, (error_rad,) = path.tilts([1.0])
+    # Turned by 0.1 rad about its own upright axis: less than the limit in every angle of Euler.
+    turned = steep @ rotation(0.1)
+    yaw, pitch, roll = angles_of(turned)
+    assert 0.2 < yaw <= path.past_poses([0.0], 1.0).yaw_rad.upper[0]
+    level, before = rotation(0.0, pitch, roll), rotation(0.0, 1.2, 0.0)
+    apart_rad = math.acos(0.5 * (np.trace(before.T @ level) - 1.0))
+    assert 0.2 < apart_rad <= error_rad
+    # Beyond that nothing is known of either.
+    _, (error_rad,) = path.tilts([5.0])
+    assert error_rad == math.pi
+    assert path.past_poses([0.0], 5.0).yaw_rad.upper[0] > math.pi
 
 
 @pytest.mark.parametrize('term', [*TERMS, 'constant_m', 'constant_rad', 'latency_s', 'tilt_rad'])

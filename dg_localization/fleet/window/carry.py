@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
-from dg_localization.fleet.vocabulary import LinkKey, OdometryReading
+from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import NO_RAY_RAD, PairReadings, PastPoses
@@ -35,6 +36,13 @@ Pair = tuple[int, int]
 """Two bodies, the smaller index first: the world before any robot."""
 
 AHEAD = np.array([1.0, 0.0, 0.0])
+
+
+class Tilt(NamedTuple):
+    """The rotation from the body frame of a robot to its level frame, and its greatest error."""
+
+    rotation: NDArray[np.float64]
+    error_rad: float
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,6 @@ class CarriedWindow:
     Parameters
     ----------
     config : FleetConfig
-        Of a fleet in the plane.
     now_s : float
     window : Window
     motion : Motion
@@ -77,6 +84,7 @@ class CarriedWindow:
         index = {name: i for i, name in enumerate(config.points)}
         for (observer, target), observations in window.observations.items():
             self._add(index[observer], index[target], observations)
+        self._paths = {body: odometry_path(config, motion, body) for body in self._bodies}
         self._poses = {body: self._past_poses(body) for body in self._bodies}
 
     @property
@@ -152,9 +160,10 @@ class CarriedWindow:
             [AHEAD if o.direction is None else o.direction for o in (r.observation for r in rows)]
         )
         errors = np.array([self._ray_error_rad(row) for row in rows])
-        seen, seen_errors = poses.rays_now(rays, errors)
+        seen, seen_errors = poses.rays_now(*self._leveled_rays(second, stamps, rays, errors))
         if first != WORLD:
-            others_rays, others_errors = other.rays_now(rays, errors)
+            leveled = self._leveled_rays(first, stamps, rays, errors)
+            others_rays, others_errors = other.rays_now(*leveled)
             seen = np.where(by_second[:, None], seen, others_rays)
             seen_errors = np.where(by_second, seen_errors, others_errors)
         return PairReadings.of(
@@ -168,6 +177,11 @@ class CarriedWindow:
             seen_errors,
             by_second,
         )
+
+    def tilt(self, robot: int) -> Tilt:
+        """Return roll and pitch of a robot now."""
+        rotations, errors_rad = self._paths[robot].tilts([self._now_s])
+        return Tilt(rotations[0], float(errors_rad[0]))
 
     def _add(self, observer: int, target: int, observations: tuple[Observation, ...]) -> None:
         """Add what one point observed of another, if the motion of both is known."""
@@ -216,14 +230,25 @@ class CarriedWindow:
         stamps = np.unique(
             [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
         )
-        path = odometry_path(self._config, self._motion, robot)
-        return stamps, path.past_poses(stamps, self._now_s)
+        return stamps, self._paths[robot].past_poses(stamps, self._now_s)
 
     def _of(self, robot: int, stamps: NDArray[np.float64]) -> PastPoses:
         """Return where a robot was at some of these times."""
         known, poses = self._poses[robot]
         index = np.searchsorted(known, stamps)
         return PastPoses(poses.position_m[index], poses.yaw_rad[index])
+
+    def _leveled_rays(
+        self,
+        robot: int,
+        stamps_s: NDArray[np.float64],
+        rays: NDArray[np.float64],
+        errors_rad: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return rays of a robot in its level frames, in which rays in the plane are."""
+        if self._config.dimension == 2:
+            return rays, errors_rad
+        return self._paths[robot].leveled_rays(stamps_s, rays, errors_rad)
 
     def _ray_error_rad(self, row: _Row) -> float:
         """Return the error of a ray; how an anchor is turned is not known."""
@@ -235,34 +260,24 @@ class CarriedWindow:
 
     def _places(self, rows: list[_Row]) -> Interval:
         """Return the places of the anchors of some rows, shape (m, 3)."""
-        boxes = self._anchors.boxes
+        boxes, dimension = self._anchors.boxes, self._config.dimension
         lower, upper = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
         for number, row in enumerate(rows):
             if row.anchor is not None:
                 box = boxes[row.anchor]
-                lower[number, :2], upper[number, :2] = box.lower, box.upper
+                lower[number, :dimension], upper[number, :dimension] = box.lower, box.upper
         return Interval(lower, upper)
 
 
 def odometry_path(config: FleetConfig, motion: Motion, robot: int) -> OdometryPath:
-    """Return the path of a robot with odometry, in the plane."""
+    """Return the path of a robot with odometry."""
     name = config.robots[robot]
     track = motion.odometry[name]
     return OdometryPath(
         [reading.stamp_s for reading in track],
-        np.array([reading.position_m for reading in track]) * [1.0, 1.0, 0.0],
-        _level_rotations(track),
+        [reading.position_m for reading in track],
+        [reading.rotation for reading in track],
         config.odometry_error,
         MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
+        config.dimension,
     )
-
-
-def _level_rotations(track: tuple[OdometryReading, ...]) -> NDArray[np.float64]:
-    """Return the rotations of a track without roll and pitch, shape (n, 3, 3)."""
-    rotations = np.array([reading.rotation for reading in track])
-    yaws = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
-    level = np.zeros_like(rotations)
-    level[:, 0, 0] = level[:, 1, 1] = np.cos(yaws)
-    level[:, 1, 0], level[:, 0, 1] = np.sin(yaws), -np.sin(yaws)
-    level[:, 2, 2] = 1.0
-    return level

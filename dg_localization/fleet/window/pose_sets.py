@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+import math
 
 import numpy as np
 
@@ -45,7 +46,8 @@ class PoseSets:
             for anchor, box in snapshot.anchors.boxes.items():
                 yield robot, anchor, *_squared_distance_m2(cover, box)
         for pair, cover in self.relative.items():
-            yield *pair, *_squared_distance_m2(cover, Interval.point(np.zeros(2)))
+            origin = Interval.point(np.zeros(snapshot.config.dimension))
+            yield *pair, *_squared_distance_m2(cover, origin)
 
 
 NO_POSE_SETS = PoseSets()
@@ -75,6 +77,7 @@ def place_robots(
 
     """
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
+    height_m = (0.0, 0.0) if snapshot.config.dimension == 2 else (-math.inf, math.inf)
     anchored = bool(snapshot.anchors.cores)
     robots_too = options.max_outliers > 0
     pairs = [pair for pair in carried.pairs if (anchored if pair[0] == WORLD else robots_too)]
@@ -82,9 +85,11 @@ def place_robots(
     forgotten = []
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
-        cover = cover_poses(carried.readings(pair), options, stopped=stopped)
+        readings = carried.readings(pair)
+        cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
         if cover.empty:
-            forgotten.append(_what_contradicts(snapshot, carried, pair, options, stopped))
+            agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
+            forgotten.append(_what_contradicts(snapshot, pair, agreeing))
         elif cover.bounded:
             covers[pair] = cover
     pose_sets = PoseSets(
@@ -95,21 +100,15 @@ def place_robots(
 
 
 def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
-    """Return bounds of the squared distance of all poses of a cover from a place (x, y)."""
-    squared = squared_norm(Interval(cover.boxes[:, 0, :2], cover.boxes[:, 1, :2]) - place)
+    """Return bounds of the squared distance of all poses of a cover from a place, shape (q,)."""
+    q = place.lower.size
+    squared = squared_norm(Interval(cover.boxes[:, 0, :q], cover.boxes[:, 1, :q]) - place)
     return max(0.0, float(squared.lower.min())), float(squared.upper.max())
 
 
-def _what_contradicts(
-    snapshot: Snapshot,
-    carried: CarriedWindow,
-    pair: Pair,
-    options: PairOptions,
-    stopped: Callable[[], bool],
-) -> Forgotten:
-    """Return which old observations of a pair contradict newer ones."""
-    agreeing = count_agreeing(carried.readings(pair), options, stopped=stopped)
-    stamps = carried.stamps_s(pair)
+def _what_contradicts(snapshot: Snapshot, pair: Pair, agreeing: int) -> Forgotten:
+    """Return which old observations of a pair contradict newer ones, so many of which agree."""
+    stamps = snapshot.carried.stamps_s(pair)
     before_s = float(stamps[min(agreeing, len(stamps) - 1)])
     robots = snapshot.config.robots
     first, second = pair
@@ -124,10 +123,10 @@ def _what_contradicts(
 
 
 def poses_within(cover: Cover, lower_m: np.ndarray, upper_m: np.ndarray) -> Cover:
-    """Return the part of a cover with positions (x, y) in a box."""
-    lower, upper = cover.boxes[:, 0], cover.boxes[:, 1]
-    meets = np.all((lower[:, :2] <= upper_m) & (lower_m <= upper[:, :2]), axis=1)
-    boxes = cover.boxes[meets]
-    boxes[:, 0, :2] = np.maximum(boxes[:, 0, :2], lower_m)
-    boxes[:, 1, :2] = np.minimum(boxes[:, 1, :2], upper_m)
+    """Return the part of a cover with positions in a box, shape (q,)."""
+    q = len(lower_m)
+    lower, upper = cover.boxes[:, 0, :q], cover.boxes[:, 1, :q]
+    boxes = cover.boxes[np.all((lower <= upper_m) & (lower_m <= upper), axis=1)]
+    boxes[:, 0, :q] = np.maximum(boxes[:, 0, :q], lower_m)
+    boxes[:, 1, :q] = np.minimum(boxes[:, 1, :q], upper_m)
     return Cover(boxes, cover.refined)

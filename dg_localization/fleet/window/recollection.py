@@ -16,8 +16,9 @@ from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
-from dg_localization.fleet.window.carry import WORLD, Pair
+from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
 from dg_localization.fleet.window.forgetting import Forgotten, also_forgotten
+from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
 from dg_localization.fleet.window.proved import CarriedPlacements, Proved
@@ -89,6 +90,8 @@ class Recollection:
         What contradicts itself.
     carried : CarriedPlacements, optional
         What an earlier estimate proved.
+    tilts : mapping of int to Tilt
+        Of the robots with pose sets, in space.
 
     """
 
@@ -101,6 +104,7 @@ class Recollection:
     replaced: frozenset[LinkKey] = frozenset()
     forgotten: tuple[Forgotten, ...] = ()
     carried: CarriedPlacements | None = None
+    tilts: Mapping[int, Tilt] = field(default_factory=dict)
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
@@ -138,6 +142,8 @@ class Recollection:
         Left
 
         """
+        if self.config.dimension == 3:
+            return self._narrowed_in_space(placements, frame)
         gone_on = self._carried_on(placements, frame)
         possible = self._tried(gone_on.placements, frame, COARSE_CELLS, 0)
         most = possible.placements[:MOST_REFINED]
@@ -145,6 +151,16 @@ class Recollection:
         others = possible.placements[MOST_REFINED:]
         sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
         return Left(refined.placements + others, sentences)
+
+    def _narrowed_in_space(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
+        """Return the placements of robots among anchors; others are left as they are."""
+
+        def narrow(placement: Placement) -> tuple[Placement | None, str]:
+            narrowed = narrow_in_space(placement, frame.kind, self.pose_sets, self.tilts)
+            pair = narrowed.ruled_out_by
+            return narrowed.placement, '' if pair is None else self._over(pair)
+
+        return sifted(placements, narrow)
 
     def _carried_on(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
         """Return the placements that can go on from an earlier estimate."""
@@ -260,10 +276,14 @@ def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
 
 
 def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> Recollection:
-    """Return what the window of a snapshot and an earlier estimate say; in space nothing yet."""
+    """
+    Return what the window of a snapshot and an earlier estimate say.
+
+    In space that is where robots are among anchors.
+    """
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
-    if config.dimension != 2 or not (snapshot.window.observations or proved):
+    if not (snapshot.window.observations or proved):
         return Recollection(config, snapshot.stamp_s, allowance)
     if allowance.part(1)():
         proved = None
@@ -276,17 +296,22 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
         for key in carried.links_among(snapshot.keys)
         if config.window_outliers and not contradicting.keys() & {key.ends, key.ends[::-1]}
     )
-    return Recollection(
+    recalled = Recollection(
         config,
         snapshot.stamp_s,
         allowance,
-        {
+        spans_s={pair: carried.span_s(pair) for pair in carried.pairs},
+        pose_sets=pose_sets,
+        replaced=replaced,
+        forgotten=forgotten,
+    )
+    if config.dimension == 3:
+        return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
+    return replace(
+        recalled,
+        readings={
             pair: carried.readings(pair, MOST_IN_TABLE, newest_s)
             for pair in carried.near_pairs(MOST_PARTNERS, newest_s)
         },
-        {pair: carried.span_s(pair) for pair in carried.pairs},
-        pose_sets,
-        replaced,
-        forgotten,
-        None if proved is None else CarriedPlacements(proved, snapshot),
+        carried=None if proved is None else CarriedPlacements(proved, snapshot),
     )

@@ -151,10 +151,10 @@ def _within_known(poses: JointPoses, placement: Placement) -> JointPoses:
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:
     """Return a placement with narrower bounds."""
-    return _with_headings(_with_enclosure(placement, bounds.enclosure_m), bounds.arcs_rad)
+    return _with_headings(with_enclosure(placement, bounds.enclosure_m), bounds.arcs_rad)
 
 
-def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
+def with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
     """Return a placement in a narrower enclosure."""
     positions = np.clip(placement.positions_m, enclosure_m[:, 0], enclosure_m[:, 1])
     moved = bool(np.any((positions != placement.positions_m) & np.isfinite(positions)))

@@ -72,6 +72,15 @@ ODOMETRY = Section(
             's',
             0.0,
         ),
+        Spec(
+            'odometry.tilt',
+            DOUBLE,
+            0.05,
+            'greatest error of roll and pitch together, as an angle',
+            'rad',
+            0.0,
+            details='It counts with `dimension: 3`.',
+        ),
     ),
 )
 
@@ -83,9 +92,9 @@ REPLACED = {
 
 MEMORY = Section(
     'Memory',
-    'What robots with odometry measured of each other, and of anchors, is remembered in the '
-    'plane. It rules out mirror images and other hypotheses, bounds headings, and keeps robots '
-    'placed that measure nothing for a moment.',
+    'What robots with odometry measured of each other, and of anchors, is remembered. It rules '
+    'out mirror images and other hypotheses, bounds headings, and keeps robots placed that '
+    'measure nothing for a moment. With `dimension: 3` it does so for robots among anchors.',
     (
         Spec(
             'memory.seconds',
@@ -128,4 +137,5 @@ def odometry_error(values: Mapping[str, Any]) -> OdometryErrorModel:
         constant_m=values['odometry.constant_translation'],
         constant_rad=values['odometry.constant_rotation'],
         latency_s=values['odometry.latency'],
+        tilt_rad=values['odometry.tilt'],
     )
