@@ -178,6 +178,12 @@ class FleetConfig:
                 f'reference_robot: {self.reference_robot!r} is not allowed, it must be one of '
                 f'{list(self.robots)}'
             )
+        for name in self.points:
+            if self.points.count(name) > 1:
+                raise ConfigError(
+                    f'points: {name!r} is not allowed twice, robots, anchors and sensors '
+                    '(robot/sensor) must have different names'
+                )
         for name in self.robot_max_speed_m_s:
             if name not in self.robots:
                 raise ConfigError(

@@ -16,7 +16,15 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.sensors import RangeErrorModel
 from dg_localization.fleet.vocabulary import Rejection, RejectionReason
-from dg_localization.interval.bounds import product_down, product_up, sqrt_up, sum_down, sum_up
+from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
+from dg_localization.interval.bounds import (
+    product_down,
+    product_up,
+    quotient_up,
+    sqrt_up,
+    sum_down,
+    sum_up,
+)
 
 
 def distance_bounds_m(
@@ -98,12 +106,15 @@ def interpret_range(
     if model.sigma_factor > 0.0 and not variance >= 0.0:
         text = f'variance {variance_m2} m^2 is not allowed, it must be >= 0'
         return Rejection(RejectionReason.INVALID_VARIANCE, text)
-    if math.isinf(variance) and model.sigma_factor > 0.0:
-        return 0.0, math.inf
+    is_vague = math.isinf(variance) and model.sigma_factor > 0.0
     if math.isinf(range_m):
-        return _interpret_infinite(model, range_m, minimum, maximum, variance)
-    rejection = _reject_reading(range_m, minimum, maximum)
-    return rejection or distance_bounds_m(model, range_m, variance)
+        found = _interpret_infinite(
+            model, range_m, minimum, maximum, 0.0 if is_vague else variance
+        )
+    else:
+        rejection = _reject_reading(range_m, minimum, maximum)
+        found = rejection or distance_bounds_m(model, range_m, 0.0 if is_vague else variance)
+    return (0.0, math.inf) if is_vague and not isinstance(found, Rejection) else found
 
 
 def _interpret_infinite(
@@ -169,3 +180,25 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
         text = f'ray {ray} has no direction{part}'
         return Rejection(RejectionReason.ZERO_RAY, text)
     return np.array([x / length, y / length, z / length])
+
+
+def projected_half_width_rad(ray_xyz: np.ndarray, half_width_rad: float) -> float:
+    """
+    Return how far the projection of a ray on the plane may be from that of the true direction.
+
+    By the sine rule of a spherical triangle, the sine of an azimuth error is at most that of the
+    angle between the two over the horizontal part of the ray.
+
+    Parameters
+    ----------
+    ray_xyz : numpy.ndarray, shape (3,)
+        A unit vector.
+    half_width_rad : float
+        Greatest angle between the ray and the true direction.
+
+    """
+    horizontal = angle_down(math.hypot(ray_xyz[0], ray_xyz[1]))
+    if half_width_rad >= 0.5 * math.pi or horizontal <= 0.0:
+        return math.pi
+    ratio = quotient_up(angle_up(math.sin(half_width_rad)), horizontal)
+    return arcsine_up(ratio) if ratio < 1.0 else math.pi

@@ -48,7 +48,7 @@ class Localizer:
         self._frame: FixedFrame | None = None
         self._follower = Follower()
         self._standing_frame = StandingFrame()
-        self._record = Record()
+        self._record = Record(config.memory_s)
 
     @property
     def config(self) -> FleetConfig:
@@ -60,7 +60,7 @@ class Localizer:
         self._store = MeasurementStore(self._config)
         self._follower = self._follower.started_anew()
         self._standing_frame = StandingFrame()
-        self._record = Record()
+        self._record = Record(self._config.memory_s)
 
     @default_environment()
     def add_range(

@@ -21,14 +21,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.error_models import (
     interpret_range,
     interpret_ray,
     likeliest_distance_m,
+    projected_half_width_rad,
 )
 from dg_localization.fleet.motion import OdometryTrack, rotation_of_quaternion
+from dg_localization.fleet.odometry import level_rotations
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
     InputState,
@@ -118,19 +121,23 @@ class MeasurementStore:
         self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
     ) -> Rejection | None:
         """Accept a ray, or return why not."""
+        config = self._config
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        direction = interpret_ray(
-            self._in_body_frame(key.observer, ray_xyz), self._config.dimension
-        )
+        ray = interpret_ray(ray_xyz, 3)
+        if not isinstance(ray, Rejection):
+            ray = self._in_body_frame(key.observer, ray)
+        direction = ray if isinstance(ray, Rejection) else interpret_ray(ray, config.dimension)
         if isinstance(direction, Rejection):
             return self._reject(key, direction)
         values = tuple(np.asarray(ray_xyz, dtype=float).reshape(-1).tolist())
         stuck = self._check_stuck(key, values, stamp_s)
         if stuck:
             return self._reject(key, stuck)
-        half_width_rad = self._config.bearing_half_width_of(key.observer, key.target)
+        half_width_rad = config.bearing_half_width_of(key.observer, key.target)
+        if config.dimension == 2 and squared_rise_m2(config, key.observer, key.target)[1] > 0.0:
+            half_width_rad = projected_half_width_rad(ray, half_width_rad)
         self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
 
@@ -153,6 +160,9 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
+        if self._config.dimension == 2:
+            # A ray in the plane turns with the heading; roll and pitch would bend it.
+            rotation = level_rotations(rotation[None])[0]
         self._track(key.observer).append(OdometryReading(stamp_s, position, rotation, frame))
         self._input(key).count_accepted(stamp_s)
         return None
@@ -213,11 +223,10 @@ class MeasurementStore:
             for key, source in sorted(self._inputs.items())
         ]
 
-    def _in_body_frame(self, observer: str, ray_xyz: ArrayLike) -> ArrayLike:
+    def _in_body_frame(self, observer: str, ray: np.ndarray) -> np.ndarray:
         """Return a ray in the frame of the robot that the observer is mounted on."""
         mount = self._config.sensors.get(observer)
-        ray = np.asarray(ray_xyz, dtype=float).reshape(-1)
-        if mount is None or len(ray) != 3:
+        if mount is None:
             return ray
         quaternion = np.array(mount.rotation_xyzw)
         return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray

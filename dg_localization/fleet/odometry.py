@@ -24,6 +24,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dg_localization.fleet.checks import require_number
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
 from dg_localization.interval.angles import angle_up, chord_up, cosine
 from dg_localization.interval.arrays import Interval, up
@@ -62,7 +63,7 @@ class OdometryErrorModel:
 
     Raises
     ------
-    ValueError
+    ConfigError
         If a bound is negative or not a finite number.
 
     """
@@ -78,11 +79,7 @@ class OdometryErrorModel:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 <= value < math.inf:
-                raise ValueError(
-                    f'odometry_error.{field.name} is {value}, must be finite and not negative'
-                )
+            require_number(f'odometry_error.{field.name}', getattr(self, field.name), at_least=0.0)
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ class OdometryPath:
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
         if self._level:
             self._positions_m[:, 2] = 0.0
-            self._rotations = _turns(self._yaws_rad)
+            self._rotations = level_rotations(self._rotations)
             self._error = replace(error, tilt_rad=0.0)
         self._step_errors_m, self._step_errors_rad = self._step_errors()
 
@@ -343,6 +340,11 @@ class OdometryPath:
         flat = np.array([1.0, 1.0, 0.0 if self._level else 1.0])
         half = np.where(flat > 0.0, radius_m[:, None], 0.0)
         return Interval(-half, half)
+
+
+def level_rotations(rotations: np.ndarray) -> np.ndarray:
+    """Return rotations without roll and pitch, shape (n, 3, 3)."""
+    return _turns(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
 
 
 def _turns(yaws_rad: np.ndarray) -> np.ndarray:

@@ -8,7 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization import Verdict
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
 from dg_localization.fleet.constraints.angles import Angles
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.constraints.triangulation import triangulate
@@ -159,3 +166,53 @@ def test_a_pendant_robot_is_on_its_circle():
         gap = placement.positions_m[3] - placement.positions_m[2]
         assert np.linalg.norm(gap) == pytest.approx(2.0, rel=0.03)
         assert np.isfinite(placement.enclosure_m).all()
+
+
+def test_pitch_does_not_bend_a_ray_in_the_plane():
+    localizer = make(
+        max_age_s=5.0,
+        bearing_half_width_rad=0.0,
+        max_turn_rate_rad_s=10.0,
+        odometry_error=OdometryErrorModel(),
+    )
+    localizer.add_odometry('a', [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], NOW_S - 1.0, NOW_S)
+    pitched = [0.0, math.sin(0.1), 0.0, math.cos(0.1)]
+    localizer.add_odometry('a', [0.0, 0.0, 0.0], pitched, NOW_S, NOW_S)
+    localizer.add_bearing('a', 'b', ray(math.pi / 4.0), NOW_S - 1.0, NOW_S)
+    localizer.add_bearing('a', 'c', ray(math.pi / 2.0), NOW_S, NOW_S)
+    angles = constrain(localizer.snapshot(NOW_S)).angles
+    assert angles.low_rad[0] <= math.pi / 4.0 <= angles.high_rad[0]
+    assert angles.high_rad[0] - angles.low_rad[0] < 1e-9
+
+
+def test_robots_above_each_other_may_be_at_one_place_of_the_plane():
+    localizer = make(min_separation_m=0.5, elevations_m={'b': (3.0, 3.0)})
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    constraints = constrain(localizer.snapshot(NOW_S))
+    assert constraints.lower[0, 1] == 0.0 and constraints.upper[0, 1] < 1e-12
+    # Only where they may be too near: b can be beside c, not a hand's breadth above it.
+    near = make(min_separation_m=0.5, elevations_m={'b': (0.1, 0.3)})
+    near.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    lower = constrain(near.snapshot(NOW_S)).lower
+    assert lower[0, 2] == pytest.approx(0.25) and lower[1, 2] == pytest.approx(0.25 - 0.09)
+
+
+def test_an_elevation_does_not_hide_a_contradiction():
+    localizer = make('ab', elevations_m={'b': (0.0, 2.0)})
+    localizer.add_range('a', 'b', 2.0, NOW_S, NOW_S)
+    localizer.add_range('a', 'b', 1.0, NOW_S, NOW_S)
+    assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
+
+
+def test_a_steep_ray_tells_less_of_the_plane():
+    """The target is 3 m up and 0.8 m away; the ray errs by 0.045 rad in space."""
+    localizer = make(
+        bearing_half_width_rad=0.05, max_turn_rate_rad_s=0.0, elevations_m={'b': (3.0, 3.0)}
+    )
+    rise = math.atan2(3.0, 0.8)
+    true = np.array([math.cos(rise), 0.0, math.sin(rise)])
+    seen = math.cos(0.045) * true + math.sin(0.045) * np.array([0.0, 1.0, 0.0])
+    localizer.add_bearing('a', 'b', seen, NOW_S, NOW_S)
+    localizer.add_bearing('a', 'c', ray(math.pi / 2.0), NOW_S, NOW_S)
+    angles = constrain(localizer.snapshot(NOW_S)).angles
+    assert angles.low_rad[0] <= math.pi / 2.0 <= angles.high_rad[0]

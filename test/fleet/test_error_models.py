@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet import RangeErrorModel, Rejection, RejectionReason
-from dg_localization.fleet.error_models import distance_bounds_m, interpret_range, interpret_ray
+from dg_localization.fleet.error_models import (
+    distance_bounds_m,
+    interpret_range,
+    interpret_ray,
+    projected_half_width_rad,
+)
 
 EXACT = RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0)
 UWB = RangeErrorModel(
@@ -136,3 +141,27 @@ def test_a_ray_without_direction_is_rejected(ray, dimension, reason):
     rejection = interpret_ray(np.array(ray), dimension)
     assert rejection.reason is reason
     assert str(ray[0]) in rejection.text
+
+
+@pytest.mark.parametrize('range_m', [math.nan, -5.0, math.inf])
+def test_no_reading_is_none_whatever_its_variance(range_m):
+    model = RangeErrorModel(sigma_factor=3.0)
+    assert isinstance(interpret_range(model, range_m, variance_m2=math.inf), Rejection)
+    assert interpret_range(model, 5.0, variance_m2=math.inf) == (0.0, math.inf)
+
+
+def test_the_projection_of_a_steep_ray_turns_more_than_the_ray():
+    half_width_rad, rise = 0.05, math.atan2(3.0, 0.8)
+    true = np.array([math.cos(rise), 0.0, math.sin(rise)])
+    random = np.random.default_rng(0)
+    largest_share = 0.0
+    for _ in range(2000):
+        across = np.cross(true, random.normal(size=3))
+        across /= np.linalg.norm(across)
+        seen = math.cos(half_width_rad) * true + math.sin(half_width_rad) * across
+        bound_rad = projected_half_width_rad(seen, half_width_rad)
+        off_rad = abs(math.atan2(seen[1], seen[0]))
+        assert off_rad <= bound_rad
+        largest_share = max(largest_share, off_rad / bound_rad)
+    assert largest_share > 0.99
+    assert projected_half_width_rad(np.array([0.01, 0.0, 1.0]), half_width_rad) == math.pi

@@ -13,6 +13,11 @@ from dg_localization.fleet import Anchor, ConfigError, FleetConfig, LinkOverride
 WRONG = [
     ({'robots': ()}, 'robots', 'at least one'),
     ({'robots': ('a', 'a')}, "'a' is repeated", 'once'),
+    (
+        {'mounts': {'a': {'left': (0.1, 0.0)}}, 'anchors': {'a/left': Anchor((0.0, 0.0))}},
+        "'a/left' is not allowed twice",
+        'different names',
+    ),
     ({'robots': ('a', '')}, "robots: ''", 'not be empty'),
     ({'reference_robot': 'z'}, "reference_robot: 'z'", "['a', 'b']"),
     ({'dimension': 4}, 'dimension: 4', '2 or 3'),

@@ -102,3 +102,18 @@ def test_stuck_readings_are_dropped_only_if_wanted():
 def test_a_sensor_that_moves_again_is_not_stuck_any_more():
     _, state = watched(lambda step: 3.0 if step < 25 else 3.1, driving)
     assert not state.stuck
+
+
+def test_odometry_that_starts_anew_is_no_motion():
+    def jumping(step):
+        return {'a': (0.0, 0.0), 'b': (0.0 if step < 15 else 100.0, 0.0)}
+
+    _, state = watched(lambda step: 3.0, jumping, max_speed_m_s=1.0)
+    assert state.stuck == ''
+    moving_after = {'a': (0.0, 0.0), 'b': (0.0, 0.0)}
+    _, state = watched(
+        lambda step: 3.0,
+        lambda step: moving_after if step < 5 else {'b': (100.0 + 0.1 * step, 0.0)},
+        max_speed_m_s=1.0,
+    )
+    assert state.stuck.endswith('while b moved by 0.5 m')

@@ -18,8 +18,10 @@ from dg_localization.fleet import (
     LinkKind,
     Localizer,
     RangeErrorModel,
+    Suspect,
     SuspectKind,
 )
+from dg_localization.fleet.contradictions.offenders import Record
 from dg_localization.fleet.contradictions.suspects import line_up
 
 NOW_S = 50.0
@@ -230,3 +232,13 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
         for p in exposed
     ]
     assert not held or any(held)
+
+
+def test_a_remembered_observation_counts_once_also_after_a_gap():
+    record = Record(30.0)
+    wrong = Suspect(SuspectKind.OBSERVATION, 'a', 'b', (LinkKind.RANGE,), 100.0)
+    for stamp_s, in_window in ((101.0, [wrong]), (102.0, []), (103.0, [wrong])):
+        record.add(stamp_s, [], in_window)
+    assert [offender.count for offender in record.offenders()] == [1]
+    record.add(50.0, [], [])
+    assert record.offenders() == ()

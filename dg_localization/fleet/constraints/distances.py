@@ -87,7 +87,8 @@ def _in_plane(
     squared_m2: tuple[float, float], rise_m2: tuple[float, float]
 ) -> tuple[float, float]:
     """Return the squared distance between the projections of two points on the plane."""
-    if rise_m2[1] == 0.0:
+    # Bounds that contradict each other go on to do so.
+    if rise_m2[1] == 0.0 or squared_m2[0] > squared_m2[1]:
         return squared_m2
     s_upper_m2 = sum_up(squared_m2[1], -rise_m2[0])
     if s_upper_m2 < 0.0:
@@ -110,5 +111,7 @@ def _bounds_of_pairs(
         yield rows[first], rows[second], s_lower_m2, s_upper_m2
     separation_m2 = squared_distance(snapshot.config.min_separation_m, math.inf)
     if separation_m2[0] > 0.0:
-        for i, j in combinations(range(len(snapshot.config.robots)), 2):
-            yield i, j, *separation_m2
+        robots = snapshot.config.robots
+        for i, j in combinations(range(len(robots)), 2):
+            rise_m2 = squared_rise_m2(snapshot.config, robots[i], robots[j])
+            yield i, j, *_in_plane(separation_m2, rise_m2)

@@ -45,9 +45,10 @@ class Offender:
 
 
 class Record:
-    """The contradictions of the last time."""
+    """The contradictions of the last `RECORD_S`."""
 
-    def __init__(self) -> None:
+    def __init__(self, memory_s: float) -> None:
+        self._memory_s = memory_s
         self._entries: list[tuple[float, frozenset[Suspect]]] = []
         self._noted: frozenset[Suspect] = frozenset()
 
@@ -69,8 +70,11 @@ class Record:
         if self._entries and stamp_s < self._entries[-1][0]:
             # Time has jumped back: what was noted is of another time.
             self._entries.clear()
+            self._noted = frozenset()
         fresh = frozenset(in_window) - self._noted
-        self._noted = frozenset(in_window)
+        # They may be missing from an estimate in between that had no time to look for them.
+        oldest_s = stamp_s - max(RECORD_S, self._memory_s)
+        self._noted = frozenset(one for one in self._noted | fresh if one.stamp_s > oldest_s)
         suspected = frozenset(sensors) | {observation.sensor for observation in fresh}
         if suspected:
             self._entries.append((stamp_s, suspected))

@@ -82,8 +82,12 @@ class StuckWatch:
         motion = before.motion
         if motion in ('', UNKNOWN_MOTION):
             motion = self._motion(key, before.poses, poses)
-        # Odometry that came later counts from then on.
-        poses |= before.poses
+        # Odometry that came later, or started anew, counts from then on.
+        poses |= {
+            robot: pose
+            for robot, pose in before.poses.items()
+            if _is_same_frame(pose, poses.get(robot, pose))
+        }
         self._repetitions[key] = _Repetition(
             value, before.since_s, stamp_s, before.count + 1, poses, motion
         )
@@ -112,7 +116,8 @@ class StuckWatch:
         """Return which robot has moved in the meantime; empty where none is known to have."""
         movable = self._movable(key)
         for robot in movable:
-            if robot in before and robot in now:
+            known = robot in before and robot in now
+            if known and _is_same_frame(before[robot], now[robot]):
                 way_m = float(np.linalg.norm(now[robot].position_m - before[robot].position_m))
                 if way_m >= LEAST_WAY_M:
                     return f'while {robot} moved by {way_m:.1f} m'
@@ -123,6 +128,11 @@ class StuckWatch:
         if movable and not any(robot in now for robot in movable):
             return UNKNOWN_MOTION
         return ''
+
+
+def _is_same_frame(before: OdometryReading, now: OdometryReading) -> bool:
+    """Return whether odometry did not start anew between two readings."""
+    return (before.frame, before.restarted_s) == (now.frame, now.restarted_s)
 
 
 def _angle_rad(rotation: np.ndarray) -> float:
