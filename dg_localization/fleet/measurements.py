@@ -126,9 +126,10 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         ray = interpret_ray(ray_xyz, 3)
-        if not isinstance(ray, Rejection):
-            ray = self._in_body_frame(key.observer, ray)
-        direction = ray if isinstance(ray, Rejection) else interpret_ray(ray, config.dimension)
+        if isinstance(ray, Rejection):
+            return self._reject(key, ray)
+        ray = self._in_body_frame(key.observer, ray)
+        direction = interpret_ray(ray, config.dimension)
         if isinstance(direction, Rejection):
             return self._reject(key, direction)
         values = tuple(np.asarray(ray_xyz, dtype=float).reshape(-1).tolist())

@@ -296,7 +296,26 @@ def test_bounds_of_range_and_bearing_of_one_pair_are_gathered():
     assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
 
 
-def test_bounds_of_peers_are_those_of_all_targets_without_bounds_of_their_own():
+def test_links_that_measure_the_same_have_the_widest_of_their_bounds():
+    found = settings(
+        links=[
+            '/uwb_1/ab sensor_msgs/msg/Range a b max_error=1.5 expected_error=0.1',
+            '/uwb_2/ab sensor_msgs/msg/Range a b min_error=-0.4 sigma_factor=2.0',
+            '/cam_1/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.2',
+            '/cam_2/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.02',
+            '/cam_1/ac geometry_msgs/msg/Vector3Stamped a c half_width=0.02',
+            '/cam_2/ac geometry_msgs/msg/Vector3Stamped a c',
+        ],
+        **{'bearing.half_width': 0.3},
+    )
+    model = found.fleet.range_error_of('a', 'b')
+    assert (model.min_error_m, model.max_error_m, model.sigma_factor) == (-0.4, 1.5, 2.0)
+    assert model.expected_error_m is None
+    assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
+    assert found.fleet.bearing_half_width_of('a', 'c') == 0.3
+
+
+def test_bounds_of_peers_are_those_of_all_targets():
     found = settings(
         links=[
             '/uwb/ab sensor_msgs/msg/Range a b max_error=1.5',

@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import reduce
 import math
 from typing import Any
 
@@ -36,27 +37,68 @@ def range_error_from(values: Mapping[str, Any], **overrides: float) -> RangeErro
 def overrides_from(
     links: Iterable[Link], points: Iterable[str], values: Mapping[str, Any]
 ) -> tuple[LinkOverride, ...]:
-    """Gather the bounds of ranges and of bearings between the same two points."""
+    """
+    Gather the bounds of ranges and of bearings between the same two points.
+
+    Where several links measure the same, the widest of their bounds hold for all: a reading does
+    not tell which of them it came by.
+    """
     gathered: dict[tuple[str, str], LinkOverride] = {}
-    # A link to one point wins over that to all peers of its observer.
-    for link in sorted(links, key=lambda link: link.key.kind is not LinkKind.PEERS):
-        bounds: dict[str, Any] = {}
-        is_bearing = link.key.kind is LinkKind.BEARING
-        of_ranges = () if is_bearing else OVERRIDES[LinkKind.RANGE]
-        for name, field in BEARING_FIELDS.items():
-            if name in link.overrides and name not in of_ranges:
-                bounds[field] = link.overrides[name]
+    for link in links:
         try:
-            if of_range := {k: v for k, v in link.overrides.items() if k in of_ranges}:
-                bounds['range_error'] = range_error_from(values, **of_range)
-            for pair in _pairs(link, points) if bounds else ():
-                override = gathered.get(pair, LinkOverride(*pair))
-                gathered[pair] = replace(override, **bounds)
+            stated = _stated(link, values)
+            for pair in _pairs(link, points) if stated else ():
+                override = LinkOverride(*pair, **stated)
+                gathered[pair] = _widest(gathered.get(pair, override), override)
         except ValueError as error:
             raise WrongParameterError(
                 f"parameter 'links': the bounds of '{link.topic}' are not allowed: {error}"
             ) from None
     return tuple(gathered.values())
+
+
+def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the bounds of all that a link measures; of peers only those that it names."""
+    kind, stated = link.key.kind, {}
+    of_ranges = () if kind is LinkKind.BEARING else OVERRIDES[LinkKind.RANGE]
+    overrides = {name: value for name, value in link.overrides.items() if name in of_ranges}
+    if overrides or kind is LinkKind.RANGE:
+        stated['range_error'] = range_error_from(values, **overrides)
+    for name, field in BEARING_FIELDS.items():
+        if name not in of_ranges and (name in link.overrides or kind is LinkKind.BEARING):
+            stated[field] = link.overrides.get(name, values[f'bearing.{name}'])
+    return stated
+
+
+def _widest(first: LinkOverride, second: LinkOverride) -> LinkOverride:
+    """Return the bounds that hold for the readings of both."""
+    models = [one.range_error for one in (first, second) if one.range_error is not None]
+    half_widths = _known(first.bearing_half_width_rad, second.bearing_half_width_rad)
+    errors = _known(first.bearing_expected_error_rad, second.bearing_expected_error_rad)
+    return replace(
+        first,
+        range_error=None if not models else reduce(_widest_range, models),
+        bearing_half_width_rad=max(half_widths, default=None),
+        bearing_expected_error_rad=errors[0] if len(set(errors)) == 1 else None,
+    )
+
+
+def _known(*values: float | None) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _widest_range(first: RangeErrorModel, second: RangeErrorModel) -> RangeErrorModel:
+    """Return the bounds that hold for the ranges of both, for every reading."""
+    agree = first.expected_error_m == second.expected_error_m
+    return replace(
+        first,
+        min_error_m=min(first.min_error_m, second.min_error_m),
+        max_error_m=max(first.max_error_m, second.max_error_m),
+        min_error_relative=min(first.min_error_relative, second.min_error_relative),
+        max_error_relative=max(first.max_error_relative, second.max_error_relative),
+        sigma_factor=max(first.sigma_factor, second.sigma_factor),
+        expected_error_m=first.expected_error_m if agree else None,
+    )
 
 
 def _pairs(link: Link, points: Iterable[str]) -> Iterator[tuple[str, str]]:
