@@ -103,6 +103,9 @@ def camera_from_message(message: Any) -> CameraReading:
     """
     Read a `sensor_msgs/CameraInfo`: the matrix P, or K where P is left empty.
 
+    They are those of the full image; binning and the region of interest make them those of the
+    image that was sent.
+
     Raises
     ------
     ValueError
@@ -112,6 +115,10 @@ def camera_from_message(message: Any) -> CameraReading:
     fx, _, cx, _, _, fy, cy, *_ = message.p
     if fx == 0.0:
         fx, _, cx, _, fy, cy, *_ = message.k
+    # Zero is how messages say that pixels are not binned.
+    bin_x, bin_y = max(1, message.binning_x), max(1, message.binning_y)
+    fx, cx = fx / bin_x, (cx - message.roi.x_offset) / bin_x
+    fy, cy = fy / bin_y, (cy - message.roi.y_offset) / bin_y
     if not (0.0 < fx < math.inf and 0.0 < fy < math.inf and math.isfinite(cx + cy)):
         raise ValueError(
             f'focal lengths {fx}, {fy} and center {cx}, {cy} are not those of a camera that is '

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 import math
+import time
 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import Group, Placement
@@ -18,6 +20,9 @@ from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.result import Statistics, Verdict
 from dg_localization.solver.solve import solve
+
+LEAST_S = 1e-3
+"""A solve gets this much time even where those before it took all."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,18 @@ class Answer:
 
 CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, Statistics())
 NO_PLACE = Answer(Verdict.COVERED, (), 0, Statistics())
+
+
+def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions]:
+    """Yield the options of solves one after another, which together take the time of one."""
+    start_s = time.perf_counter()
+    for n_left in range(n_solves, 0, -1):
+        spent_s = time.perf_counter() - start_s
+        yield replace(
+            options,
+            max_seconds=max(LEAST_S, (options.max_seconds - spent_s) / n_left),
+            tighten_seconds=max(LEAST_S, (options.tighten_seconds - spent_s) / n_left),
+        )
 
 
 def answer(
@@ -87,8 +104,9 @@ def answer(
     statistics = Statistics()
     groups = []
     rigidity = NOT_RIGID
+    shares = shared_time(options, len(plans.others) + 1)
     for plan in plans.others:
-        found = _answer_group(snapshot, constraints, plan, options, dropped, cancel)
+        found = _answer_group(snapshot, constraints, plan, next(shares), dropped, cancel)
         statistics += found.statistics
         if found.verdict is Verdict.INFEASIBLE:
             return replace(CONTRADICTION, statistics=statistics)
@@ -97,7 +115,7 @@ def answer(
         rigidity += found.rigidity
     found = NO_PLACE
     if plans.main is not None:
-        found = _answer_group(snapshot, constraints, plans.main, options, dropped, cancel)
+        found = _answer_group(snapshot, constraints, plans.main, next(shares), dropped, cancel)
     statistics += found.statistics
     return replace(
         found,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, answer
+from dg_localization.fleet.answers import Answer, answer, shared_time
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.explanation import (
@@ -231,9 +231,12 @@ def _explained(
             conflicts,
         )
     else:
+        shares = shared_time(config.solver, len(corrections))
         answers = [
-            answer(snapshot, alternative, planned, config.solver, dropped, cancel)
-            for alternative, planned, dropped in zip(alternatives, plans, corrections, strict=True)
+            answer(snapshot, alternative, planned, options, dropped, cancel)
+            for alternative, planned, dropped, options in zip(
+                alternatives, plans, corrections, shares, strict=True
+            )
         ]
         union = _union(answers, statistics)
         estimate = _with_placements(snapshot, union, plans[0], conflicts)

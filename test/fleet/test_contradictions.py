@@ -11,6 +11,7 @@ import pytest
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RangeErrorModel
+from dg_localization.fleet.answers import LEAST_S, shared_time
 
 ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
 POSITIONS = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 4.0], [1.0, 5.0], [3.0, 8.0], [-2.0, 2.0]])
@@ -257,3 +258,16 @@ def test_one_wrong_range_never_costs_the_truth(seed, size):
     local = local @ np.array([[axis[0], -axis[1]], [axis[1], axis[0]]])
     assert holds(estimate, local)
     assert holds(estimate, local * [1.0, -1.0])
+
+
+def test_solves_one_after_another_take_the_time_of_one(monkeypatch):
+    clock = iter([10.0, 10.0, 10.7, 11.5])
+    monkeypatch.setattr('dg_localization.fleet.answers.time.perf_counter', lambda: next(clock))
+    options = SolverOptions(max_seconds=1.0, tighten_seconds=0.5)
+    shares = [(s.max_seconds, s.tighten_seconds) for s in shared_time(options, 3)]
+    least = pytest.approx(LEAST_S)
+    assert shares == [
+        (pytest.approx(1.0 / 3.0), pytest.approx(0.5 / 3.0)),
+        (pytest.approx(0.15), least),
+        (least, least),
+    ]

@@ -147,9 +147,16 @@ def test_pixel_is_a_ray_of_the_camera(pixel, ray):
     assert np.isnan(reading.ranges_m).all()
 
 
-def camera_info(p, k):
+def camera_info(p, k, binning=0, offset=(0, 0)):
     stamp = SimpleNamespace(sec=0, nanosec=0)
-    return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id='c'), p=p, k=k)
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp, frame_id='c'),
+        p=p,
+        k=k,
+        binning_x=binning,
+        binning_y=binning,
+        roi=SimpleNamespace(x_offset=offset[0], y_offset=offset[1]),
+    )
 
 
 K = [400.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
@@ -161,6 +168,13 @@ def test_matrix_of_the_rectified_image_comes_first():
     rectified = from_message(camera_info(P, K))
     assert (rectified.focal_px, rectified.center_px) == ((300.0, 350.0), (310.0, 230.0))
     assert from_message(camera_info([0.0] * 12, K)) == CAMERA
+
+
+def test_binned_and_cropped_images_see_the_same_rays():
+    from_message = adapter_for('sensor_msgs/msg/CameraInfo').from_message
+    full, part = from_message(camera_info(P, K)), from_message(camera_info(P, K, 2, (100, 40)))
+    pixels = np.array([[310.0, 230.0], [500.0, 100.0]])
+    assert part.rays((pixels - [100.0, 40.0]) / 2.0) == pytest.approx(full.rays(pixels))
 
 
 @pytest.mark.parametrize('focal', [0.0, -1.0, np.nan, np.inf])

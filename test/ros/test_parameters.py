@@ -168,6 +168,10 @@ def test_recording_has_six_links_and_no_templates():
         ('odometry.topic', '/{robot!r}/odom', 'it must hold {robot} once, nothing else'),
         ('range.topic', '/a b/{observer}/{target}', "'/a b/name/name' is no topic name"),
         ('bearing.topic', '/{observer}/range/{target}', 'topics of its own'),
+        ('anchors.names', ['p', 'p'], "'p' is not allowed twice"),
+        ('mounts.names', ['a/left cam'], "'left cam' is not allowed"),
+        ('mounts.names', ['a/left', 'a/left'], "'a/left' is not allowed twice"),
+        ('links', ['/t sensor_msgs/msg/Range a b max_error=inf'], 'must end in a finite number'),
         ('odometry.topic', '/{target}/odom', 'it must hold {robot}'),
         ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),
         ('links', ['/t sensor_msgs/msg/Range a b', '/t sensor_msgs/msg/Range b a'], 'twice'),
@@ -176,12 +180,12 @@ def test_recording_has_six_links_and_no_templates():
         ('peers.topic', '/{observer}/{target}', 'it must hold {observer} once'),
         ('links', ['/t sensor_msgs/msg/PointCloud2 a b'], 'takes no target'),
         ('links', ['/t sensor_msgs/msg/PointCloud2 a x=1'], 'half_width, roll, pitch, yaw'),
-        ('links', ['/t sensor_msgs/msg/PointCloud2 a yaw=nan'], 'must end in a number'),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 a yaw=nan'], 'must end in a finite number'),
         ('links', ['/t nav_msgs/msg/Odometry a yaw=1'], 'an odometry link allows nothing'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
         ('links', ['/t gps_msgs/msg/Fix a b'], "type 'gps_msgs/msg/Fix' is no input; .*Range"),
         ('links', ['/t sensor_msgs/msg/Range a b max_eror=1'], "'max_eror' cannot"),
-        ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a number'),
+        ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a finite number'),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=-9'], "'links': .*'/t' .*min_error_m"),
         ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
         ('solver.resolution', 0.0, "'solver.resolution': 0.0 is not allowed"),
@@ -396,3 +400,10 @@ def test_sensors_on_robots_and_elevations_reach_the_fleet():
 def test_wrong_mount_is_refused(given, message):
     with pytest.raises(WrongParameterError, match=re.escape(message)):
         settings(**given)
+
+
+def test_a_template_under_which_two_pairs_have_one_topic_is_refused():
+    wanted = "'/a_b_c' is that of a and b_c, and of a_b and c"
+    with pytest.raises(WrongParameterError, match=wanted):
+        settings(robots=['a', 'a_b', 'b_c', 'c'], **{'range.topic': '/{observer}_{target}'})
+    settings(robots=['a', 'a_b', 'b_c', 'c'], **{'range.topic': '/{observer}/{target}'})

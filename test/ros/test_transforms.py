@@ -164,6 +164,14 @@ def test_odometry_of_one_pose_with_gaps_or_from_before_is_not_guessed():
     assert odometry_of((1.0, 0.0, 0.0, 0.0), (1.1, 0.0, 0.0, 0.0)).at(0.9) is None
 
 
+def test_nothing_lies_between_poses_in_different_frames():
+    poses = odometry_of((1.0, 10.0, 0.0, 0.0), (1.1, 10.0, 0.0, 0.0))
+    poses.keep(reading(0.0, 0.0, 0.0, frame_id='a/odom2'), 1.2)
+    assert poses.at(1.15) is None
+    poses.keep(reading(1.0, 0.0, 0.0, frame_id='a/odom2'), 1.3)
+    assert poses.at(1.25).position_m == pytest.approx([0.5, 0.0, 0.0])
+
+
 def test_odometry_of_days_takes_no_more_memory():
     poses = OdometryPoses()
     for number in range(2 * MOST_POSES):

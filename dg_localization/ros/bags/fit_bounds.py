@@ -33,7 +33,7 @@ from dg_localization.ros.bags.samples import (
     find_truth,
     read_truth_file,
 )
-from dg_localization.ros.executables import EXIT_FAILED, UsageError
+from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import make_progress, number, print_line, print_result
 
@@ -226,6 +226,12 @@ def main(args: Sequence[str]) -> int:
     if options.bias and options.bias[0] > options.bias[1]:
         raise UsageError(f'--bias: {options.bias[0]:g} is above {options.bias[1]:g}')
     task = read_task(options.params, args)
+    if task.settings.fleet.elevations_m:
+        raise ExecutableError(
+            'elevations: fit_bounds compares ranges with distances in the plane; where points are '
+            'at different elevations it would learn these as errors. Leave out elevations.* and '
+            'the points above or below the others.'
+        )
     with contents_of(options.bag) as contents:
         samples, inputs, damage = collect(options, task, contents)
         text = as_yaml(fit(options, task, samples), inputs.links, options.bag.resolve().name)

@@ -6,6 +6,8 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import wrap
 
+import numpy as np
+
 from dg_localization.fleet import LinkKind
 from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
 from dg_localization.ros.interface.links import OVERRIDES, Link
@@ -109,5 +111,5 @@ def _is_learned(fit: Fit, kind: LinkKind, name: str) -> bool:
 
 
 def _number(value: float) -> str:
-    """Return a number that YAML reads as one with a fraction."""
-    return f'{value:.6f}'.rstrip('0') + ('0' if f'{value:.6f}'.rstrip('0').endswith('.') else '')
+    """Return a number that YAML reads as one with a fraction, and as the same."""
+    return np.format_float_positional(value, trim='0')

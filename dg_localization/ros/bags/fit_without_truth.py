@@ -175,6 +175,9 @@ def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
     sides: dict[frozenset[str], list[tuple[float, float, float]]] = defaultdict(list)
     for key, rows in samples.ranges.items():
         model = fleet.range_error_of(key.observer, key.target)
+        if model.sigma_factor > 0.0:
+            # The bounds depend on the variance of each reading, which is not gathered.
+            continue
         sides[frozenset((key.observer, key.target))] += [
             (stamp_s, *distance_bounds_m(model, range_m)) for stamp_s, range_m in rows
         ]

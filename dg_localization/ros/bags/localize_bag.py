@@ -41,7 +41,7 @@ from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage,
 from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
 from dg_localization.ros.bags.watch import TickWatch
 from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
-from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED
+from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import make_progress, number, print_line, print_result
@@ -327,10 +327,14 @@ def _shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[
 def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     """Localize several bags, print and write what came of all; return the exit code."""
     shared = _shared_arguments(options, args)
-    outcomes = localize_many(options.bags, options.output, shared, options.jobs, options.scheduler)
-    if options.report is not None:
-        text = MANY_REPORTS[options.report.suffix](outcomes)
-        options.report.write_text(text, encoding='utf-8')
+    bags, output = options.bags, options.output
+    try:
+        outcomes = localize_many(bags, output, shared, options.jobs, options.scheduler)
+        if options.report is not None:
+            text = MANY_REPORTS[options.report.suffix](outcomes)
+            options.report.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise ExecutableError(str(error)) from error
     print_result(many_as_markdown(outcomes))
     return max(outcome.exit_code for outcome in outcomes)
 

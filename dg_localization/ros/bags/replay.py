@@ -214,6 +214,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
             print_line(f'{count} messages published')
             for topic, unreadable in sorted(bag.unreadable.items()):
                 print_line(f'{topic}: {unreadable} damaged messages were passed over')
+            bag.unreadable.clear()
             if not options.loop:
                 return
 

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import permutations
 import math
 import re
 from string import Formatter
@@ -37,6 +38,9 @@ KIND_OF_VALUE = {
     PixelReading: LinkKind.PEERS,
     CameraReading: LinkKind.CAMERA,
 }
+
+# Their messages never say who measured.
+NAMELESS = {PixelReading}
 
 # Stands for the observer in a link whose messages say who measured.
 ANY_OBSERVER = '*'
@@ -151,6 +155,10 @@ def parse_link(text: str) -> Link:
         raise ValueError(f'a link of type {type_name} {wanted}')
     if observer == ANY_OBSERVER and kind is not LinkKind.PEERS:
         raise ValueError(f'a link of type {type_name} needs the name of its observer')
+    if observer == ANY_OBSERVER and adapter_for(type_name).value_class in NAMELESS:
+        raise ValueError(
+            f'messages of type {type_name} do not say who measured; name the observer'
+        )
     if observer == target:
         raise ValueError(f"'{observer}' cannot measure itself; name two different points")
     check_topic(topic)
@@ -183,7 +191,7 @@ def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"'{word}' must end in a number")
+        raise ValueError(f"'{word}' must end in a finite number")
     return name, value
 
 
@@ -235,6 +243,33 @@ class Template:
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
             raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
         check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
+
+    def check_names(self, points: Iterable[str]) -> None:
+        """
+        Check that each topic has one meaning.
+
+        Parameters
+        ----------
+        points : iterable of str
+            Robots, anchors and sensors.
+
+        Raises
+        ------
+        ValueError
+            If two pairs of points have the same topic.
+
+        """
+        if not self.text or 'target' not in self.fields:
+            return
+        ends_of: dict[str, tuple[str, str]] = {}
+        for observer, target in permutations(points, 2):
+            topic = self.text.format(observer=observer, target=target)
+            first = ends_of.setdefault(topic, (observer, target))
+            if first != (observer, target):
+                raise ValueError(
+                    f"'{topic}' is that of {first[0]} and {first[1]}, and of {observer} and "
+                    f'{target}: the names must be told apart, by a / between them for example'
+                )
 
     def resolved(self, resolve: Callable[[str], str]) -> 'Template':
         """

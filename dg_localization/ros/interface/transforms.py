@@ -84,10 +84,15 @@ class OdometryPoses:
 
     def keep(self, reading: OdometryReading, stamp_s: float) -> None:
         """Take one pose, newer than those before."""
+        frames = reading.frame_id, reading.child_frame_id
+        if frames != (self.frame_id, self.child_frame_id):
+            # Poses in different frames have nothing between them.
+            self._stamps_s.clear()
+            self._poses.clear()
+        self.frame_id, self.child_frame_id = frames
         xyzw = reading.orientation_xyzw / np.linalg.norm(reading.orientation_xyzw)
         self._stamps_s.append(stamp_s)
         self._poses.append(RigidPose(reading.position_xyz, xyzw))
-        self.frame_id, self.child_frame_id = reading.frame_id, reading.child_frame_id
 
     def at(self, stamp_s: float) -> RigidPose | None:
         """Return the pose at a time; None where odometry does not reach to it."""

@@ -3,6 +3,7 @@
 
 """The settings that the parameters stand for: checked one by one, then together."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -197,6 +198,14 @@ def settings_from(
     """
     for name in ('robots', 'anchors.names'):
         _check_names(name, values[name])
+    for name in values['mounts.names']:
+        _check_names('mounts.names', name.split('/'))
+    for parameter in ('anchors.names', 'mounts.names'):
+        for name, count in Counter(values[parameter]).items():
+            if count > 1:
+                raise WrongParameterError(
+                    f"parameter '{parameter}': '{name}' is not allowed twice, name it once"
+                )
     _import_adapters(values['adapter_modules'])
     explicit = _parse_links(values['links'], resolve)
     try:
@@ -208,7 +217,7 @@ def settings_from(
     return Settings(
         fleet=fleet,
         links=explicit,
-        templates=_templates(values, resolve),
+        templates=_templates(values, resolve, fleet.points),
         fixed_frame=values['fixed_frame'],
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
@@ -268,13 +277,16 @@ def _parse_ids(texts: Iterable[str], points: Sequence[str]) -> dict[str, str]:
     return ids
 
 
-def _templates(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Template, ...]:
+def _templates(
+    values: Mapping[str, Any], resolve: Callable[[str], str], points: Sequence[str]
+) -> tuple[Template, ...]:
     templates: dict[str, Template] = {}
     for name, type_name in TEMPLATE_TYPES.items():
         template = Template(values[name], type_name)
         try:
             template.check()
             template = template.resolved(resolve)
+            template.check_names(points)
             if template.text in templates:
                 raise ValueError('each kind of measurement needs topics of its own')
         except ValueError as error:
