@@ -207,8 +207,8 @@ RANGES = Section(
             'likeliest error, for the published point',
             'm',
             may_be_nan=True,
-            details='Where it is not known, .nan, it is taken halfway between the least error in '
-            'size and the middle of the bounds.',
+            details='Where it is not known, .nan, it is the mean of two errors: the one nearest '
+            'to zero that the bounds allow, and the middle of the bounds.',
         ),
     ),
 )
