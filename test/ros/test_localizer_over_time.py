@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A fleet of ranges and odometry only, over DDS: it ends with one hypothesis and headings."""
+"""Ranges and odometry only, over DDS: they end with one hypothesis and headings."""
 
 from itertools import combinations
 import math
@@ -121,3 +121,90 @@ def test_robots_that_move_end_with_one_hypothesis_and_headings(bench, make_node)
         z, w = pose.orientation_xyzw[2:]
         turn = math.remainder(2.0 * math.atan2(z, w) - yaws[row], 2.0 * math.pi)
         assert abs(turn) <= half_widths[5] + 1e-6
+
+
+ANCHORS_M = {
+    'a': [0.0, 0.0, 0.0],
+    'b': [8.0, 0.0, 3.0],
+    'c': [8.0, 8.0, 0.0],
+    'd': [0.0, 8.0, 3.0],
+}
+
+
+class Flying:
+    """A robot that flies in circles, and measures one anchor at a time."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.now_s = 1000.0
+        self.steps = 0
+        self.sent_at_s = -math.inf
+
+    def pose(self, time_s):
+        """Return position, yaw, pitch and roll."""
+        angle = 0.4 * time_s
+        place = [
+            4.0 + 2.0 * math.cos(angle),
+            4.0 + 2.0 * math.sin(angle),
+            1.5 + 0.5 * math.sin(angle),
+        ]
+        return np.array(place), angle + 0.5 * math.pi, 0.1 * math.sin(angle), 0.2
+
+    def send(self):
+        if time.monotonic() < self.sent_at_s + 0.05:
+            return
+        self.sent_at_s = time.monotonic()
+        self.now_s += STEP_S
+        self.steps += 1
+        self.bench.send_clock(self.now_s)
+        place, *angles = self.pose(self.now_s)
+        reading = OdometryReading(self.now_s, place - 4.0, quaternion_of(*angles))
+        self.bench.publisher(Odometry, '/robot_1/odom').publish(odometry_to_message(reading))
+        anchor = sorted(ANCHORS_M)[self.steps % len(ANCHORS_M)]
+        range_m = float(np.linalg.norm(place - ANCHORS_M[anchor]))
+        self.bench.send_range('robot_1', anchor, range_m, stamp_s=self.now_s)
+
+
+def quaternion_of(yaw, pitch, roll):
+    c, s = np.cos(0.5 * np.array([yaw, pitch, roll])), np.sin(0.5 * np.array([yaw, pitch, roll]))
+    x = s[2] * c[1] * c[0] - c[2] * s[1] * s[0]
+    y = c[2] * s[1] * c[0] + s[2] * c[1] * s[0]
+    z = c[2] * c[1] * s[0] - s[2] * s[1] * c[0]
+    return np.array([x, y, z, c[2] * c[1] * c[0] + s[2] * s[1] * s[0]])
+
+
+def test_a_robot_that_flies_among_anchors_is_placed_and_has_an_orientation(bench, make_node):
+    """Each moment has one range or two: all that is known comes from what is remembered."""
+    make_node(
+        robots=['robot_1'],
+        dimension=3,
+        use_sim_time=True,
+        max_future=0.5,
+        max_age=0.3,
+        max_turn_rate=2.0,
+        max_speed=2.0,
+        memory__max_seconds=1.0,
+        range__min_error_relative=-0.01,
+        range__max_error_relative=0.01,
+        odometry__tilt=0.02,
+        anchors__names=list(ANCHORS_M),
+        **{f'anchors__{name}__position': place for name, place in ANCHORS_M.items()},
+    )
+    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', DEADLINE_S)
+    flier = Flying(bench)
+    bench.sending = [flier.send]
+
+    def oriented():
+        heard = bench.heard.poses['robot_1']
+        if not heard:
+            return None
+        pose = pose_from_message(heard[-1])
+        half_widths = np.sqrt(np.diag(pose.covariance))
+        return pose if np.all(half_widths[:3] < 1.5) and np.all(half_widths[3:] < 1.0) else None
+
+    pose = bench.until(oriented, 'a pose that is known', DEADLINE_S)
+    place, *angles = flier.pose(pose.stamp_s)
+    half_widths = np.sqrt(np.diag(pose.covariance))
+    assert np.all(np.abs(pose.position_xyz - place) <= half_widths[:3] + 1e-6)
+    angle = 2.0 * math.acos(min(1.0, abs(pose.orientation_xyzw @ quaternion_of(*angles))))
+    assert angle <= half_widths[5] + 1e-6
