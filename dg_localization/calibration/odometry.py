@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.calibration.bounds import Choice, n_kept
+from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept
 from dg_localization.calibration.truth import TrueTrack
 
 FloatArray = NDArray[np.float64]
@@ -147,7 +147,8 @@ def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float
     constants = [max(0.0, np.partition(error - s * way, kept - 1)[kept - 1]) for s in slopes]
     best = int(np.argmin(np.array(constants) + slopes * np.mean(way)))
     widened = 1.0 + choice.margin
-    constant, slope = np.ceil(np.array([constants[best], slopes[best]]) * widened * 1e4) / 1e4
+    scale = 10.0**DECIMALS
+    constant, slope = np.ceil(np.array([constants[best], slopes[best]]) * widened * scale) / scale
     return float(constant), float(slope)
 
 

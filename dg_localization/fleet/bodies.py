@@ -65,7 +65,7 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     return AnchorGeometry(
         boxes=boxes,
         distances=tuple(
-            (a, b, *_squared_distance(centers[a] - centers[b], bounds_m[a], bounds_m[b]))
+            (a, b, *bounded_squared_distance(centers[a] - centers[b], bounds_m[a], bounds_m[b]))
             for a, b in combinations(boxes, 2)
         ),
         chiralities=_chiralities(boxes, config.dimension),
@@ -73,10 +73,10 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     )
 
 
-def _squared_distance(
+def bounded_squared_distance(
     difference: Interval, first_bound_m: float, second_bound_m: float
 ) -> tuple[float, float]:
-    """Return bounds in m^2 of the squared distance of two anchors from that of their centers."""
+    """Return bounds in m^2 of the squared distance of two points within bounds of two centers."""
     squared = squared_norm(difference)
     if first_bound_m == second_bound_m == 0.0:
         return max(0.0, float(squared.lower)), float(squared.upper)

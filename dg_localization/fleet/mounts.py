@@ -18,17 +18,16 @@ from itertools import combinations
 
 import numpy as np
 
+from dg_localization.fleet.bodies import bounded_squared_distance
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.sensors import Mount
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.angles import angle_up, arcsine_up
-from dg_localization.interval.arrays import Interval, squared_norm
+from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import (
     quotient_up,
     sqrt_down,
     sqrt_up,
-    squared_distance,
-    sum_down,
     sum_up,
 )
 
@@ -80,7 +79,9 @@ def mount_geometry(config: FleetConfig) -> MountGeometry:
     for points in members.values():
         for first, second in combinations(points, 2):
             pair = config.sensors.get(first, origin), config.sensors.get(second, origin)
-            s_lower_m2, s_upper_m2 = _squared_distance(*pair)
+            places = [Interval.point(mount.position_m) for mount in pair]
+            bounds_m = [mount.bound_m for mount in pair]
+            s_lower_m2, s_upper_m2 = bounded_squared_distance(places[0] - places[1], *bounds_m)
             distances.append((first, second, s_lower_m2, s_upper_m2))
             if first == points[0]:
                 reach_m[second] = sqrt_up(s_upper_m2)
@@ -94,18 +95,6 @@ def mount_geometry(config: FleetConfig) -> MountGeometry:
         {observer: tuple(known) for observer, known in rays.items()},
         {point: _in_space(mount.position_m) for point, mount in config.sensors.items()},
         reach_m,
-    )
-
-
-def _squared_distance(first: Mount, second: Mount) -> tuple[float, float]:
-    """Return bounds in m^2 of the squared distance of two sensors of one robot."""
-    squared = squared_norm(Interval.point(first.position_m) - Interval.point(second.position_m))
-    lower_m2, upper_m2 = max(0.0, float(squared.lower)), float(squared.upper)
-    if first.bound_m == second.bound_m == 0.0:
-        return lower_m2, upper_m2
-    return squared_distance(
-        sum_down(sqrt_down(lower_m2), -first.bound_m, -second.bound_m),
-        sum_up(sqrt_up(upper_m2), first.bound_m, second.bound_m),
     )
 
 

@@ -136,7 +136,7 @@ def _plans_from_reference(
     Returns
     -------
     list of FramePlan
-        None when no robot is connected to any other point.
+        Empty when no robot is connected to any other point.
     str
         A sentence on why it is not the frame of the reference robot; empty if it is.
 
