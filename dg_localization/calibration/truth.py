@@ -6,6 +6,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.fleet.rotations import rotation_of_quaternion
+
 FloatArray = NDArray[np.float64]
 
 MOST_GAP_S = 1.0
@@ -58,13 +60,8 @@ class TrueTrack:
     def rotations_at(self, times_s: ArrayLike) -> FloatArray:
         """Return the rotations from body to world, shape (m, 3, 3), NaN where not known."""
         quaternions = self._between(self._quaternions, np.asarray(times_s, dtype=float))
-        x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-        rows = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-        return np.moveaxis(np.array(rows), -1, 0)
+        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+        return rotation_of_quaternion(quaternions / lengths)
 
     def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
         """Interpolate between the two samples around each time."""

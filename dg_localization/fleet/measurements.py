@@ -30,8 +30,8 @@ from dg_localization.fleet.error_models import (
     likeliest_distance_m,
     projected_half_width_rad,
 )
-from dg_localization.fleet.motion import OdometryTrack, rotation_of_quaternion
-from dg_localization.fleet.odometry import level_rotations
+from dg_localization.fleet.motion import OdometryTrack
+from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
     InputState,
@@ -161,9 +161,6 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
-        if self._config.dimension == 2:
-            # A ray in the plane turns with the heading; roll and pitch would bend it.
-            rotation = level_rotations(rotation[None])[0]
         self._track(key.observer).append(OdometryReading(stamp_s, position, rotation, frame))
         self._input(key).count_accepted(stamp_s)
         return None

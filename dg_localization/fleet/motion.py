@@ -13,35 +13,11 @@ import math
 import numpy as np
 
 from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
 from dg_localization.interval.rounding import step_up
-
-
-def rotation_of_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix of a unit quaternion."""
-    x, y, z, w = quaternion_xyzw
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def rotation_angle_rad(rotation: np.ndarray) -> float:
-    """Return the angle of a rotation matrix, in [0, pi]."""
-    axis = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
-
 
 ROUNDING = 1.0 + 1e-9
 """A robot at its limits is not a restart of its odometry."""
@@ -135,6 +111,8 @@ class Motion:
         Of odometry, along the path of its samples.
     odometry : mapping of str to tuple of OdometryReading
         By robot, oldest first.
+    in_plane : bool
+        Whether turns are those of the heading alone.
 
     """
 
@@ -142,6 +120,7 @@ class Motion:
     max_turn_rate_rad_s: float
     error: OdometryErrorModel
     odometry: Mapping[str, tuple[OdometryReading, ...]]
+    in_plane: bool = False
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of how far `point` moved between two times."""
@@ -187,7 +166,11 @@ class Motion:
                 sum_up(error_rad, 2.0 * self.error.tilt_rad, product_up(rate_rad_s, beyond_s))
             )
             if error_rad < by_rate_rad:
-                return end.rotation.T @ start.rotation, error_rad
+                before, after = start.rotation, end.rotation
+                if self.in_plane:
+                    # A ray in the plane turns with the heading; roll and pitch would bend it.
+                    before, after = level_rotations(np.array([before, after]))
+                return after.T @ before, error_rad
         return np.eye(3), by_rate_rad
 
     def turn_up_rad(self, point: str, first_s: float, second_s: float) -> float:

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.checks import require_number
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
+from dg_localization.fleet.rotations import level_rotations, rotations_about_z
 from dg_localization.interval.angles import angle_up, chord_up, cosine
 from dg_localization.interval.arrays import Interval, up
 from dg_localization.interval.bounds import elapsed_up
@@ -333,24 +334,12 @@ class OdometryPath:
         yaws = self._yaws_rad[near.index]
         moved_rad = up(near.steepness * near.rotation_rad)
         errors_rad = angle_up(up(moved_rad + self._error.tilt_rad))
-        return _turns(-yaws) @ self._rotations[near.index], np.minimum(errors_rad, math.pi)
+        return rotations_about_z(-yaws) @ self._rotations[near.index], np.minimum(
+            errors_rad, math.pi
+        )
 
     def _ball(self, radius_m: np.ndarray) -> Interval:
         """Return the boxes around balls, flat in the plane, shape (m, 3)."""
         flat = np.array([1.0, 1.0, 0.0 if self._level else 1.0])
         half = np.where(flat > 0.0, radius_m[:, None], 0.0)
         return Interval(-half, half)
-
-
-def level_rotations(rotations: np.ndarray) -> np.ndarray:
-    """Return rotations without roll and pitch, shape (n, 3, 3)."""
-    return _turns(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
-
-
-def _turns(yaws_rad: np.ndarray) -> np.ndarray:
-    """Return rotations about the upright axis, shape (n, 3, 3)."""
-    turns = np.zeros((len(yaws_rad), 3, 3))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(yaws_rad)
-    turns[:, 1, 0], turns[:, 0, 1] = np.sin(yaws_rad), -np.sin(yaws_rad)
-    turns[:, 2, 2] = 1.0
-    return turns

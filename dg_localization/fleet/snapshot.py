@@ -105,6 +105,7 @@ def take_snapshot(
         odometry={
             point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
         },
+        in_plane=config.dimension == 2,
     )
 
     @cache

@@ -16,7 +16,7 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.frames.headings import quaternion_of
+from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternion
 
 ANCHORS_M = [(0.0, 0.0, 0.0), (10.0, 0.0, 3.0), (10.0, 10.0, 0.0), (0.0, 10.0, 2.5)]
 TICK_S = 0.1
@@ -177,14 +177,7 @@ class Flight:
             return False
         if not placement.heading_known[row]:
             return True
-        x, y, z, w = placement.orientations_xyzw[row]
-        stated = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        stated = rotation_of_quaternion(placement.orientations_xyzw[row])
         off_rad = angle_rad(stated.T @ attitude(*angles))
         return off_rad <= placement.heading_half_width_rad[row] + 1e-6
 

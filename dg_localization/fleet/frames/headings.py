@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.directions import angles_rad, best_rotation, unit_vectors
+from dg_localization.fleet.rotations import quaternion_of
 from dg_localization.fleet.vocabulary import RayReading
 from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
 from dg_localization.interval.arrays import Interval, up
@@ -213,28 +214,3 @@ def _spatial_heading(sights: _Sights) -> Heading | None:
     if least >= 1.0:
         return None
     return Heading(quaternion_of(rotation), angle_up(2.0 * arcsine_up(least)))
-
-
-def quaternion_of(rotation: FloatArray) -> FloatArray:
-    """Return the unit quaternion xyzw of a rotation matrix."""
-    m = rotation
-    squares = np.array(
-        [
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-        ]
-    )
-    x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    columns = np.array(
-        [
-            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], x],
-            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], y],
-            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], z],
-            [x, y, z, squares[3]],
-        ]
-    )
-    best = columns[int(np.argmax(squares))]
-    quaternion = best / np.linalg.norm(best)
-    return np.asarray(quaternion if quaternion[3] >= 0.0 else -quaternion)

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
-from dg_localization.fleet.frames.headings import quaternion_of
-from dg_localization.fleet.motion import rotation_of_quaternion
+from dg_localization.fleet.rotations import level_rotations, quaternion_of, rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up, chord_up, rotation_2d
@@ -96,15 +95,15 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
     if np.abs(last.position_m).max() > FARTHEST_M:
         return None
     turn, error_rad = snapshot.motion.turn(robot, last.stamp_s, now_s)
-    rotation = last.rotation @ turn.T
+    rotation = last.rotation
     if config.dimension == 2:
         if rotation[2, 2] < math.cos(MOST_TILT_RAD):
             return None
-        rotation = _about_z(math.atan2(rotation[1, 0], rotation[0, 0]))
+        rotation = level_rotations(rotation[None])[0]
     return BodyPose(
         _frame_of(robot, last),
         last.position_m[: config.dimension],
-        rotation,
+        rotation @ turn.T,
         snapshot.motion.displacement_m(robot, last.stamp_s, now_s),
         error_rad,
     )
@@ -183,12 +182,6 @@ def in_odometry_frame(
 
 def _frame_of(robot: str, reading: OdometryReading) -> FixedFrame:
     return FixedFrame(FrameKind.ODOMETRY, (robot,), reading.frame, reading.restarted_s)
-
-
-def _about_z(yaw_rad: float) -> FloatArray:
-    """Return the rotation about the vertical axis."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _moved(boxes_m: FloatArray, pose: BodyPose, turn: FrameTurn) -> FloatArray:

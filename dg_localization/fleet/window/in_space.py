@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from dg_localization.fleet.estimate import FrameKind, Placement
-from dg_localization.fleet.frames.headings import quaternion_of
+from dg_localization.fleet.rotations import quaternion_of
 from dg_localization.fleet.window.carry import WORLD, Tilt
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
 from dg_localization.fleet.window.shape_headings import (

@@ -21,7 +21,7 @@ from dg_localization.calibration.odometry import (
     odometry_windows,
 )
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet.motion import rotation_of_quaternion
+from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, compared_rays
 from dg_localization.ros.bags.fitted import (
     EVERYTHING,
@@ -122,7 +122,7 @@ def _add_odometry(
     for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
         rows = samples.odometry[robot]
         stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
-        rotations = np.array([rotation_of_quaternion(turn) for turn in turns])
+        rotations = rotation_of_quaternion(turns)
         increasing = np.concatenate([[True], np.diff(np.maximum.accumulate(stamps)) > 0.0])
         windows = odometry_windows(
             stamps[increasing], positions[increasing], rotations[increasing], tracks[robot]

@@ -16,6 +16,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from dg_localization.fleet import LinkKey, LinkKind
+from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
 from msg_adapters import (
     BearingReading,
     CameraReading,
@@ -106,19 +107,8 @@ class Link:
         roll_rad, pitch_rad, yaw_rad = (self.overrides.get(name, 0.0) for name in TURNS)
         if not (roll_rad or pitch_rad or yaw_rad):
             return rays_xyz
-        return rays_xyz @ _rotation(roll_rad, pitch_rad, yaw_rad).T
-
-
-def _rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> NDArray[np.float64]:
-    """Return the rotation by roll about x, then pitch about y, then yaw about z, as in URDF."""
-    (cr, cp, cy), (sr, sp, sy) = (
-        function([roll_rad, pitch_rad, yaw_rad]) for function in (np.cos, np.sin)
-    )
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-    rotation: NDArray[np.float64] = about_z @ about_y @ about_x
-    return rotation
+        turn = rotation_of_quaternion(quaternion_of_euler(roll_rad, pitch_rad, yaw_rad))
+        return rays_xyz @ turn.T
 
 
 def parse_link(text: str) -> Link:

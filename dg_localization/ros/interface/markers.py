@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, LinkState, Placement
+from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.interface.poses import in_space
 from msg_adapters import Marker, MarkerScene, Shape
 
@@ -118,17 +119,14 @@ def _headings(estimate: Estimate) -> Marker:
     groups = []
     for number, placement in enumerate(_drawn(estimate)):
         starts = in_space(placement.positions_m)
-        ends = starts + HEADING_LENGTH_M * _forward(placement.orientations_xyzw)
+        ends = (
+            starts
+            + HEADING_LENGTH_M * rotation_of_quaternion(placement.orientations_xyzw)[:, :, 0]
+        )
         segments = np.stack([starts, ends], axis=1)
         is_known = placement.heading_known & np.isfinite(segments).all(axis=(1, 2))
         groups.append((segments[is_known], _color(number)))
     return _marker('headings', Shape.LINE_LIST, groups, 2.0 * LINE_WIDTH_M)
-
-
-def _forward(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the body's x axis in the fixed frame for each unit quaternion, shape (n, 3)."""
-    x, y, z, w = xyzw.T
-    return np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
 
 
 def _enclosures(estimate: Estimate) -> Marker:

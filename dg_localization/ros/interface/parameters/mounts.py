@@ -4,10 +4,10 @@
 """The parameters of sensors at known places on robots, and of elevations."""
 
 from collections.abc import Iterator, Mapping
-import math
 from typing import Any
 
 from dg_localization.fleet import Mount
+from dg_localization.fleet.rotations import quaternion_of_euler
 from dg_localization.ros.interface.parameters.spec import (
     DOUBLE,
     DOUBLES,
@@ -101,7 +101,7 @@ def mounts_from(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
         mounts.setdefault(robot, {})[name] = Mount(
             tuple(values[f'{prefix}.position']),
             values[f'{prefix}.bound'],
-            quaternion_xyzw(*rotation_rad),
+            quaternion_of_euler(*rotation_rad),
         )
     return mounts
 
@@ -112,16 +112,3 @@ def elevations_from(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
         name: tuple(values[f'elevations.{name.replace("/", ".")}'])
         for name in values['elevations.names']
     }
-
-
-def quaternion_xyzw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, ...]:
-    """Return the rotation about the fixed axes x, y and z, in this order."""
-    (sr, cr), (sp, cp), (sy, cy) = (
-        (math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in (roll_rad, pitch_rad, yaw_rad)
-    )
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )

@@ -1,0 +1,99 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Rotations as matrices, unit quaternions (x, y, z, w), and angles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def rotation_of_quaternion(quaternion_xyzw: ArrayLike) -> FloatArray:
+    """
+    Return the rotation matrices of unit quaternions.
+
+    Parameters
+    ----------
+    quaternion_xyzw : array_like, shape (..., 4)
+
+    Returns
+    -------
+    numpy.ndarray, shape (..., 3, 3)
+
+    """
+    x, y, z, w = np.moveaxis(np.asarray(quaternion_xyzw, dtype=float), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def rotation_angle_rad(rotation: np.ndarray) -> float:
+    """Return the angle of a rotation matrix, in [0, pi]."""
+    axis = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
+
+
+def quaternion_of(rotation: FloatArray) -> FloatArray:
+    """Return the unit quaternion xyzw of a rotation matrix."""
+    m = rotation
+    squares = np.array(
+        [
+            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    columns = np.array(
+        [
+            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], x],
+            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], y],
+            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], z],
+            [x, y, z, squares[3]],
+        ]
+    )
+    best = columns[int(np.argmax(squares))]
+    quaternion = best / np.linalg.norm(best)
+    return np.asarray(quaternion if quaternion[3] >= 0.0 else -quaternion)
+
+
+def quaternion_of_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, ...]:
+    """Return the quaternion of a rotation about the fixed axes x, y and z, in this order."""
+    (sr, cr), (sp, cp), (sy, cy) = (
+        (math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in (roll_rad, pitch_rad, yaw_rad)
+    )
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def level_rotations(rotations: FloatArray) -> FloatArray:
+    """Return rotations without roll and pitch, shape (n, 3, 3)."""
+    return rotations_about_z(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
+
+
+def rotations_about_z(yaws_rad: FloatArray) -> FloatArray:
+    """Return rotations about the upright axis, shape (n, 3, 3)."""
+    turns = np.zeros((len(yaws_rad), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(yaws_rad)
+    turns[:, 1, 0], turns[:, 0, 1] = np.sin(yaws_rad), -np.sin(yaws_rad)
+    turns[:, 2, 2] = 1.0
+    return turns
