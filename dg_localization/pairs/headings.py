@@ -33,6 +33,12 @@ from dg_localization.pairs.turns import TURN
 COARSEST = 16
 """Cells of the full turn in the first round."""
 
+BATCH = 8
+"""
+Cells of a body tried between two looks at the clock, in about 1 ms: where other threads wait for
+the interpreter, each return to it may cost more than a cell.
+"""
+
 Pair = tuple[int, int]
 
 
@@ -49,12 +55,15 @@ class HeadingOptions:
         So many observations of each pair may be wrong.
     max_rounds : int
         How often places and headings narrow each other at the finest cells.
+    most_readings : int, optional
+        Of each pair, spread in time; all where None.
 
     """
 
     cells: int = 128
     max_outliers: int = 0
     max_rounds: int = 3
+    most_readings: int | None = None
 
     def __post_init__(self) -> None:
         ratio = self.cells // COARSEST
@@ -64,6 +73,14 @@ class HeadingOptions:
             raise ValueError(f'max_outliers is {self.max_outliers}, must not be negative')
         if self.max_rounds < 1:
             raise ValueError(f'max_rounds is {self.max_rounds}, must be positive')
+        if self.most_readings is not None and self.most_readings < 1:
+            raise ValueError(f'most_readings is {self.most_readings}, must be positive')
+
+    def chosen(self, table: np.ndarray) -> np.ndarray:
+        """Return the readings to use of a table of them."""
+        if self.most_readings is None or len(table) <= self.most_readings:
+            return table
+        return table[np.linspace(0, len(table) - 1, self.most_readings).astype(int)]
 
 
 @dataclass(frozen=True)
@@ -201,7 +218,7 @@ class _Search:
         self.upper_m = np.array(upper_m, dtype=float)
         self._options, self._known, self._stopped = options, known, stopped
         self.allowed = self._known_cells(COARSEST)
-        self._readings = {pair: part.table for pair, part in readings.items()}
+        self._readings = {pair: options.chosen(part.table) for pair, part in readings.items()}
         shape = (COARSEST, COARSEST)
         self._tables = {pair: np.ones(shape, bool) for pair in readings}
 
@@ -231,7 +248,8 @@ class _Search:
                 continue
             found = np.stack([np.full(3, math.inf), np.full(3, -math.inf)])
             self._make_consistent(pair)
-            for cell in map(int, np.flatnonzero(self.allowed[pair[0]])):
+            cells = self.allowed.shape[1]
+            for first in range(0, cells, BATCH):
                 if self._stopped():
                     return False
                 try_cells(
@@ -239,9 +257,9 @@ class _Search:
                     between,
                     rows,
                     self._options.max_outliers,
-                    angle_up(math.pi / self.allowed.shape[1]),
-                    cell,
-                    cell + 1,
+                    angle_up(math.pi / cells),
+                    first,
+                    first + BATCH,
                     found,
                 )
             self._make_consistent(pair)

@@ -40,7 +40,11 @@ from dg_localization.pairs.cuts import (
     B,
 )
 from dg_localization.pairs.half_spaces import HIGH, LOW, X, Y, beyond_first_order, with_error
-from dg_localization.solver.contract.simplex import set_multipliers
+from dg_localization.pairs.linear_programs import (
+    LinearPrograms,
+    find_multipliers,
+    set_up_programs,
+)
 
 HEADING = 2
 """Column of a pose (x, y, heading)."""
@@ -200,84 +204,50 @@ def _write_rows(
 
 @kernel(borrows=True)
 def _bound(
-    multipliers: np.ndarray, slopes: np.ndarray, bounds: np.ndarray, unknown: int, sign: float
+    programs: LinearPrograms, slopes: np.ndarray, bounds: np.ndarray, unknown: int, sign: float
 ) -> float:
     """Bound sign times a scaled unknown from above by the rows with these multipliers."""
     rows, unknowns = slopes.shape
-    total, magnitude = 0.0, 1.0
-    for row in range(rows):
-        factor = multipliers[row]
-        if factor != 0.0:
+    multipliers, active = programs.multipliers, programs.active
+    total, magnitude, used = 0.0, 1.0, 0
+    for place in range(len(active)):
+        row, factor = active[place], multipliers[place]
+        if row < rows and factor != 0.0:
             value = factor * bounds[row, HIGH if factor > 0.0 else LOW]
             total += value
             magnitude += abs(value)
+            used += 1
     for column in range(unknowns):
         rest = sign if column == unknown else 0.0
-        for row in range(rows):
-            if multipliers[row] != 0.0:
-                rest -= multipliers[row] * slopes[row, column]
-                magnitude += abs(multipliers[row] * slopes[row, column])
+        for place in range(len(active)):
+            row = active[place]
+            if row < rows and multipliers[place] != 0.0:
+                product = multipliers[place] * slopes[row, column]
+                rest -= product
+                magnitude += abs(product)
         total += abs(rest)
-    return up(total + rounding_error(2.0 * magnitude, 4.0 * (rows + 1.0) * (unknowns + 1.0)))
+    return up(total + rounding_error(2.0 * magnitude, 4.0 * (used + 1.0) * (unknowns + 1.0)))
 
 
-@kernel
-def _guilty(multipliers: np.ndarray, bounds: np.ndarray, owners: np.ndarray, pairs: int) -> int:
+@kernel(borrows=True)
+def _guilty(
+    programs: LinearPrograms, bounds: np.ndarray, owners: np.ndarray, weights: np.ndarray
+) -> int:
     """Return the pair whose rows weigh most in a bound."""
-    weights = np.zeros(pairs)
-    for row in range(len(bounds)):
-        weights[owners[row]] += abs(multipliers[row]) * (bounds[row, HIGH] - bounds[row, LOW])
+    weights[:] = 0.0
+    for place in range(len(programs.active)):
+        row = programs.active[place]
+        if row < len(bounds):
+            weight = abs(programs.multipliers[place]) * (bounds[row, HIGH] - bounds[row, LOW])
+            weights[owners[row]] += weight
     return int(np.argmax(weights))
 
 
 @kernel
-def _set_up(
-    slopes: np.ndarray, bounds: np.ndarray, open_columns: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return table, active rows and bounds of the linear programs of a box.
-
-    The unknowns themselves are rows, too, within -1 and 1: they are active at first.
-    """
-    rows, free = slopes.shape[0], open_columns.shape[0]
-    table = np.zeros((rows + free + 2, free))
-    residuals = np.empty((rows + free, 2))
-    residuals[:rows] = bounds
-    active = np.empty(free, np.int64)
-    for column in range(free):
-        for row in range(rows):
-            table[row, column] = slopes[row, open_columns[column]]
-        table[rows + column, column] = 1.0
-        residuals[rows + column, LOW], residuals[rows + column, HIGH] = -1.0, 1.0
-        active[column] = rows + column
-    return table, active, residuals
-
-
-@kernel
-def narrow_box(
+def _narrow_box(
     box: np.ndarray, pairs: np.ndarray, starts: np.ndarray, table: np.ndarray, passes: int
 ) -> int:
-    """
-    Narrow a box of the poses of all bodies by the distances of all pairs.
-
-    Parameters
-    ----------
-    box : numpy.ndarray, shape (2, n, 3)
-        Lower and upper bounds of x and y in m and of the heading in rad; narrowed in place.
-    pairs : numpy.ndarray of int, shape (p, 2)
-    starts : numpy.ndarray of int, shape (p + 1,)
-        Where the readings of each pair begin.
-    table : numpy.ndarray, shape (m, COLUMNS)
-        The readings of all pairs.
-    passes : int
-        How often at most.
-
-    Returns
-    -------
-    int
-        `POSSIBLE`, or the pair that weighs most in the proof that nothing is left.
-
-    """
+    """Narrow a box in place; return the pair that rules it out, or `POSSIBLE`."""
     n = box.shape[1]
     center, half = np.empty((n, 3)), np.empty((n, 3))
     all_slopes = np.empty((table.shape[0] + 1, 3 * n))
@@ -293,20 +263,18 @@ def narrow_box(
             return POSSIBLE
         slopes, bounds = all_slopes[:count], all_bounds[:count]
         open_columns = np.flatnonzero(half.ravel() > 0.0)
-        simplex, active, residuals = _set_up(slopes, bounds, open_columns)
-        multipliers = np.empty(len(residuals))
+        programs = set_up_programs(slopes, bounds, open_columns)
+        weights = np.empty(len(pairs))
         narrowed = 0.0
         for column in range(len(open_columns)):
             unknown = open_columns[column]
             ends = np.ones(2)
             for end in range(2):
                 sign = 1.0 if end == HIGH else -1.0
-                simplex[-2] = sign * simplex[count + column]
-                set_multipliers(simplex, active, residuals, multipliers)
-                value = _bound(multipliers[:count], slopes, bounds, unknown, sign)
-                ends[end] = min(1.0, value)
+                find_multipliers(programs, column, sign)
+                ends[end] = min(1.0, _bound(programs, slopes, bounds, unknown, sign))
             if ends[HIGH] < -ends[LOW]:
-                return _guilty(multipliers[:count], bounds, owners, len(pairs))
+                return _guilty(programs, bounds, owners, weights)
             body, axis = unknown // 3, unknown % 3
             middle, wide = center[body, axis], half[body, axis]
             if ends[LOW] < 1.0:
@@ -316,8 +284,40 @@ def narrow_box(
                 upper = up(middle + up(ends[HIGH] * wide))
                 box[HIGH, body, axis] = min(box[HIGH, body, axis], upper)
             if box[LOW, body, axis] > box[HIGH, body, axis]:
-                return _guilty(multipliers[:count], bounds, owners, len(pairs))
+                return _guilty(programs, bounds, owners, weights)
             narrowed = max(narrowed, 1.0 - 0.5 * (ends[LOW] + ends[HIGH]))
         if narrowed < LEAST_NARROWED:
             break
     return POSSIBLE
+
+
+@kernel
+def narrow_boxes(
+    boxes: np.ndarray,
+    pairs: np.ndarray,
+    starts: np.ndarray,
+    table: np.ndarray,
+    passes: int,
+    found: np.ndarray,
+) -> None:
+    """
+    Narrow boxes of the poses of all bodies by the distances of all pairs.
+
+    Parameters
+    ----------
+    boxes : numpy.ndarray, shape (k, 2, n, 3)
+        Lower and upper bounds of x and y in m and of the heading in rad; narrowed in place.
+    pairs : numpy.ndarray of int, shape (p, 2)
+    starts : numpy.ndarray of int, shape (p + 1,)
+        Where the readings of each pair begin.
+    table : numpy.ndarray, shape (m, COLUMNS)
+        The readings of all pairs.
+    passes : int
+        How often at most.
+    found : numpy.ndarray of int, shape (k,)
+        Receives of each box `POSSIBLE`, or the pair that weighs most in the proof that nothing is
+        left.
+
+    """
+    for number in range(boxes.shape[0]):
+        found[number] = _narrow_box(boxes[number], pairs, starts, table, passes)

@@ -69,6 +69,9 @@ def test_finer_cells_and_more_readings_leave_less():
         coarse = narrow_headings(fleet.lower, fleet.upper, fleet.readings, HeadingOptions(32))
         fine = narrow_headings(fleet.lower, fleet.upper, fleet.readings, HeadingOptions(128))
         assert not np.any(fine.allowed & ~np.repeat(coarse.allowed, 4, axis=1))
+        options = HeadingOptions(32, most_readings=4)
+        sparse = narrow_headings(fleet.lower, fleet.upper, fleet.readings, options)
+        assert not np.any(coarse.allowed & ~sparse.allowed)
         few = {pair: rows[:3] for pair, rows in fleet.readings.items()}
         loose = narrow_headings(fleet.lower, fleet.upper, few, HeadingOptions(32))
         assert not np.any(coarse.allowed & ~loose.allowed)
@@ -112,7 +115,15 @@ def test_what_is_not_known_stays_open():
 
 
 @pytest.mark.parametrize(
-    'wrong', [{'cells': 48}, {'cells': 8}, {'max_outliers': -1}, {'max_rounds': 0}], ids=str
+    'wrong',
+    [
+        {'cells': 48},
+        {'cells': 8},
+        {'max_outliers': -1},
+        {'max_rounds': 0},
+        {'most_readings': 0},
+    ],
+    ids=str,
 )
 def test_what_is_no_option_is_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):

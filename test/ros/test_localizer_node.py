@@ -214,6 +214,28 @@ def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
     bench.until(lambda: len(cancels) > 1, 'the next estimate')
 
 
+def test_estimate_that_outlasts_a_tick_is_followed_by_the_next_at_once(bench, make_node):
+    release, began = Event(), []
+
+    class Slow(Localizer):
+        def estimate(self, snapshot, cancel=None):
+            began.append(snapshot.stamp_s)
+            assert release.wait(DEADLINE_S)
+            return super().estimate(snapshot, cancel)
+
+    # No tick comes but those that are made here.
+    node = make_node(make_localizer=Slow, rate=0.01)
+    bench.until(node._worker.warm_up.done, 'the solver')
+    node._on_tick()
+    bench.until(lambda: len(began) == 1, 'an estimate')
+    node._on_tick()
+    node._on_tick()
+    release.set()
+    bench.until(lambda: len(began) == 2, 'the next estimate')
+    bench.until(lambda: not node._worker.busy, 'its answer')
+    assert len(began) == 2, 'the ticks that were missed are not made up for'
+
+
 def test_parameters_come_from_a_file(make_node):
     node = make_node('--params-file', 'config/tiers_uwb.yaml', rate=7)
     assert node.settings.rate_hz == 7.0

@@ -10,10 +10,15 @@ import time
 
 from dg_localization.solver.options import Cancel
 
+MOST_LATE = 3.0
+"""Where the processors are busy with other work, so many times the span may pass on the clock."""
+
 
 class Allowance:
     """
-    A span of time from now on, to be divided among tasks.
+    A span of processor time of this thread from now on, to be divided among tasks.
+
+    On the clock other threads would use it up: what is left of a busy machine is needed.
 
     Parameters
     ----------
@@ -25,25 +30,29 @@ class Allowance:
     """
 
     def __init__(self, seconds: float, cancel: Cancel | None) -> None:
-        self._left_s = seconds
-        self._end_s = time.monotonic() + seconds
         self._cancel = cancel
+        self._left_s = seconds
+        self._left_on_clock_s = MOST_LATE * seconds
+        self.resume()
 
     def pause(self) -> None:
         """Let no time pass until `resume`."""
-        self._left_s = max(0.0, self._end_s - time.monotonic())
+        self._left_s = max(0.0, self._end_s - time.thread_time())
+        self._left_on_clock_s = max(0.0, self._end_on_clock_s - time.monotonic())
 
     def resume(self) -> None:
         """Go on where it was paused."""
-        self._end_s = time.monotonic() + self._left_s
+        self._end_s = time.thread_time() + self._left_s
+        self._end_on_clock_s = time.monotonic() + self._left_on_clock_s
 
     def part(self, tasks: int) -> Callable[[], bool]:
         """Return what tells the first of some tasks that its equal part of the rest is used up."""
-        now_s = time.monotonic()
+        now_s = time.thread_time()
         end_s = now_s + max(0.0, self._end_s - now_s) / tasks
 
         def stopped() -> bool:
             cancelled = self._cancel is not None and self._cancel.is_set()
-            return cancelled or time.monotonic() > end_s
+            late = time.monotonic() > self._end_on_clock_s
+            return cancelled or late or time.thread_time() > end_s
 
         return stopped

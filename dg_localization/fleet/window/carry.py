@@ -84,13 +84,19 @@ class CarriedWindow:
         index = {name: i for i, name in enumerate(config.points)}
         for (observer, target), observations in window.observations.items():
             self._add(index[observer], index[target], observations)
-        self._paths = {body: odometry_path(config, motion, body) for body in self._bodies}
+        self._paths: dict[int, OdometryPath] = {}
         self._poses = {body: self._past_poses(body) for body in self._bodies}
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
         """The pairs that observed anything."""
         return tuple(sorted(self._rows))
+
+    def path(self, robot: int) -> OdometryPath:
+        """Return the path of a robot with odometry."""
+        if robot not in self._paths:
+            self._paths[robot] = odometry_path(self._config, self._motion, robot)
+        return self._paths[robot]
 
     def near_pairs(self, most: int, newest_s: float) -> tuple[Pair, ...]:
         """
@@ -180,7 +186,7 @@ class CarriedWindow:
 
     def tilt(self, robot: int) -> Tilt:
         """Return roll and pitch of a robot now."""
-        rotations, errors_rad = self._paths[robot].tilts([self._now_s])
+        rotations, errors_rad = self.path(robot).tilts([self._now_s])
         return Tilt(rotations[0], float(errors_rad[0]))
 
     def _add(self, observer: int, target: int, observations: tuple[Observation, ...]) -> None:
@@ -230,7 +236,7 @@ class CarriedWindow:
         stamps = np.unique(
             [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
         )
-        return stamps, self._paths[robot].past_poses(stamps, self._now_s)
+        return stamps, self.path(robot).past_poses(stamps, self._now_s)
 
     def _of(self, robot: int, stamps: NDArray[np.float64]) -> PastPoses:
         """Return where a robot was at some of these times."""
@@ -248,7 +254,7 @@ class CarriedWindow:
         """Return rays of a robot in its level frames, in which rays in the plane are."""
         if self._config.dimension == 2:
             return rays, errors_rad
-        return self._paths[robot].leveled_rays(stamps_s, rays, errors_rad)
+        return self.path(robot).leveled_rays(stamps_s, rays, errors_rad)
 
     def _ray_error_rad(self, row: _Row) -> float:
         """Return the error of a ray; how an anchor is turned is not known."""

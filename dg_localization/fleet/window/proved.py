@@ -10,6 +10,7 @@ earlier estimate are now, and so whether a placement of now can go on from one o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.carry import odometry_path
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs.cover import arc_around
@@ -84,7 +84,8 @@ class CarriedPlacements:
         self._frame = proved.frame
         self.age_s = snapshot.stamp_s - proved.stamp_s
         moves = [_move(snapshot, robot, proved.stamp_s) for robot in range(len(self._robots))]
-        self._carried = [_carried(placement, moves) for placement in proved.placements]
+        self._position, self._yaw = _carried(proved.placements, moves)
+        self._seen: dict[FixedFrame, tuple[Interval, Interval]] = {}
 
     def around(self, placement: Placement, frame: FixedFrame) -> PoseBounds | None:
         """
@@ -105,13 +106,9 @@ class CarriedPlacements:
         own = PoseBounds(placement.enclosure_m, heading_arcs(placement))
         if not self._seen_in(frame):
             return own
-        shared = []
-        for position, yaw in self._carried:
-            position, yaw = self._in_frame(frame, position, yaw)
-            bounds = _intersection(own, position, yaw)
-            if bounds is not None:
-                shared.append(bounds)
-        return _hull(shared) if shared else None
+        if frame not in self._seen:
+            self._seen[frame] = self._in_frame(frame)
+        return _hull_in_common(own, *self._seen[frame])
 
     def _seen_in(self, frame: FixedFrame) -> bool:
         """Return whether the earlier estimate bounds poses in a frame of now."""
@@ -119,27 +116,26 @@ class CarriedPlacements:
             return frame.kind is self._frame.kind
         return all(point in self._robots for point in frame.points)
 
-    def _in_frame(
-        self, frame: FixedFrame, position: Interval, yaw: Interval
-    ) -> tuple[Interval, Interval]:
-        """Return poses in a frame of now."""
+    def _in_frame(self, frame: FixedFrame) -> tuple[Interval, Interval]:
+        """Return the carried poses, shapes (k, n, 3) and (k, n), in a frame of now."""
+        position, yaw = self._position, self._yaw
         if frame.kind is FrameKind.ANCHORS:
             return position, yaw
         origin = self._robots.index(frame.points[0])
         # What is not known minus what is not known is no number, and not known either.
         with np.errstate(invalid='ignore'):
-            position = position - position[origin]
-        position.lower[origin] = position.upper[origin] = 0.0
-        angle = yaw[origin]
+            position = position - position[:, origin, None]
+        position.lower[:, origin] = position.upper[:, origin] = 0.0
+        angle = yaw[:, origin]
         if frame.kind is not FrameKind.HEADING and len(frame.points) > 1:
-            angle = _direction(position[self._robots.index(frame.points[1])])
-        turn = Interval(np.atleast_1d(-angle.upper), np.atleast_1d(-angle.lower))
+            angle = _directions(position[:, self._robots.index(frame.points[1])])
+        turn = -angle[:, None]
         known = np.isfinite(position.lower) & np.isfinite(position.upper)
         finite = Interval(
             np.where(known, position.lower, 0.0), np.where(known, position.upper, 0.0)
         )
         seen = turned(turn, finite)
-        unknown = ~known.all(axis=1, keepdims=True)
+        unknown = ~known.all(axis=-1, keepdims=True)
         seen = Interval(
             np.where(unknown, -np.inf, seen.lower), np.where(unknown, np.inf, seen.upper)
         )
@@ -157,27 +153,37 @@ def heading_arcs(placement: Placement) -> FloatArray:
     return arcs
 
 
-def intersect_arcs(first: FloatArray, second: FloatArray) -> FloatArray | None:
+def intersect_arcs(first: FloatArray, second: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """
-    Return what two arcs have in common, None for nothing.
+    Return what pairs of arcs have in common: the narrower one where that may be two arcs.
 
-    The narrower one where that may be two arcs.
+    Parameters
+    ----------
+    first, second : numpy.ndarray, shape (..., 2)
+
+    Returns
+    -------
+    arcs : numpy.ndarray, shape (..., 2)
+    met : numpy.ndarray of bool, shape (...)
+        Where they have anything in common.
+
     """
-    widths = first[1] - first[0], second[1] - second[0]
-    if widths[0] + widths[1] >= TURN:
-        return first if widths[0] <= widths[1] else second
-    turns = np.round((first.sum() - second.sum()) / (2.0 * TURN)) * TURN
-    low = max(float(first[0]), angle_down(float(second[0] + turns)))
-    high = min(float(first[1]), angle_up(float(second[1] + turns)))
-    return np.array([low, high]) if low <= high else None
+    first, second = np.broadcast_arrays(first, second)
+    widths = first[..., 1] - first[..., 0], second[..., 1] - second[..., 0]
+    turns = np.round((first.sum(axis=-1) - second.sum(axis=-1)) / (2.0 * TURN)) * TURN
+    low = np.maximum(first[..., 0], angle_down(second[..., 0] + turns))
+    high = np.minimum(first[..., 1], angle_up(second[..., 1] + turns))
+    narrower = np.where((widths[0] <= widths[1])[..., None], first, second)
+    round_about = widths[0] + widths[1] >= TURN
+    arcs = np.where(round_about[..., None], narrower, np.stack([low, high], axis=-1))
+    return arcs, round_about | (low <= high)
 
 
 def _move(snapshot: Snapshot, robot: int, stamp_s: float) -> tuple[Interval, Interval] | None:
     """Return the pose of a robot now, seen from where it was; None where that is not known."""
     if not snapshot.motion.odometry.get(snapshot.config.robots[robot]):
         return None
-    path = odometry_path(snapshot.config, snapshot.motion, robot)
-    then = path.past_poses(np.array([stamp_s]), snapshot.stamp_s)
+    then = snapshot.carried.path(robot).past_poses(np.array([stamp_s]), snapshot.stamp_s)
     ends = (then.position_m.lower, then.position_m.upper, then.yaw_rad.lower, then.yaw_rad.upper)
     if not all(np.all(np.isfinite(end)) for end in ends):
         return None
@@ -185,62 +191,59 @@ def _move(snapshot: Snapshot, robot: int, stamp_s: float) -> tuple[Interval, Int
 
 
 def _carried(
-    placement: Placement, moves: list[tuple[Interval, Interval] | None]
+    placements: Sequence[Placement], moves: Sequence[tuple[Interval, Interval] | None]
 ) -> tuple[Interval, Interval]:
-    """Return positions (n, 3) and headings (n,) of now in the frame of a placement of then."""
-    count = len(moves)
-    lower, upper = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
-    yaws = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (count, 1))
-    lower[:, 2] = upper[:, 2] = 0.0
-    for robot, (move, arc) in enumerate(zip(moves, heading_arcs(placement), strict=True)):
+    """Return positions (k, n, 3) and headings (k, n) of now in the frame of then."""
+    arcs = np.stack([heading_arcs(placement) for placement in placements])
+    enclosures = np.stack([placement.enclosure_m for placement in placements])
+    heading_known = np.stack([placement.heading_known for placement in placements])
+    lower, upper = np.full((*arcs.shape[:2], 3), -np.inf), np.full((*arcs.shape[:2], 3), np.inf)
+    yaws = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (*arcs.shape[:2], 1))
+    lower[:, :, 2] = upper[:, :, 2] = 0.0
+    for robot, move in enumerate(moves):
         if move is None:
             continue
         step, turn = move
-        heading = Interval(arc[:1], arc[1:])
-        way = turned(heading, step)[0]
-        place = Interval(placement.enclosure_m[robot, 0], placement.enclosure_m[robot, 1])
-        moved = place + way[:2]
-        lower[robot, :2], upper[robot, :2] = moved.lower, moved.upper
-        if placement.heading_known[robot]:
-            after = heading + turn
-            yaws[robot] = after.lower[0], after.upper[0]
-    return Interval(lower, upper), Interval(yaws[:, 0], yaws[:, 1])
+        heading = Interval(arcs[:, robot, 0], arcs[:, robot, 1])
+        way = turned(heading, step)
+        place = Interval(enclosures[:, robot, 0], enclosures[:, robot, 1])
+        moved = place + way[:, :2]
+        lower[:, robot, :2], upper[:, robot, :2] = moved.lower, moved.upper
+        after, known = heading + turn, heading_known[:, robot]
+        yaws[known, robot, 0], yaws[known, robot, 1] = after.lower[known], after.upper[known]
+    return Interval(lower, upper), Interval(yaws[:, :, 0], yaws[:, :, 1])
 
 
-def _direction(place: Interval) -> Interval:
-    """Return the angles at which a box (x, y, z) is seen from the origin."""
-    low, high = place.lower[:2], place.upper[:2]
-    around = bool(np.all((low <= 0.0) & (high >= 0.0)))
-    if around or not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
-        return Interval(np.array(-HALF_TURN_UP), np.array(HALF_TURN_UP))
+def _directions(places: Interval) -> Interval:
+    """Return the angles at which boxes (k, 3) are seen from the origin, shape (k,)."""
+    low, high = places.lower[:, :2], places.upper[:, :2]
+    around = np.all((low <= 0.0) & (high >= 0.0), axis=1)
+    any_way = around | ~np.all(np.isfinite(low) & np.isfinite(high), axis=1)
+    low, high = np.where(any_way[:, None], 1.0, low), np.where(any_way[:, None], 1.0, high)
     middle = 0.5 * low + 0.5 * high
-    corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    across = middle[0] * corners[:, 1] - middle[1] * corners[:, 0]
-    off = np.abs(np.arctan2(across, corners @ middle))
-    half = angle_up(angle_up(float(off.max())))
-    angle = math.atan2(middle[1], middle[0])
-    return Interval(np.array(angle - half), np.array(angle + half))
+    off = np.zeros(len(low))
+    for x in (low[:, 0], high[:, 0]):
+        for y in (low[:, 1], high[:, 1]):
+            across = middle[:, 0] * y - middle[:, 1] * x
+            along = middle[:, 0] * x + middle[:, 1] * y
+            off = np.maximum(off, np.abs(np.arctan2(across, along)))
+    half = angle_up(angle_up(off))
+    angle = np.arctan2(middle[:, 1], middle[:, 0])
+    return Interval(
+        np.where(any_way, -HALF_TURN_UP, angle - half),
+        np.where(any_way, HALF_TURN_UP, angle + half),
+    )
 
 
-def _intersection(own: PoseBounds, position: Interval, yaw: Interval) -> PoseBounds | None:
-    """Return what bounds of now have in common with poses that were carried."""
-    lower = np.fmax(own.enclosure_m[:, 0], position.lower[:, :2])
-    upper = np.fmin(own.enclosure_m[:, 1], position.upper[:, :2])
-    if np.any(lower > upper):
+def _hull_in_common(own: PoseBounds, position: Interval, yaw: Interval) -> PoseBounds | None:
+    """Return bounds around what bounds have in common with each of some carried poses."""
+    lower = np.fmax(own.enclosure_m[:, 0], position.lower[:, :, :2])
+    upper = np.fmin(own.enclosure_m[:, 1], position.upper[:, :, :2])
+    arcs, met = intersect_arcs(own.arcs_rad, np.stack([yaw.lower, yaw.upper], axis=-1))
+    shared = np.all(lower <= upper, axis=(1, 2)) & np.all(met, axis=1)
+    if not np.any(shared):
         return None
-    arcs = []
-    for mine, low, high in zip(own.arcs_rad, yaw.lower, yaw.upper, strict=True):
-        arc = intersect_arcs(mine, np.array([low, high]))
-        if arc is None:
-            return None
-        arcs.append(arc)
-    return PoseBounds(np.stack([lower, upper], axis=1), np.array(arcs))
-
-
-def _hull(shared: list[PoseBounds]) -> PoseBounds:
-    """Return bounds around all of some."""
-    enclosures = np.stack([bounds.enclosure_m for bounds in shared])
-    hull = np.stack([enclosures[:, :, 0].min(axis=0), enclosures[:, :, 1].max(axis=0)], axis=1)
-    ends = np.stack([bounds.arcs_rad for bounds in shared])
-    arcs = [arc_around(ends[:, robot, 0], ends[:, robot, 1]) for robot in range(len(hull))]
-    return PoseBounds(hull, np.array(arcs))
+    hull = np.stack([lower[shared].min(axis=0), upper[shared].max(axis=0)], axis=1)
+    arcs = arcs[shared]
+    around = [arc_around(arcs[:, robot, 0], arcs[:, robot, 1]) for robot in range(len(hull))]
+    return PoseBounds(hull, np.array(around))

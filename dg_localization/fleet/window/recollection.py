@@ -42,6 +42,9 @@ MOST_PARTNERS = 4
 MOST_IN_TABLE = 40
 """Observations of a pair that narrow headings: more cost time and tell little more."""
 
+MOST_BEFORE_JOINT = 12
+"""Of these, for tables of headings that joint poses by all of them follow."""
+
 WINDOW_SHARE = 0.5
 """
 Of the memory, for what robots measured of each other. An estimate proves something of the next
@@ -145,9 +148,17 @@ class Recollection:
         if self.config.dimension == 3:
             return self._narrowed_in_space(placements, frame)
         gone_on = self._carried_on(placements, frame)
-        possible = self._tried(gone_on.placements, frame, COARSE_CELLS, 0)
+        if self._cells == COARSE_CELLS and len(gone_on.placements) <= MOST_REFINED:
+            # Tables of all placements first would leave no time for joint poses.
+            options = HeadingOptions(COARSE_CELLS, max_rounds=1, most_readings=MOST_BEFORE_JOINT)
+            refined = self._tried(gone_on.placements, frame, options, JOINT_BOXES)
+            return Left(refined.placements, gone_on.ruled_out + refined.ruled_out)
+        outliers = self.config.window_outliers
+        options = HeadingOptions(COARSE_CELLS, outliers, max_rounds=1)
+        possible = self._tried(gone_on.placements, frame, options, 0)
         most = possible.placements[:MOST_REFINED]
-        refined = self._tried(most, frame, self._cells, JOINT_BOXES)
+        options = replace(options, cells=self._cells)
+        refined = self._tried(most, frame, options, JOINT_BOXES)
         others = possible.placements[MOST_REFINED:]
         sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
         return Left(refined.placements + others, sentences)
@@ -183,12 +194,15 @@ class Recollection:
         return FINE_CELLS if rays or self.config.window_outliers else COARSE_CELLS
 
     def _tried(
-        self, placements: Sequence[Placement], frame: FixedFrame, cells: int, max_boxes: int
+        self,
+        placements: Sequence[Placement],
+        frame: FixedFrame,
+        options: HeadingOptions,
+        max_boxes: int,
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
 
         def narrow(placement: Placement) -> tuple[Placement | None, str]:
-            options = HeadingOptions(cells, self.config.window_outliers, max_rounds=1)
             narrowed = self._narrow(placement, frame, options, max_boxes)
             pair = narrowed.ruled_out_by
             return narrowed.placement, '' if pair is None else self._over(pair)

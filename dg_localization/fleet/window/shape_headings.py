@@ -143,10 +143,10 @@ def _known_headings(
 
 def _within_known(poses: JointPoses, placement: Placement) -> JointPoses:
     """Return poses with their headings within those that are known, finer than cells are."""
-    pairs = zip(poses.arcs_rad, heading_arcs(placement), strict=True)
+    known = heading_arcs(placement)
+    arcs, met = intersect_arcs(poses.arcs_rad, known)
     # Arcs that have only a rounded end in common are left as they are.
-    arcs = [known if (met := intersect_arcs(arc, known)) is None else met for arc, known in pairs]
-    return replace(poses, arcs_rad=np.array(arcs))
+    return replace(poses, arcs_rad=np.where(met[:, None], arcs, known))
 
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:

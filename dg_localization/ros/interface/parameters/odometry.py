@@ -108,10 +108,11 @@ MEMORY = Section(
             'memory.max_seconds',
             DOUBLE,
             0.15,
-            'longest time that an estimate spends on them',
+            'longest processor time that an estimate spends on them',
             's',
             0.0,
-            details='When it is over the answer is wider, never wrong.',
+            details='When it is over, or three times as long on the clock, the answer is wider, '
+            'never wrong.',
         ),
         Spec(
             'window_outliers',
