@@ -205,9 +205,9 @@ def main(flights):
             widths_m += list(high.max(axis=0) - low.min(axis=0))
             headings_rad += list(estimate.placements[0].heading_half_width_rad)
         x_m, y_m, z_m = np.array(widths_m).T
-        robots = len(widths_m)
+        across_m, robots = np.maximum(x_m, y_m), len(widths_m)
         print(
-            f'| {memory_s:g} | {robots - lost} of {robots} | {np.median(np.maximum(x_m, y_m)):.2f} '
+            f'| {memory_s:g} | {robots - lost} of {robots} | {np.median(across_m):.2f} '
             f'| {np.median(z_m):.2f} | {np.median(headings_rad):.2f} '
             f'| {1e3 * np.median(seconds):.0f} |',
             flush=True,
