@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+import math
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from dg_localization.fleet.contradictions.offenders import Offender
 from dg_localization.fleet.contradictions.suspects import Suspect
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.interval.angles import angle_up
 from dg_localization.solver.result import Statistics, Verdict
 
 
@@ -112,6 +114,9 @@ class Placement:
         Of each position (m) and of a small rotation about the axes of the fixed frame (rad), by
         least squares: for readings whose errors are independent and anywhere in their bounds. It
         holds no guarantee. NaN where no position is known; None when it was not computed.
+    fitted_yaws_rad : numpy.ndarray, shape (n,), or None
+        The headings of the best point, in the plane; NaN where none was fitted. Only
+        `best_headings` is sure to keep them within the bounds.
     lower_m, upper_m : numpy.ndarray, shape (n, n)
         Bounds of the distances between the robots.
     number : int
@@ -133,7 +138,37 @@ class Placement:
     upper_m: np.ndarray
     dropped: tuple[LinkKey, ...] = ()
     covariances: np.ndarray | None = None
+    fitted_yaws_rad: np.ndarray | None = None
     number: int = 0
+
+    def best_headings(self) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the headings of the best point, and how far each may be off.
+
+        The orientation of a placement is the one with the narrowest bound around it. The best
+        point knows better where in these bounds the heading is likely to be.
+
+        Returns
+        -------
+        orientations_xyzw : numpy.ndarray, shape (n, 4)
+            As `orientations_xyzw` where no heading was fitted.
+        half_widths_rad : numpy.ndarray, shape (n,)
+            Greatest angles to the true orientations.
+
+        """
+        orientations = np.array(self.orientations_xyzw)
+        half_widths = np.array(self.heading_half_width_rad)
+        if self.fitted_yaws_rad is None:
+            return orientations, half_widths
+        for robot in np.flatnonzero(self.heading_known & np.isfinite(self.fitted_yaws_rad)):
+            z, w = orientations[robot, 2:]
+            middle_rad, half_rad = 2.0 * math.atan2(z, w), float(half_widths[robot])
+            off_rad = math.remainder(float(self.fitted_yaws_rad[robot]) - middle_rad, math.tau)
+            off_rad = min(max(off_rad, -half_rad), half_rad)
+            half_yaw = 0.5 * (middle_rad + off_rad)
+            orientations[robot] = [0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)]
+            half_widths[robot] = min(math.pi, angle_up(angle_up(half_rad + abs(off_rad))))
+        return orientations, half_widths
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,8 @@ class OdometryErrorModel:
         Error of a turn, in rad per m travelled and in rad per rad turned.
     constant_m, constant_rad : float
         What the pose of one time may be off seen from that of another, however short the way
-        between; it does not add up along the way.
+        between; it does not add up along the way. So the robot is never farther than a part of it
+        from a track that errs by the other terms alone (`CENTERED`).
     latency_s : float
         The pose stamped t was the true one at some time within this of t.
     tilt_rad : float
@@ -89,6 +90,31 @@ class MotionLimits:
 
     speed_m_s: float = math.inf
     turn_rate_rad_s: float = math.inf
+
+
+CENTERED = 0.5
+CENTERED_IN_SPACE = 0.613
+"""
+Numbers that differ by 1 at most lie within a half of one number, and points that are 1 apart at
+most within sqrt(3 / 8) of one point (Jung 1901).
+"""
+
+
+@dataclass(frozen=True)
+class TrackPoses:
+    """
+    Past poses of a robot, seen from the pose that its track has now.
+
+    Parameters
+    ----------
+    past : PastPoses
+    track : PastPoses
+        The track pose, seen from the robot now: one pose.
+
+    """
+
+    past: PastPoses
+    track: PastPoses
 
 
 @dataclass(frozen=True)
@@ -179,17 +205,34 @@ class OdometryPath:
             If a time lies after now.
 
         """
-        times = np.asarray(times_s, dtype=float)
-        if np.any(times > now_s):
-            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
-        then, now = self._nearest(times), self._nearest(np.array([now_s]))
-        position, yaw = self._walk_back(np.minimum(then.index, now.index), int(now.index[0]))
+        then, now, position, yaw = self._samples(times_s, now_s)
         now_m = up(now.offset_m + self._error.constant_m)
         now_rad = angle_up(up(now.offset_rad + self._error.constant_rad))
         yaw_now = Interval(-now_rad, now_rad)
         position = position + self._ball(then.offset_m) + self._ball(now_m)
         yaw = yaw + Interval(-then.offset_rad, then.offset_rad) - yaw_now
         return PastPoses(turned(-yaw_now, position), yaw)
+
+    def past_poses_on_track(self, times_s: ArrayLike, now_s: float) -> TrackPoses:
+        """
+        Return where the robot was at past times, seen from the pose that its track has now.
+
+        The constant errors are those of the two ends. That of now is the same for all times: what
+        is found of the track pose from all of them together has to be widened by it once only.
+        Parameters are those of `past_poses`.
+        """
+        then, now, position, yaw = self._samples(times_s, now_s)
+        end_m = up(CENTERED_IN_SPACE * self._error.constant_m)
+        end_rad = up(CENTERED * self._error.constant_rad)
+        then_rad = angle_up(up(then.offset_rad + end_rad))
+        now_rad = angle_up(up(now.offset_rad + end_rad))
+        past = PastPoses(
+            position + self._ball(up(then.offset_m + end_m)),
+            yaw + Interval(-then_rad, then_rad),
+        )
+        # Seen from the robot, the track is turned by the error and lies within its ball.
+        track = PastPoses(self._ball(up(now.offset_m + end_m)), Interval(-now_rad, now_rad))
+        return TrackPoses(past, track)
 
     def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
         """
@@ -228,6 +271,16 @@ class OdometryPath:
         tilts, tilt_errors_rad = self.tilts(times_s)
         leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
         return leveled, angle_up(up(np.asarray(errors_rad, dtype=float) + tilt_errors_rad))
+
+    def _samples(
+        self, times_s: ArrayLike, now_s: float
+    ) -> tuple[_Nearest, _Nearest, Interval, Interval]:
+        """Return the samples of past times and of now, and the way between these."""
+        times = np.asarray(times_s, dtype=float)
+        if np.any(times > now_s):
+            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
+        then, now = self._nearest(times), self._nearest(np.array([now_s]))
+        return then, now, *self._walk_back(np.minimum(then.index, now.index), int(now.index[0]))
 
     def _step_errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the greatest errors of every step, in m and in rad."""

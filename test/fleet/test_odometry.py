@@ -147,6 +147,32 @@ def test_the_constant_turns_the_whole_way():
     assert poses.position_m.upper[1] == pytest.approx([0.0448, 0.0448, 0.0], rel=2e-2)
 
 
+@pytest.mark.parametrize('seed', range(5))
+def test_the_constant_of_now_is_that_of_its_track(seed):
+    rng = np.random.default_rng(seed)
+    count, error = 40, OdometryErrorModel(constant_m=0.04, constant_rad=0.12)
+    yaws = np.cumsum(rng.uniform(-0.3, 0.3, count))
+    steps = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(count)], axis=-1)
+    positions = np.cumsum(0.1 * steps, axis=0)
+    turns = rng.choice([-0.06, 0.06], count)
+    angles = rng.uniform(-math.pi, math.pi, count)
+    ends = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=-1)
+    offsets = 0.04 / math.sqrt(3.0) * ends
+    stamps = np.arange(count)
+    path = path_of(stamps, (positions, yaws), error)
+    found = path.past_poses_on_track(stamps, count - 1.0)
+    back = rotation(-yaws[-1])
+    turned = np.einsum('nij,nj->ni', np.array([rotation(yaw) for yaw in yaws]), offsets)
+    robots = positions + turned
+    assert_inside(found.past, (robots - positions[-1]) @ back.T, yaws + turns - yaws[-1])
+    seen = rotation(-yaws[-1] - turns[-1]) @ (positions[-1] - robots[-1])
+    assert_inside(found.track, seen[None], -turns[-1:])
+    # Seen from the robot, the way of all times swings by the whole constant.
+    whole = path.past_poses(stamps, count - 1.0)
+    narrower = np.ptp(np.stack([found.past.yaw_rad.lower, found.past.yaw_rad.upper]), axis=0)
+    assert np.all(narrower < 0.51 * (whole.yaw_rad.upper - whole.yaw_rad.lower))
+
+
 @pytest.mark.parametrize('lag_s', [-0.2, -0.07, 0.13, 0.2])
 @pytest.mark.parametrize('seed', range(10))
 def test_late_samples_are_inside(seed, lag_s):

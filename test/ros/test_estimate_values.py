@@ -552,3 +552,19 @@ def test_the_diagnostics_say_what_is_rigid_and_what_would_fix_the_rest():
     assert values['rigid_groups'] == 'a, b; b, c'
     assert values['would_fix'].startswith('range a - c; range a - c')
     assert len(values['would_fix']) == 300
+
+
+@pytest.mark.parametrize('off_rad', [0.07, -0.4, 6.2])
+def test_the_heading_of_the_best_point_is_published_within_its_bounds(off_rad):
+    middle_rad = 2.0 * math.atan2(0.6, 0.8)
+    made = placement(fitted_yaws_rad=np.array([middle_rad + off_rad, 1.0]))
+    clipped_rad = min(max(math.remainder(off_rad, math.tau), -0.1), 0.1)
+    xyzw = unique_pose(estimate(made), 0, 'map').orientation_xyzw
+    yaw_rad = 2.0 * math.atan2(xyzw[2], xyzw[3])
+    assert math.remainder(yaw_rad - middle_rad - clipped_rad, math.tau) == pytest.approx(0.0)
+    half_widths_rad = made.best_headings()[1]
+    assert half_widths_rad[0] == pytest.approx(0.1 + abs(clipped_rad))
+    variance = unique_pose(estimate(made), 0, 'map').covariance[5, 5]
+    assert variance == pytest.approx(half_widths_rad[0] ** 2)
+    assert half_widths_rad[1] == math.pi
+    assert np.isnan(made.best_headings()[0][1]).all()

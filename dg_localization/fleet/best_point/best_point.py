@@ -83,6 +83,15 @@ class BestPoint:
     rotations: FloatArray
     covariances: FloatArray
 
+    def fitted_yaws_rad(self) -> FloatArray:
+        """Return the headings in the plane, shape (n,); NaN where none was fitted."""
+        # A rotation that was not fitted has no variance, one that was has some.
+        fitted = self.covariances[:, 5, 5] > 0.0
+        if self.positions_m.shape[1] != 2:
+            fitted[:] = False
+        yaws = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])
+        return np.where(fitted, yaws, np.nan)
+
 
 @dataclass(frozen=True, eq=False)
 class Sensor:

@@ -36,6 +36,8 @@ class PlacedPoints:
         By index into the points of the fleet, as far as they are known.
     covariances : numpy.ndarray, shape (k, 6, 6)
         Of positions and rotations.
+    fitted_yaws_rad : numpy.ndarray, shape (k,)
+        Of the best point; NaN where none was fitted.
     distances : Interval, shape (k, k)
         In m.
 
@@ -46,6 +48,7 @@ class PlacedPoints:
     enclosure: Interval
     headings: Mapping[int, Heading]
     covariances: FloatArray
+    fitted_yaws_rad: FloatArray
     distances: Interval
 
 
@@ -70,6 +73,8 @@ def assemble(
     boxes[points, 0], boxes[points, 1] = placed.enclosure.lower, placed.enclosure.upper
     covariances = np.full((n_points, 6, 6), np.nan)
     covariances[points] = placed.covariances
+    fitted_yaws = np.full(n_points, np.nan)
+    fitted_yaws[points] = placed.fitted_yaws_rad
     orientations = np.full((n_robots, 4), np.nan)
     half_widths = np.full(n_robots, np.pi)
     for point, heading in placed.headings.items():
@@ -96,4 +101,5 @@ def assemble(
         upper_m=apart[1, :n_robots, :n_robots],
         dropped=tuple(sorted(dropped)),
         covariances=covariances[:n_robots],
+        fitted_yaws_rad=fitted_yaws[:n_robots],
     )

@@ -165,6 +165,11 @@ def in_odometry_frame(
     for robot in np.flatnonzero(known):
         body = rotation_of_quaternion(placement.orientations_xyzw[robot])
         orientations[robot] = quaternion_of(turn.rotation @ body)
+    fitted_yaws_rad = placement.fitted_yaws_rad
+    if fitted_yaws_rad is not None:
+        fitted_yaws_rad = fitted_yaws_rad + math.atan2(turn.rotation[1, 0], turn.rotation[0, 0])
+        # The odometry itself states how the robot is turned.
+        fitted_yaws_rad[row] = np.nan
     positions_m = placement.positions_m @ turn.rotation[:q, :q].T + pose.position_m
     landmarks_m = placement.landmarks_m @ turn.rotation[:q, :q].T + pose.position_m
     return replace(
@@ -177,6 +182,7 @@ def in_odometry_frame(
         landmarks_m=np.clip(landmarks_m, landmark_enclosure_m[:, 0], landmark_enclosure_m[:, 1]),
         landmark_enclosure_m=landmark_enclosure_m,
         covariances=_moved_covariances(placement, row, pose, turn),
+        fitted_yaws_rad=fitted_yaws_rad,
     )
 
 

@@ -174,6 +174,7 @@ class Placer:
                 enclosure,
                 headings,
                 best.covariances,
+                best.fitted_yaws_rad(),
                 Interval(hypothesis.lower, hypothesis.upper).sqrt(),
             ),
             proved=best.proved,

@@ -11,7 +11,7 @@ odometry is left out: how far it may have moved soon says nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 import math
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.motion import Motion
-from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath, TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.interval.arrays import Interval
@@ -85,7 +85,12 @@ class CarriedWindow:
         for (observer, target), observations in window.observations.items():
             self._add(index[observer], index[target], observations)
         self._paths: dict[int, OdometryPath] = {}
-        self._poses = {body: self._past_poses(body) for body in self._bodies}
+        observing = sorted({body for pair in self._rows for body in pair} - {WORLD})
+        self._stamps = {robot: self._stamps_with(robot) for robot in observing}
+        self._poses = {
+            body: self.path(body).past_poses(stamps, now_s)
+            for body, stamps in self._stamps.items()
+        }
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
@@ -153,14 +158,42 @@ class CarriedWindow:
 
         Those of the `newest_s` before now; at most `most`, spread in time.
         """
+        return self._readings(pair, self._poses, most, newest_s)
+
+    def readings_on_tracks(self, pair: Pair) -> PairReadings:
+        """Return the observations of a pair, newest first, seen from the tracks of both."""
+        tracks = self._tracks
+        past = {body: tracks[body].past for body in pair if body != WORLD}
+        return self._readings(pair, past, None, math.inf)
+
+    def tracks(self, pair: Pair) -> tuple[PastPoses, PastPoses]:
+        """Return where the tracks of a pair are now, seen from the two bodies."""
+        first, second = (
+            PastPoses.at_rest(1) if body == WORLD else self._tracks[body].track for body in pair
+        )
+        return first, second
+
+    @cached_property
+    def _tracks(self) -> dict[int, TrackPoses]:
+        """Past poses of the robots on their tracks, for all their observations."""
+        return {
+            body: self.path(body).past_poses_on_track(stamps, self._now_s)
+            for body, stamps in self._stamps.items()
+        }
+
+    def _readings(
+        self, pair: Pair, past: Mapping[int, PastPoses], most: int | None, newest_s: float
+    ) -> PairReadings:
+        """Return observations of a pair with bodies in these past poses."""
         first, second = pair
         oldest_s = self._now_s - newest_s
         rows = [row for row in self._rows[pair] if row.observation.stamp_s >= oldest_s]
         if most is not None and len(rows) > most:
             rows = [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]
         stamps = np.array([row.observation.stamp_s for row in rows])
-        poses = self._of(second, stamps)
-        other = PastPoses.at_rest(len(rows)) if first == WORLD else self._of(first, stamps)
+        poses = self._of(second, stamps, past)
+        at_rest = first == WORLD
+        other = PastPoses.at_rest(len(rows)) if at_rest else self._of(first, stamps, past)
         by_second = np.array([row.seen_by_second for row in rows])
         rays = np.array(
             [AHEAD if o.direction is None else o.direction for o in (r.observation for r in rows)]
@@ -223,25 +256,21 @@ class CarriedWindow:
             return WORLD
         return point if self._motion.odometry.get(name) else None
 
-    @cached_property
-    def _bodies(self) -> tuple[int, ...]:
-        """The robots that observed or were observed."""
-        return tuple(sorted({body for pair in self._rows for body in pair} - {WORLD}))
-
     def _stamps_of(self, pair: Pair) -> list[float]:
         return [row.observation.stamp_s for row in self._rows[pair]]
 
-    def _past_poses(self, robot: int) -> tuple[NDArray[np.float64], PastPoses]:
-        """Return the times of all observations of a robot, ascending, and where it was then."""
-        stamps = np.unique(
+    def _stamps_with(self, robot: int) -> NDArray[np.float64]:
+        """Return the times of all observations of a robot, ascending."""
+        return np.unique(
             [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
         )
-        return stamps, self.path(robot).past_poses(stamps, self._now_s)
 
-    def _of(self, robot: int, stamps: NDArray[np.float64]) -> PastPoses:
-        """Return where a robot was at some of these times."""
-        known, poses = self._poses[robot]
-        index = np.searchsorted(known, stamps)
+    def _of(
+        self, robot: int, stamps: NDArray[np.float64], past: Mapping[int, PastPoses]
+    ) -> PastPoses:
+        """Return where a robot was at some of the times of its observations."""
+        poses = past[robot]
+        index = np.searchsorted(self._stamps[robot], stamps)
         return PastPoses(poses.position_m[index], poses.yaw_rad[index])
 
     def _leveled_rays(

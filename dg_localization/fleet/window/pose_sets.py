@@ -85,13 +85,13 @@ def place_robots(
     forgotten = []
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
-        readings = carried.readings(pair)
+        readings = carried.readings_on_tracks(pair)
         cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
         if cover.empty:
             agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
             forgotten.append(_what_contradicts(snapshot, pair, agreeing))
         elif cover.bounded:
-            covers[pair] = cover
+            covers[pair] = cover.moved(*carried.tracks(pair))
     pose_sets = PoseSets(
         {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
         {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},

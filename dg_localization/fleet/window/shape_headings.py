@@ -178,6 +178,8 @@ def _with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
     orientations = placement.orientations_xyzw.copy()
     half_widths = placement.heading_half_width_rad.copy()
     covariances = None if placement.covariances is None else placement.covariances.copy()
+    yaws = placement.fitted_yaws_rad
+    fitted = np.isfinite(yaws) if yaws is not None else np.zeros(len(orientations), bool)
     for robot in range(len(orientations)):
         low, high = map(float, arcs_rad[robot])
         middle = 0.5 * (low + high)
@@ -185,8 +187,8 @@ def _with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
         if half < min(KNOWN_HALF_WIDTH_RAD, half_widths[robot]):
             orientations[robot] = [0.0, 0.0, math.sin(0.5 * middle), math.cos(0.5 * middle)]
             half_widths[robot] = half
-            if covariances is not None:
-                # Least squares knows nothing of the window: the bound takes its place.
+            if covariances is not None and not fitted[robot]:
+                # Least squares knows nothing of this heading: the bound takes its place.
                 covariances[robot, 3:] = covariances[robot, :, 3:] = 0.0
                 covariances[robot, 5, 5] = half * half
     return replace(
