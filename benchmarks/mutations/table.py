@@ -452,8 +452,48 @@ FLEET = [
         ),
         (
             'a turn is taken the wrong way round',
-            'return end.rotation.T @ start.rotation, error_rad',
-            'return start.rotation.T @ end.rotation, error_rad',
+            'return after.T @ before, error_rad',
+            'return before.T @ after, error_rad',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_constraints.py',),
+        (
+            'pitch bends the rays of the plane',
+            'if self.in_plane:',
+            'if False:',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'error_models',
+        ('test/fleet/test_error_models.py',),
+        (
+            'the projection of a steep ray errs no more than the ray',
+            'quotient_up(angle_up(math.sin(half_width_rad)), horizontal)',
+            'quotient_up(angle_up(math.sin(half_width_rad)), 1.0)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/carry',
+        ('test/fleet/test_memory_in_space.py',),
+        (
+            'rays of a robot that is tilted count as level',
+            'return self.path(robot).leveled_rays(stamps_s, rays, errors_rad)',
+            'return rays, errors_rad',
+        ),
+    ),
+    *_in(
+        'ros',
+        'interface/parameters/link_bounds',
+        ('test/ros/test_parameters.py',),
+        (
+            'the last of two links that measure the same gives the bounds',
+            'gathered[pair] = _widest(gathered.get(pair, override), override)',
+            'gathered[pair] = override',
         ),
     ),
     *_in(
@@ -615,6 +655,11 @@ FLEET = [
             'beyond the last sample a robot stands still',
             'return np.where(beyond, up(limit * reach_s), np.minimum(spans, up(limit * reach_s)))',
             'return np.minimum(spans, up(limit * reach_s))',
+        ),
+        (
+            'the yaw of a steep body changes no faster than the body turns',
+            'return np.where(below, up(1.0 / cosines), UNBOUNDED)',
+            'return np.ones(len(index))',
         ),
         (
             'the latency of the odometry is ignored',
