@@ -55,9 +55,9 @@ class OdometryErrorModel:
     rotation_per_m, rotation_per_rad : float
         Error of a turn, in rad per m travelled and in rad per rad turned.
     constant_m, constant_rad : float
-        What the pose of one time may be off seen from that of another, however short the way
-        between; it does not add up along the way. So the robot is never farther than a part of it
-        from a track that errs by the other terms alone (`CENTERED`).
+        What does not add up along the way. The stated poses are those of a track that errs by the
+        other terms alone, each with an error of its own, and any two of these errors differ by at
+        most this. So they lie around one error, which makes another track (`CENTERED`).
     latency_s : float
         The pose stamped t was the true one at some time within this of t.
     tilt_rad : float
