@@ -6,6 +6,7 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
+        [--fitted]
     python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
 
 Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
@@ -197,6 +198,10 @@ class Excerpt:
 LATE_S = 0.05
 """Stamps of sightings are late by about this."""
 
+FITTED_RANGE_ERROR = RangeErrorModel(min_error_relative=-0.15, max_error_relative=0.092)
+FITTED_BEARING_ERROR_RAD = 0.060
+"""What `fit_bounds --per all --keep 0.99` learns of the excerpt."""
+
 
 def mrclam_config(excerpt: Excerpt, outliers: int, memory_s: float) -> FleetConfig:
     """Return what the localizer is told of the excerpt."""
@@ -236,10 +241,18 @@ def answers(
         yield float(now_s), estimate, 1000.0 * (time.process_time() - start)
 
 
-def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
+def report_mrclam(
+    folder: Path, outliers: int, memory_s: float, tick_s: float, fitted: bool
+) -> None:
     """Print the figures of the four-minute excerpt as a row of a table."""
     excerpt = Excerpt(folder)
     config = mrclam_config(excerpt, outliers, memory_s)
+    if fitted:
+        config = replace(
+            config,
+            range_error=FITTED_RANGE_ERROR,
+            bearing_half_width_rad=FITTED_BEARING_ERROR_RAD,
+        )
     inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
     for now_s, estimate, milliseconds in answers(excerpt, config, tick_s):
         spent.append(milliseconds)
@@ -377,6 +390,7 @@ def main() -> None:
     parser.add_argument('--data', type=Path, default=Path('../shared/data/mrclam'))
     parser.add_argument('--outliers', type=int, default=0)
     parser.add_argument('--every', type=float, default=5.0, metavar='SECONDS')
+    parser.add_argument('--fitted', action='store_true', help='bounds learned by fit_bounds')
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
@@ -391,7 +405,13 @@ def main() -> None:
             '| memory (s) | outliers | truth inside | infinite | width (m) | point off by (m) '
             '| ms (95 %) | forgot |'
         )
-        report_mrclam(arguments.data, arguments.outliers, arguments.memory, arguments.every)
+        report_mrclam(
+            arguments.data,
+            arguments.outliers,
+            arguments.memory,
+            arguments.every,
+            arguments.fitted,
+        )
 
 
 if __name__ == '__main__':

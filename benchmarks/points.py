@@ -274,6 +274,7 @@ def _tally_peer(tally: Tally, found: FloatArray, poses: FloatArray) -> None:
 def _tally_poses(tally: Tally, placement: Placement, poses: FloatArray) -> None:
     """Compare the only placement with the truth, where it has bounds."""
     bounded = np.isfinite(placement.enclosure_m).all(axis=(1, 2))
+    bounded &= np.isfinite(placement.positions_m).all(axis=1)
     off = (placement.positions_m - poses[:, :2])[bounded]
     tally.off_m.append(np.linalg.norm(off, axis=1))
     tally.proved.append(placement.proved)
