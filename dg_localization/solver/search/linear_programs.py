@@ -4,10 +4,11 @@
 """
 Which pairs of a finished box to bound by linear programs, and in which frames.
 
-A frame is made at the pair of which most is unexplained, and serves all open pairs that share a
-point with it. A pair is closed when it is hardly wider than its linear program explains. Frames
-come to an end when no pair is open, or when some in a row gained nothing: effects of higher order
-are then too large for linear programs.
+In the plane one frame serves all pairs first (`common_frame`). What is still open, and all pairs
+in space, is left to frames at two points. Such a frame is made at the pair of which most is
+unexplained, and serves all open pairs that share a point with it. A pair is closed when it is
+hardly wider than its linear program explains. Frames come to an end when no pair is open, or when
+some in a row gained nothing: effects of higher order are then too large for linear programs.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
 class _OpenPairs:
     """The unexplained pairs of a box, and what linear programs have explained of them so far."""
 
-    def __init__(self, box: FloatArray, pairs: list[Pair]) -> None:
+    def __init__(self, box: FloatArray, pairs: IntArray) -> None:
         self._box = box
-        self._pairs = np.array(pairs)
+        self._pairs = pairs
         self._explained = np.zeros(len(pairs))
         self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
 
@@ -72,6 +73,14 @@ class _OpenPairs:
         meets = np.isin(self._pairs, self._pairs[axis]).any(axis=1)
         others = np.flatnonzero(is_open & meets)
         return np.concatenate([[axis], others[others != axis]])
+
+    def narrow_all(
+        self, pruner: Pruner, positions: FloatArray, stopped: Callable[[], bool]
+    ) -> bool:
+        """Narrow all pairs in a common frame; False when the box is empty."""
+        return pruner.narrow_in_common_frame(
+            self._box, positions, self._pairs, self._explained, stopped
+        )
 
     def narrow(self, pruner: Pruner, positions: FloatArray, chosen: IntArray) -> float | None:
         """Narrow some pairs; return the largest relative gain, None when the box is empty."""
@@ -110,13 +119,21 @@ def narrow_by_linear_programs(pruner: Pruner, pruned: Pruned, stopped: Callable[
         False when the box is proved to hold no placement.
 
     """
-    pairs = unexplained_pairs(pruner.problem, pruned)
-    if not pairs:
+    problem = pruner.problem
+    unexplained = unexplained_pairs(problem, pruned)
+    if not unexplained:
         return True
-    positions = place_problem(pruner.problem, pruned.box)
+    pairs = np.array(unexplained)
+    in_plane = problem.dimension == 2
+    if in_plane:
+        # One frame serves them all, and least squares explain more than linear programs do.
+        pairs = np.argwhere(np.triu(np.isinf(problem.upper) & (pruned.explained > 0.0)))
+    positions = place_problem(problem, pruned.box)
     open_pairs = _OpenPairs(pruned.box, pairs)
     n_idle = 0
     with until(stopped):
+        if in_plane and not open_pairs.narrow_all(pruner, positions, stopped):
+            return False
         while n_idle < MOST_IDLE_FRAMES and not stopped():
             chosen = open_pairs.next_frame()
             if chosen is None:
