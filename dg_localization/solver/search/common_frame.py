@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from dg_localization.interval.kernels import WORK_PER_LOOK
-from dg_localization.solver.box import FloatArray, IntArray, sub_box
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.contract.groups import Groups
 from dg_localization.solver.contract.linearization import new_linearization
 from dg_localization.solver.contract.newton import LEAST_NEWTON_GAIN
@@ -26,6 +26,12 @@ from dg_localization.solver.contract.simplex import set_table
 
 MOST_STEPS = 10
 """Interval Newton steps in the Procrustes frame."""
+
+MOST_INFLATED = 5.0
+"""
+Linear programs gain nothing where the squares of displacements make the measured intervals so many
+times wider, in the median.
+"""
 
 EXCHANGES = 10
 """About how often a program writes its table, for how many are solved between looks."""
@@ -78,6 +84,8 @@ class CommonFrame:
         if self.status != BOUNDED or self._stopped():
             return self.status != EMPTY
         linear = self._linear
+        if self._inflation() > MOST_INFLATED:
+            return True
         n_unknowns = int(linear.unknowns.max()) + 1
         table = np.empty((len(linear.edges) + n_unknowns + 2, n_unknowns))
         active = np.full(n_unknowns, -1)
@@ -92,6 +100,16 @@ class CommonFrame:
             if not narrow_pairs(*state, pairs[some], errors, explained[some]):
                 return False
         return True
+
+    def _inflation(self) -> float:
+        """Return how many times wider the residuals are than the measured intervals."""
+        (i, j), residuals = self._linear.edges.T, self._linear.residuals
+        widths = self._box[UPPER, i, j] - self._box[LOWER, i, j]
+        inflated = residuals[:, UPPER] - residuals[:, LOWER]
+        open_edges = widths > 0.0
+        if not open_edges.any():
+            return 1.0
+        return float(np.median(inflated[open_edges] / widths[open_edges]))
 
     def _batches(self, count: int, table_size: int) -> Iterator[slice]:
         """Yield what to do between looks at the clock, until it says stop."""
