@@ -29,6 +29,9 @@ MOST_EXCHANGES = 60
 TOLERANCE = 1e-6
 """A pair violates its bounds when it leaves them by more than this fraction of their width."""
 
+LEAST_VIOLATION = 1e-13
+"""And by more than this fraction of the widest: exact pairs have rounding errors only."""
+
 LEAST_ENTRY = 1e-7
 """An entry below this fraction of the largest in its row is no pivot."""
 
@@ -96,7 +99,7 @@ def set_table(linear: Linearization, table: FloatArray, active: IntArray) -> boo
     for _ in range(n_free):
         best, row, column = 0.0, -1, -1
         for m in range(n_edges):
-            width = residuals[m, UPPER] - residuals[m, LOWER] + SMALLEST_WIDTH * largest
+            width = residuals[m, UPPER] - residuals[m, LOWER] + SMALLEST_WIDTH * largest * largest
             for c in range(n_free):
                 if not is_pair[c] and abs(table[m, c]) > best * width:
                     best, row, column = abs(table[m, c]) / width, m, c
@@ -162,13 +165,15 @@ def _leaving_row(
             continue
         value = 0.0
         width = residuals[m, UPPER] - residuals[m, LOWER]
-        edge = (width / widest) ** 2
+        own = width / widest
+        edge = own * own
         for c in range(n_columns):
             value += table[m, c] * vertex[c]
             along = table[m, c] * widths[c]
             edge += along * along
         excess = max(value - residuals[m, UPPER], residuals[m, LOWER] - value)
-        if edge > 0.0 and excess > max(TOLERANCE * width, best * math.sqrt(edge)):
+        least = max(TOLERANCE * width, LEAST_VIOLATION * widest)
+        if edge > 0.0 and excess > max(least, best * math.sqrt(edge)):
             row, violation, best = m, excess, excess / math.sqrt(edge)
             side = 1.0 if value > residuals[m, UPPER] else -1.0
     return row, side, violation
