@@ -18,15 +18,14 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.contract.linearization import (
-    Linearization,
-    bound_linear_function,
     narrow_to_linear,
     new_linearization,
     set_displacements,
 )
 from dg_localization.solver.contract.newton import narrow_displacements
+from dg_localization.solver.contract.programs import bound_by_program
 from dg_localization.solver.contract.reference import complete_frame, point_errors_m, set_reference
-from dg_localization.solver.contract.simplex import set_multipliers, set_table
+from dg_localization.solver.contract.simplex import set_table
 
 MOST_STEPS = 20
 """Interval Newton steps: in a box as wide as these are they gain little each at first."""
@@ -93,44 +92,10 @@ def contract_in_frame(
         for axis in range(dimension):
             target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
             target[j, axis] = -target[i, axis]
-        low, high, explained[p] = _bound(linear, table, active, target, errors)
+        low, high, explained[p] = bound_by_program(linear, table, active, target, errors)
         if not narrow_to_linear(box, linear, i, j, low, high):
             return False
         for axis in range(dimension):
             target[i, axis] = 0.0
             target[j, axis] = 0.0
     return True
-
-
-@kernel
-def _bound(
-    linear: Linearization,
-    table: FloatArray,
-    active: IntArray,
-    target: FloatArray,
-    errors: FloatArray,
-) -> tuple[float, float, float]:
-    """
-    Bound a linear function of the displacements, from either side with its own multipliers.
-
-    Returns its bounds, and the mean of the widths that the multipliers of the sides explain.
-    """
-    n_points, dimension = target.shape
-    n_edges, n_unknowns = len(linear.edges), len(active)
-    multipliers = np.empty(n_edges)
-    bounds = np.empty(2)
-    explained = 0.0
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        table[n_edges + n_unknowns] = 0.0
-        for i in range(n_points):
-            for axis in range(dimension):
-                if linear.unknowns[i, axis] >= 0 and target[i, axis] != 0.0:
-                    row = n_edges + linear.unknowns[i, axis]
-                    for c in range(n_unknowns):
-                        table[n_edges + n_unknowns, c] += sign * target[i, axis] * table[row, c]
-        set_multipliers(table, active, linear.residuals, multipliers)
-        for m in range(n_edges):
-            explained += 0.5 * abs(multipliers[m]) * errors[m]
-            multipliers[m] *= sign
-        bounds[end] = bound_linear_function(linear, multipliers, target)[end]
-    return bounds[0], bounds[1], explained

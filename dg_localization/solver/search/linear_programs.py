@@ -4,10 +4,11 @@
 """
 Which pairs of a finished box to bound by linear programs, and in which frames.
 
-A frame is made at the pair of which most is unexplained, and serves all open pairs that share a
-point with it. A pair is closed when it is hardly wider than its linear program explains. Frames
-come to an end when no pair is open, or when some in a row gained nothing: effects of higher order
-are then too large for linear programs.
+In the plane one frame serves all pairs first (`common_frame`). What is still open, and all pairs
+in space, is left to frames at two points. Such a frame is made at the pair of which most is
+unexplained, and serves all open pairs that share a point with it. A pair is closed when it is
+hardly wider than its linear program explains. Frames come to an end when no pair is open, or when
+some in a row gained nothing: effects of higher order are then too large for linear programs.
 """
 
 from __future__ import annotations
@@ -31,8 +32,11 @@ CLOSED_WIDTH = 1.2
 """A pair is closed below this width, over what its linear program explains."""
 
 LEAST_GAIN = 0.02
-MOST_IDLE_FRAMES = 3
-"""After so many frames in a row that shorten no interval by this fraction there are no more."""
+MOST_IDLE_FRAMES = (3, 2, 3)
+"""
+After so many frames in a row, in 1, 2, 3 dimensions, that shorten no interval by this fraction
+there are no more.
+"""
 
 
 def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
@@ -42,19 +46,30 @@ def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
     To first order the explained width is that of the exact hull. An interval that is narrower, as
     well as a wider one, shows that effects of higher order matter.
     """
-    width, explained = pruned.box[UPPER] - pruned.box[LOWER], pruned.explained
-    open_pairs = np.isinf(problem.upper) & (explained > 0.0)
-    open_pairs &= np.abs(width - explained) > WELL_EXPLAINED * explained
-    pairs = np.argwhere(np.triu(open_pairs)).tolist()
-    return sorted(((i, j) for i, j in pairs), key=lambda pair: -width[pair] / explained[pair])
+    excess = _excess(problem, pruned)
+    pairs = np.argwhere(np.triu(np.abs(excess - 1.0) > WELL_EXPLAINED)).tolist()
+    return sorted(((i, j) for i, j in pairs), key=lambda pair: -excess[pair])
 
 
-class _OpenPairs:
+def open_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
+    """Return the unknown pairs much wider than the errors explain, the widest first."""
+    excess = _excess(problem, pruned)
+    return [pair for pair in unexplained_pairs(problem, pruned) if excess[pair] > CLOSED_WIDTH]
+
+
+def _excess(problem: Problem, pruned: Pruned) -> FloatArray:
+    """Return the widths of the unknown pairs over what errors explain; 1 where that is unknown."""
+    known = np.isinf(problem.upper) & (pruned.explained > 0.0)
+    width = pruned.box[UPPER] - pruned.box[LOWER]
+    return np.divide(width, pruned.explained, out=np.ones_like(width), where=known)
+
+
+class _Frames:
     """The unexplained pairs of a box, and what linear programs have explained of them so far."""
 
-    def __init__(self, box: FloatArray, pairs: list[Pair]) -> None:
+    def __init__(self, box: FloatArray, pairs: IntArray) -> None:
         self._box = box
-        self._pairs = np.array(pairs)
+        self._pairs = pairs
         self._explained = np.zeros(len(pairs))
         self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
 
@@ -73,6 +88,14 @@ class _OpenPairs:
         others = np.flatnonzero(is_open & meets)
         return np.concatenate([[axis], others[others != axis]])
 
+    def narrow_all(
+        self, pruner: Pruner, positions: FloatArray, stopped: Callable[[], bool]
+    ) -> bool:
+        """Narrow all pairs in a common frame; False when the box is empty."""
+        return pruner.narrow_in_common_frame(
+            self._box, positions, self._pairs, self._explained, stopped
+        )
+
     def narrow(self, pruner: Pruner, positions: FloatArray, chosen: IntArray) -> float | None:
         """Narrow some pairs; return the largest relative gain, None when the box is empty."""
         before = self._widths()[chosen]
@@ -85,6 +108,12 @@ class _OpenPairs:
         gains = np.zeros(len(chosen))
         np.divide(before - self._widths()[chosen], before, out=gains, where=before > 0.0)
         return float(gains.max())
+
+    def explain(self, explained: FloatArray) -> None:
+        """Write what the linear programs explained, which is less than least squares do."""
+        known = self._explained > 0.0
+        (i, j), least = self._pairs[known].T, self._explained[known]
+        explained[i, j] = explained[j, i] = least
 
     def _widths(self) -> NDArray[np.float64]:
         rows, columns = self._pairs.T
@@ -100,7 +129,8 @@ def narrow_by_linear_programs(pruner: Pruner, pruned: Pruned, stopped: Callable[
     pruner : Pruner
         Narrows the pairs of a frame.
     pruned : Pruned
-        The box, and what the errors explain of it.
+        The box, and what the errors explain of it, which is corrected to what linear programs
+        explain.
     stopped : callable
         Whether to stop early; the box is sound all the same.
 
@@ -110,19 +140,28 @@ def narrow_by_linear_programs(pruner: Pruner, pruned: Pruned, stopped: Callable[
         False when the box is proved to hold no placement.
 
     """
-    pairs = unexplained_pairs(pruner.problem, pruned)
-    if not pairs:
+    problem = pruner.problem
+    unexplained = unexplained_pairs(problem, pruned)
+    if not unexplained:
         return True
-    positions = place_problem(pruner.problem, pruned.box)
-    open_pairs = _OpenPairs(pruned.box, pairs)
-    n_idle = 0
+    pairs = np.array(unexplained)
+    in_plane = problem.dimension == 2
+    if in_plane:
+        # One frame serves them all, and least squares explain more than linear programs do.
+        pairs = np.argwhere(np.triu(np.isinf(problem.upper) & (pruned.explained > 0.0)))
+    positions = place_problem(problem, pruned.box)
+    frames = _Frames(pruned.box, pairs)
+    n_idle, most_idle = 0, MOST_IDLE_FRAMES[problem.dimension - 1]
     with until(stopped):
-        while n_idle < MOST_IDLE_FRAMES and not stopped():
-            chosen = open_pairs.next_frame()
+        if in_plane and not frames.narrow_all(pruner, positions, stopped):
+            return False
+        while n_idle < most_idle and not stopped():
+            chosen = frames.next_frame()
             if chosen is None:
                 break
-            gain = open_pairs.narrow(pruner, positions, chosen)
+            gain = frames.narrow(pruner, positions, chosen)
             if gain is None:
                 return False
             n_idle = n_idle + 1 if gain < LEAST_GAIN else 0
+    frames.explain(pruned.explained)
     return True

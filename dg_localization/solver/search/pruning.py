@@ -19,6 +19,7 @@ from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.common_frame import narrow_in_common_frame
 from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
 
 MAX_SWEEPS = 50
@@ -107,3 +108,14 @@ class Pruner:
 
         """
         return bool(combine_in_frame(*self._groups, box, positions, pairs, explained))
+
+    def narrow_in_common_frame(
+        self,
+        box: FloatArray,
+        positions: FloatArray,
+        pairs: IntArray,
+        explained: FloatArray,
+        stopped: Callable[[], bool],
+    ) -> bool:
+        """Narrow unknown pairs of a finished box in the plane; see `narrow_in_common_frame`."""
+        return narrow_in_common_frame(self._groups, box, positions, pairs, explained, stopped)

@@ -13,6 +13,8 @@ extreme of a distance all measured distances are at extremes of their own: a sli
 better than the box it was cut from. Both ends of every interval are trimmed by slices of
 decreasing thickness. The remaining slices are thin ones, which are halved across the other pairs
 until they are proved empty or hold a placement. Tightening ends early when slices cut nothing off.
+Slices too few for all ends are cut off those pairs that linear programs leave much wider than they
+explain.
 """
 
 from __future__ import annotations
@@ -31,12 +33,13 @@ from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.search.linear_programs import (
     narrow_by_linear_programs,
+    open_pairs,
     unexplained_pairs,
 )
 from dg_localization.solver.search.pruning import Pair, Pruner
 
 THICKEST_SLICE = 0.5
-THINNEST_SLICE = 1.0 / 32.0
+THINNEST_SLICE = 1.0 / 64.0
 """Fractions of the width of an interval."""
 
 PASSES = 2
@@ -218,6 +221,8 @@ def tighten(
     if not narrow_by_linear_programs(pruner, pruned, stopped):
         return None
     ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
+    if slices < len(ends):
+        ends = list(product(open_pairs(pruner.problem, pruned), (UPPER, LOWER)))
     slicer = _Slicer(pruner, pruned.box, slices, stopped)
     if not all(slicer.trim(pair, end) for pair, end in ends * PASSES):
         return None
