@@ -313,7 +313,7 @@ class MeasurementStore:
         self, key: LinkKey, value: tuple[float, ...], stamp_s: float
     ) -> Rejection | None:
         """Note a reading; return a rejection when it is stuck and such readings are dropped."""
-        robots = {self._config.robot_of(point) for point in key.ends} & self._tracks.keys()
+        robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
         newest = {robot: self._tracks[robot].newest for robot in robots}
         self._stuck.add(key, value, stamp_s, newest)
         sentence = self._stuck.sentence(key) if self._config.drop_stuck else ''

@@ -12,6 +12,7 @@ readings do so. The smallest such sets are the suspects.
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from dg_localization.pairs.search import PairOptions, cover_poses
 
 FEW_BOXES = 64
 """Boxes in which all readings may agree are looked at more closely, but not for long."""
+
+CHUNK = 64
+"""Boxes looked at together."""
 
 
 @kernel
@@ -73,13 +77,16 @@ def find_suspects(
         of these alone rule out another box.
 
     """
+    table = readings.table
     ruled_out = np.zeros((len(cover), len(readings)), np.bool_)
-    rule_out(cover.boxes, readings.table, ruled_out)
-    agreeing = cover.boxes[~ruled_out.any(axis=1)]
-    if len(agreeing):
-        options = PairOptions(max_boxes=max(FEW_BOXES, 2 * len(agreeing)))
-        rest = cover_poses(readings, options, within=Cover(agreeing), stopped=stopped)
-        if not rest.empty:
+    parts = math.ceil(len(cover) / CHUNK)
+    for part in range(parts):
+        # Spread over the cover: where all agree somewhere, the first part mostly shows it.
+        chosen = slice(part, None, parts)
+        boxes, found = np.ascontiguousarray(cover.boxes[chosen]), ruled_out[chosen].copy()
+        rule_out(boxes, table, found)
+        ruled_out[chosen] = found
+        if _agree_within(readings, boxes[~found.any(axis=1)], stopped):
             return np.empty(0, np.intp)
     sets = np.unique(ruled_out[ruled_out.any(axis=1)], axis=0)
     sizes = sets.sum(axis=1)
@@ -87,3 +94,11 @@ def find_suspects(
     shared = sets.astype(np.int64) @ sets.T.astype(np.int64)
     contains = (shared == sizes[None]) & (sizes[None] < sizes[:, None])
     return np.flatnonzero(sets[~contains.any(axis=1)].any(axis=0))
+
+
+def _agree_within(readings: PairReadings, boxes: np.ndarray, stopped: Callable[[], bool]) -> bool:
+    """Return whether all readings may agree somewhere in some boxes."""
+    if not len(boxes):
+        return False
+    options = PairOptions(max_boxes=max(FEW_BOXES, 2 * len(boxes)))
+    return not cover_poses(readings, options, within=Cover(boxes), stopped=stopped).empty

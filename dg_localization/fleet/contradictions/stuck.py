@@ -56,6 +56,15 @@ class StuckWatch:
     def __init__(self, config: FleetConfig) -> None:
         self._config = config
         self._repetitions: dict[LinkKey, _Repetition] = {}
+        self._movable: dict[LinkKey, tuple[str, ...]] = {}
+
+    def movable(self, key: LinkKey) -> tuple[str, ...]:
+        """Return the robots at the ends of a link that can move."""
+        # Every reading asks for it.
+        if key not in self._movable:
+            robots = dict.fromkeys(self._config.robot_of(point) for point in key.ends)
+            self._movable[key] = tuple(r for r in robots if self._config.speed_m_s(r) > 0.0)
+        return self._movable[key]
 
     def add(self, key: LinkKey, value: tuple[float, ...], stamp_s: float, newest: Poses) -> None:
         """
@@ -68,28 +77,27 @@ class StuckWatch:
             As it was read.
         stamp_s : float
         newest : mapping of str to OdometryReading
-            The newest odometry by robot.
+            The newest odometry of those of the `movable` robots that have some.
 
         """
         before = self._repetitions.get(key)
         if before is not None and before.newest_s == stamp_s:
             return
-        poses = {robot: newest[robot] for robot in self._movable(key) if robot in newest}
         equal = before is not None and before.value == value and before.newest_s < stamp_s
         if before is None or not equal or not all(map(math.isfinite, value)):
-            self._repetitions[key] = _Repetition(value, stamp_s, stamp_s, 1, poses)
+            self._repetitions[key] = _Repetition(value, stamp_s, stamp_s, 1, newest)
             return
         motion = before.motion
         if motion in ('', UNKNOWN_MOTION):
-            motion = self._motion(key, before.poses, poses)
+            motion = self._motion(key, before.poses, newest)
         # Odometry that came later, or started anew, counts from then on.
-        poses |= {
+        kept = {
             robot: pose
             for robot, pose in before.poses.items()
-            if _is_same_frame(pose, poses.get(robot, pose))
+            if _is_same_frame(pose, newest.get(robot, pose))
         }
         self._repetitions[key] = _Repetition(
-            value, before.since_s, stamp_s, before.count + 1, poses, motion
+            value, before.since_s, stamp_s, before.count + 1, {**newest, **kept}, motion
         )
 
     def sentence(self, key: LinkKey) -> str:
@@ -107,14 +115,9 @@ class StuckWatch:
             f'{found.motion}'
         )
 
-    def _movable(self, key: LinkKey) -> tuple[str, ...]:
-        """Return the robots at the ends of a link that can move."""
-        robots = dict.fromkeys(self._config.robot_of(point) for point in key.ends)
-        return tuple(robot for robot in robots if self._config.speed_m_s(robot) > 0.0)
-
     def _motion(self, key: LinkKey, before: Poses, now: Poses) -> str:
         """Return which robot has moved in the meantime; empty where none is known to have."""
-        movable = self._movable(key)
+        movable = self.movable(key)
         for robot in movable:
             known = robot in before and robot in now
             if known and _is_same_frame(before[robot], now[robot]):

@@ -11,7 +11,6 @@ sensor_msgs/Range has a variance since Iron, and no subscriber of today reads th
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, redirect_stdout
-from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
@@ -181,10 +180,11 @@ class Bag:
         else:
             candidates = [get_typestore(Stores[f'ROS2_{name}']) for name in DISTRIBUTIONS]
         candidates = [one for one in candidates if not _renamed(one, installed, info.msgtype)]
-        # The first of those that fit the most: some samples may be damaged.
-        recorded = max(candidates, key=partial(_n_fitting, samples, info.msgtype), default=None)
-        if recorded is None or (samples and not _n_fitting(samples, info.msgtype, recorded)):
+        fitting = [_n_fitting(samples, info.msgtype, one) for one in candidates]
+        if not candidates or (samples and not max(fitting)):
             return None
+        # The first of those that fit the most: some samples may be damaged.
+        recorded = candidates[fitting.index(max(fitting))]
         with redirect_stdout(StringIO()):  # it prints the name of every type it converts
             convert = generate_message_converter(
                 recorded, installed, info.msgtype, info.msgtype, {}, src_is2=True, dst_is2=True
