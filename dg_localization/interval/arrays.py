@@ -30,6 +30,12 @@ def down(values: ArrayLike) -> np.ndarray:
     return np.asarray(values - (np.abs(values) * UNIT + TINIEST))
 
 
+def sum_up(values: np.ndarray) -> np.ndarray:
+    """Return upper bounds of the sums of non-negative numbers along the last axis."""
+    total = values.sum(axis=-1)
+    return np.asarray(total + values.shape[-1] * (total * UNIT + TINIEST))
+
+
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return a * b where 0 times infinity is 0, as bounds need it (IEEE 1788-2015, 10.5.3)."""
     with np.errstate(invalid='ignore'):

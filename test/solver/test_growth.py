@@ -114,6 +114,29 @@ def test_weakly_held_points_do_not_keep_a_piece_from_an_answer():
         assert not missing(result, positions, squared_distances(positions))
 
 
+def test_more_points_are_kept_as_they_grew_and_one_placement_is_proved():
+    """Two exact distances a point, the others wide, and more points than a search contracts."""
+    rng = np.random.default_rng(4)
+    positions = rng.random((64, 3))
+    squared = squared_distances(positions)
+    width = 0.1 * (1.0 - np.eye(64))
+    for point in range(1, 64):
+        nearest = np.argsort(squared[point, :point])[:2]
+        width[point, nearest] = width[nearest, point] = 0.0
+    measured = (np.sqrt(squared) < 0.5) | (width == 0.0)
+    low = np.maximum(0.0, np.sqrt(squared) - 0.3 * width)
+    lower = np.where(width > 0.0, low**2, squared) * measured
+    upper = np.where(measured, np.where(width > 0.0, (low + width) ** 2, squared), np.inf)
+    result = solve(Problem(lower, upper, 3), SolverOptions(max_boxes=1000, max_seconds=60.0))
+    assert result.verdict is Verdict.COVERED
+    (piece,) = result.pieces
+    assert any(hypothesis.proved for hypothesis in piece.hypotheses)
+    assert not missing(result, positions, squared)
+    done = result.statistics
+    assert done.processed == done.empty + done.split + done.kept
+    assert done.kept == sum(len(hypothesis.boxes) for hypothesis in piece.hypotheses)
+
+
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('seeds', CHUNKS, ids=first_and_last)
 @pytest.mark.usefixtures('grows_everything')

@@ -119,6 +119,23 @@ def test_a_large_grid_is_one_hypothesis_that_holds_the_truth(size, error):
     assert np.isfinite(hypothesis.upper).all()
 
 
+@pytest.mark.parametrize('error', [0.01, 0.03])
+def test_a_placement_is_proved_where_many_choices_of_patches_are_left(error):
+    """The first choice that agrees patch by patch is not one of the whole piece."""
+    positions = np.random.default_rng(1).random((100, 2)) * 50.0
+    squared = squared_distances(positions)
+    rows, columns = np.triu_indices(100, 1)
+    nearest = np.argsort(squared[rows, columns])[:400]
+    known = squared[rows[nearest], columns[nearest]]
+    lower, upper = known * (1.0 - error) ** 2, known * (1.0 + error) ** 2
+    problem = Problem.from_pairs(100, rows[nearest], columns[nearest], lower, upper)
+    result = solve(problem, SolverOptions(max_boxes=10**6, max_seconds=60.0))
+    piece = max(result.pieces, key=lambda piece: len(piece.points))
+    assert len(piece.points) > 60
+    assert any(len(patch.hypotheses) > 1 for patch in piece.patches)
+    assert any(hypothesis.proved for hypothesis in piece.hypotheses)
+
+
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('error', [0.01, 0.03])
 def test_a_grid_with_holes_keeps_the_truth(seed, error):

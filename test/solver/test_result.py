@@ -20,6 +20,7 @@ from dg_localization import (
     Verdict,
     solve,
 )
+from dg_localization.solver.place.existence import NEARNESS
 
 # Two triangles of sides 1, hinged at points 0 and 1: the rhombus or folded.
 HINGED = {(0, 1): (1, 1), (0, 2): (1, 1), (1, 2): (1, 1), (0, 3): (1, 1), (1, 3): (1, 1)}
@@ -72,7 +73,23 @@ def check_claims(problem, result):
             assert not hypothesis.proved
         else:
             assert hypothesis.positions.shape == (n_points, dimension)
-            assert not hypothesis.proved or agrees_exactly(problem, hypothesis.positions)
+            assert (
+                not hypothesis.proved
+                or agrees_exactly(problem, hypothesis.positions)
+                or agrees_closely(problem, hypothesis.positions)
+            )
+
+
+def agrees_closely(problem, positions):
+    """Tell whether a placement is next to what meets the exact distances of a problem."""
+    measured = np.isfinite(problem.upper) & ~np.eye(problem.n_points, dtype=bool)
+    width = np.where(measured, problem.upper, 0.0) - np.where(measured, problem.lower, 0.0)
+    if not (width <= 1e-10 * problem.upper)[measured].any():
+        return False
+    squared = squared_distances(positions)
+    slack = 4.0 * NEARNESS * problem.upper[measured].max()
+    inside = (problem.lower - slack <= squared) & (squared <= problem.upper + slack)
+    return bool(inside.all())
 
 
 @pytest.mark.parametrize('first_seed', range(0, 1000, 100))

@@ -30,6 +30,7 @@ from dg_localization.fleet.best_point.terms import (
 )
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.interval.arrays import Interval
+from dg_localization.solver.place.existence import has_exact_pairs
 from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem
 
@@ -312,7 +313,9 @@ def _agreeing(
     if agrees(problem, best_m):
         return best_m, True
     if not agrees(problem, start_m):
-        return (start_m, True) if proved else (best_m, False)
+        # Next to exact distances a placement is proved to exist, but neither of these is one.
+        is_start = proved and not has_exact_pairs(problem)
+        return (start_m, True) if is_start else (best_m, False)
     share = 0.0
     for halving in range(1, HALVINGS + 1):
         trial = share + 0.5**halving

@@ -95,6 +95,13 @@ class CallBudget:
             self.spent, processed=self.spent.processed + 1, split=self.spent.split + 1
         )
 
+    def keep(self, n_boxes: int) -> bool:
+        """Note that boxes found by other means than the search are kept, if so many may be."""
+        if n_boxes > self._boxes():
+            return False
+        self.spent += Statistics(processed=n_boxes, kept=n_boxes)
+        return True
+
     def accept_pending(self, cover: Cover) -> None:
         """Keep the boxes which a search left pending as they are."""
         n_pending = len(cover.pending)

@@ -10,7 +10,7 @@ from a piece solved before: it is solved once for each of the ranges that these 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 import math
@@ -100,13 +100,13 @@ class _Search:
             return not self.large.patches.is_complete()
         return bool(self.pending)
 
-    def hypotheses(self) -> Sequence[Hypothesis]:
+    def hypotheses(self, stopped: Callable[[], bool]) -> Sequence[Hypothesis]:
         """Return the hypotheses that the cover makes, or those that patches made."""
         if self.large is not None and self.large.cover is None:
             return self.large.hypotheses
         if self.found is not None:
             return self.found
-        return hypotheses_of(self.problem, self.kept + self.pending)
+        return hypotheses_of(self.problem, self.kept + self.pending, stopped)
 
 
 @dataclass(eq=False)
@@ -122,10 +122,10 @@ class _Task:
         """Return whether some boxes were not examined, and may be about anything."""
         return any(search.is_pending() for search in self.searches)
 
-    def gather(self) -> None:
+    def gather(self, stopped: Callable[[], bool]) -> None:
         """Write the hypotheses that the covers of all searches make."""
         self.hypotheses = [
-            hypothesis for search in self.searches for hypothesis in search.hypotheses()
+            hypothesis for search in self.searches for hypothesis in search.hypotheses(stopped)
         ]
 
     def solved(self) -> SolvedPiece:
@@ -251,7 +251,7 @@ class PieceSolver:
             cover = self._budget.search(search.problem, 1.0 / (len(searches) - x), starts)
             search.kept += cover.kept
             search.pending, search.found = cover.pending, None
-            task.gather()
+            task.gather(self._budget.is_over)
             yield task
 
     def _merge_degenerate(self, number: int) -> None:
@@ -291,7 +291,7 @@ class PieceSolver:
                 part = share / (len(given) - x)
                 search = self._found_ahead(task, problem, part)
                 task.searches.append(search or _searched(problem, self._budget, part, within))
-        task.gather()
+        task.gather(self._budget.is_over)
 
     def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
         """Return what a worker found of a piece, None where that is not what would be found."""

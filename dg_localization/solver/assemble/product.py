@@ -29,9 +29,10 @@ from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
+from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.place.placements import refine
-from dg_localization.solver.place.proofs import agrees, with_known_chirality
+from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -227,8 +228,8 @@ class Product:
     ) -> tuple[FloatArray | None, bool]:
         """Return a placement of a combination, and whether it is proved to agree."""
         if problem.n_points <= MOST_AT_ONCE and not self._turns:
-            positions = self._at_once(problem, bounds)
-            if agrees(self._problem, positions):
+            positions, proved = settled(self._problem, self._at_once(problem, bounds))
+            if proved:
                 return positions, True
         pieces = [
             (piece.points, hypothesis.positions)
@@ -245,19 +246,21 @@ class Product:
         for seed in range(MOST_ATTEMPTS):
             placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
             positions = with_known_chirality(self._problem, placer.place(least_m))
-            if agrees(self._problem, positions):
+            positions, proved = settled(self._problem, positions)
+            if proved:
                 return positions, True
             if stopped():
                 return positions, False
             if problem.n_points <= MOST_REFINED:
                 positions = with_known_chirality(self._problem, refine(positions, known))
-                if agrees(self._problem, positions):
+                positions, proved = settled(self._problem, positions)
+                if proved:
                     return positions, True
             if first is None:
                 first = positions
         if problem.n_points <= MOST_CONTRACTED:
-            positions = self._at_once(problem, bounds)
-            if agrees(self._problem, positions):
+            positions, proved = settled(self._problem, self._at_once(problem, bounds))
+            if proved:
                 return positions, True
         return first, False
 

@@ -48,6 +48,10 @@ LOCAL_POINTS = 12
 WELL_EXPLAINED = 2.0
 """Axes are of use where pairs are wider than so many times what the errors explain."""
 
+MOST_COMBINED, COMBINED_GROWTH = 60, 1.15
+"""Beyond so many points their pairs are combined only when there are so many times more, and where
+a point can be is looked at again only when it measures so many times more of them."""
+
 REFERENCE_STEPS = 3
 """Steps of least squares towards a placement, by which frames are chosen."""
 
@@ -77,6 +81,8 @@ class PartialBox:
         The points, in the order in which they were placed.
     box : ndarray, shape (4, k, k)
         Bounds of their squared distances in m^2, without gaps.
+    n_combined : int
+        How many points there were when all their pairs were last combined.
     trials : dict
         Where further points can be, as far as that was looked at.
 
@@ -84,6 +90,7 @@ class PartialBox:
 
     points: tuple[int, ...]
     box: FloatArray
+    n_combined: int
     trials: dict[int, _Trial] = field(default_factory=dict)
 
 
@@ -123,7 +130,7 @@ class Growth:
         if seed is None:
             return None
         box = self._contracted(seed, self._box_of(seed))
-        growing = [] if box is None else [PartialBox(seed, box)]
+        growing = [] if box is None else [PartialBox(seed, box, len(seed))]
         grown: list[PartialBox] = []
         while growing and len(growing) + len(grown) <= MOST_PARTIAL_BOXES and not self._stopped():
             partial = growing.pop()
@@ -158,11 +165,14 @@ class Growth:
         positions = place(partial.box, self._problem.dimension, REFERENCE_STEPS)
         for point in within_reach:
             trial = partial.trials.get(point)
-            if trial is None or trial.n_links < n_links[point]:
-                partial.trials[point] = trial = self._trial(partial, positions, point)
+            if trial is None or _is_outdated(trial, n_links[point], len(partial.points)):
+                trial = self._trial(partial, positions, point)
             if len(trial.regions) == 0:
                 return []
+            partial.trials[point] = trial
         best = min(within_reach, key=lambda point: (*partial.trials[point].rank(), point))
+        if partial.trials[best].n_links < n_links[best]:
+            partial.trials[best] = self._trial(partial, positions, best)
         if len(partial.trials[best].regions) > MOST_REGIONS:
             return None
         return list(self._with_point(partial, best))
@@ -184,13 +194,19 @@ class Growth:
         points, size = (*partial.points, point), len(partial.points)
         enclosure = enclose_in_frame(partial.box, trial.frame)
         trials = {other: t for other, t in partial.trials.items() if other != point}
+        n_combined = len(points)
+        if n_combined > MOST_COMBINED and n_combined < COMBINED_GROWTH * partial.n_combined:
+            n_combined = partial.n_combined
         for region in trial.regions:
             box = self._box_of(points)
             box[:, :size, :size] = partial.box
             if distances_to_region(region, enclosure, box, size):
-                left = self._contracted(points, box)
+                if n_combined == len(points):
+                    left = self._contracted(points, box)
+                else:
+                    left = box if _smoothed(box) else None
                 if left is not None:
-                    yield PartialBox(points, left, dict(trials))
+                    yield PartialBox(points, left, n_combined, dict(trials))
 
     def _contracted(self, points: tuple[int, ...], box: FloatArray) -> FloatArray | None:
         """Contract the box of some points; None when it is proved to hold no placement."""
@@ -198,7 +214,7 @@ class Growth:
         lower, upper = self._problem.lower[index], self._problem.upper[index]
         part = Problem.unchecked((lower, upper), self._problem.dimension, (), ())
         groups, explained = groups_of(lower, upper), np.zeros(lower.shape)
-        if not smooth_triangles(box, np.empty_like(box), np.arange(len(points))):
+        if not _smoothed(box):
             return None
         if not combine(*groups, box, part.dimension, explained):
             return None
@@ -214,6 +230,17 @@ class Growth:
         # Each gap is one of a pair alone: the search looks for them again.
         box[GAP_LOWER:] = 0.0
         return box if combine(*groups, box, part.dimension, explained) else None
+
+
+def _is_outdated(trial: _Trial, n_links: int, n_points: int) -> bool:
+    """Return whether a point measures so many more placed ones that it is looked at again."""
+    growth = 1.0 if n_points <= MOST_COMBINED else COMBINED_GROWTH
+    return n_links > trial.n_links and n_links >= growth * trial.n_links
+
+
+def _smoothed(box: FloatArray) -> bool:
+    """Narrow a box by the triangle inequalities in place; return whether anything is left."""
+    return bool(smooth_triangles(box, np.empty_like(box), np.arange(box.shape[1])))
 
 
 def _frame(box: FloatArray, positions: FloatArray, neighbors: IntArray) -> IntArray:

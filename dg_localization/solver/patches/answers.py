@@ -14,16 +14,22 @@ from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.choices import Ambiguities
-from dg_localization.solver.patches.placing import laid_together, refined
+from dg_localization.solver.patches.placing import laid_together
 from dg_localization.solver.patches.solver import SolvedPatches
+from dg_localization.solver.place.existence import settled
+from dg_localization.solver.place.hypotheses import LARGEST_M2
 from dg_localization.solver.place.placements import MARGIN
-from dg_localization.solver.place.proofs import agrees, with_known_chirality
+from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
+from dg_localization.solver.place.sparse_placements import refined, scaled, sought
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 MOST_NUMBERS = 10**6
 """Hypotheses times the square of the points, up to which those of a large piece are listed."""
+
+MOST_SCALED = 300
+"""Up to so many points the chains between all of them are the start of a placement."""
 
 MOST_RANKED = 150
 """Up to so many points the rank of a placement is computed, which takes their cube of time."""
@@ -186,22 +192,61 @@ class PatchAnswers:
         n_points = self._problem.n_points
         known = self._solved.known
         chains = ChainGraph(n_points, known.pairs, known.lower, known.upper)
-        found: list[Hypothesis] = []
         most = 1 if self._stopped() else min(most, max(1, MOST_NUMBERS // n_points**2))
-        for choice in self._choices(most):
-            low, high = self._chosen(choice)
-            graph = chains.with_bounds(low, high)
-            if found and self._stopped():
+        choices = self._choices(most)
+        graphs = [chains.with_bounds(*self._chosen(choice)) for choice in choices]
+        placed = self._placements(choices, chains)
+        flexible = self._is_flexible(placed[0][0])
+        return [
+            ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
+            for graph, (positions, proved) in zip(graphs, placed, strict=True)
+        ]
+
+    def _placements(
+        self, choices: Sequence[Mapping[int, int]], chains: ChainGraph
+    ) -> list[tuple[FloatArray | None, bool]]:
+        """Return a placement for each choice, and whether it is proved to agree."""
+        placed: list[tuple[FloatArray | None, bool]] = []
+        by_chains = self._placement_by_chains(chains) if len(choices) == 1 else None
+        if by_chains is not None:
+            return [by_chains]
+        for choice in choices:
+            if placed and self._stopped():
                 # Without time for one of its own it has the placement of another.
-                positions, proved, flexible = found[0].positions, False, found[0].flexible
-            else:
-                positions = self._placement(choice or self._ambiguities.first())
-                proved = positions is not None and agrees(self._problem, positions)
-                flexible = self._is_flexible(positions)
-            found.append(
-                ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
-            )
-        return found
+                placed.append((placed[0][0], False))
+                continue
+            positions = self._placement(choice or self._ambiguities.first())
+            placed.append(self._settled(positions) if positions is not None else (None, False))
+        if len(choices) > 1 and not any(proved for _, proved in placed):
+            positions, proved = self._placement_by_chains(chains) or (None, False)
+            if positions is not None and proved:
+                for x, choice in enumerate(choices):
+                    if self._is_within(positions, choice):
+                        placed[x] = positions, True
+        return placed
+
+    def _placement_by_chains(self, chains: ChainGraph) -> tuple[FloatArray, bool] | None:
+        """Return a placement laid out by the chains between all points, None without any."""
+        problem, known = self._problem, self._solved.known
+        if problem.n_points > MOST_SCALED or self._stopped():
+            return None
+        _, longest_m2 = chains.bounds(np.arange(problem.n_points))
+        if not longest_m2.max() < LARGEST_M2:
+            return None
+        positions = scaled(longest_m2, problem.dimension)
+        positions = refined(positions, known.pairs, *self._chosen({}), 0.0, self._stopped)
+        return self._settled(sought(positions, *self._measured, self._stopped))
+
+    def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
+        """Return a placement with the chirality that is known, and whether it is proved."""
+        return settled(self._problem, with_known_chirality(self._problem, positions))
+
+    def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
+        """Return whether the known pairs of a placement agree with a choice of hypotheses."""
+        first, second = self._solved.known.pairs.T
+        squared = ((positions[first] - positions[second]) ** 2).sum(axis=1)
+        low, high = self._chosen(choice)
+        return bool(((low <= squared) & (squared <= high)).all())
 
     def _is_flexible(self, positions: FloatArray | None) -> bool:
         """
@@ -259,8 +304,7 @@ class PatchAnswers:
             return positions
         # Known pairs give the shape; what has to agree are the measured ones.
         positions = refined(positions, known.pairs, low, high, 0.0, stopped)
-        positions = refined(positions, *self._measured, MARGIN, stopped)
-        return with_known_chirality(problem, positions)
+        return refined(positions, *self._measured, MARGIN, stopped)
 
     @cached_property
     def _measured(self) -> tuple[IntArray, FloatArray, FloatArray]:

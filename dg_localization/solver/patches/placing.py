@@ -5,9 +5,7 @@
 One placement of a large piece from the placements of its patches.
 
 Patches are laid against each other by the points that they share, mirrored where that fits better.
-Then least squares over the known pairs moves all points together; their normal equations are
-sparse and solved by conjugate gradients. Nothing here is rounded outward: whether the placement
-agrees is decided in `place.proofs`.
+Nothing here is rounded outward: whether the placement agrees is decided in `place.proofs`.
 """
 
 from __future__ import annotations
@@ -22,18 +20,7 @@ from numpy.typing import NDArray
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.rigid_components import Points
-
-MOST_STEPS = 40
-"""Most steps of least squares."""
-
-LEAST_GAIN = 1e-6
-"""Least squares ends when a step takes off less than this part of what is left."""
-
-MOST_GRADIENTS = 100
-"""Most conjugate gradients of a step."""
-
-LEAST_RESIDUAL = 1e-3
-"""The normal equations of a step are solved to this fraction."""
+from dg_localization.solver.place.sparse_placements import misfits_of
 
 
 @kernel
@@ -121,7 +108,7 @@ class _Layer:
         """Return how badly new points miss their distances to those that are placed."""
         self.positions[members[~placed]] = laid[~placed]
         numbers = np.concatenate([self._pairs_of[point] for point in members[~placed]])
-        misfits, _ = _misfits(
+        misfits, _ = misfits_of(
             self.positions, self._pairs[numbers], self._lower[numbers], self._upper[numbers], 0.0
         )
         return float(np.nansum(np.square(misfits)))
@@ -160,130 +147,3 @@ def laid_together(
     layer = _Layer(n_points, patches, pairs, lower, upper)
     layer.lay(stopped)
     return layer.positions
-
-
-def refined(
-    positions: FloatArray,
-    pairs: IntArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    margin: float,
-    stopped: Callable[[], bool],
-) -> FloatArray:
-    """
-    Move a placement into the bounds of many pairs by least squares.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n, q)
-        Coordinates in m.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs.
-    lower, upper : ndarray, shape (m,)
-        Bounds of their squared distances in m^2.
-    margin : float
-        Least squares aims this fraction of the width of an interval inside its ends.
-    stopped : callable
-        Whether to stop early.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        Better coordinates.
-
-    """
-    best = positions
-    misfits, slopes = _misfits(best, pairs, lower, upper, margin)
-    total, damping = float(misfits @ misfits), 1e-6
-    for _ in range(MOST_STEPS):
-        if total == 0.0 or stopped():
-            break
-        step = _step(pairs, misfits, slopes, damping, len(best))
-        trial = best - step
-        trial_misfits, trial_slopes = _misfits(trial, pairs, lower, upper, margin)
-        trial_total = float(trial_misfits @ trial_misfits)
-        if trial_total < total:
-            if trial_total > (1.0 - LEAST_GAIN) * total:
-                break
-            best, misfits, slopes = trial, trial_misfits, trial_slopes
-            total, damping = trial_total, max(0.1 * damping, 1e-9)
-        else:
-            damping *= 10.0
-            if not damping < 1e3:
-                break
-    return best
-
-
-@kernel
-def _misfits(
-    positions: FloatArray,
-    pairs: IntArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    margin: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return by how many m the distances of pairs miss their bounds, and their unit vectors."""
-    dimension = positions.shape[1]
-    misfits = np.zeros(len(pairs))
-    slopes = np.zeros((len(pairs), dimension))
-    for x in range(len(pairs)):
-        i, j = pairs[x, 0], pairs[x, 1]
-        squared = 0.0
-        for axis in range(dimension):
-            squared += (positions[i, axis] - positions[j, axis]) ** 2
-        length = np.sqrt(squared)
-        low, high = np.sqrt(lower[x]), np.sqrt(upper[x])
-        if high < np.inf:
-            inward = margin * (high - low)
-            low += inward
-            high -= inward
-        misfits[x] = length - min(max(length, low), high)
-        if misfits[x] != 0.0 and length > 0.0:
-            for axis in range(dimension):
-                slopes[x, axis] = (positions[i, axis] - positions[j, axis]) / length
-    return misfits, slopes
-
-
-@kernel
-def _step(
-    pairs: IntArray, misfits: FloatArray, slopes: FloatArray, damping: float, n_points: int
-) -> FloatArray:
-    """Solve the damped normal equations of the misfits by conjugate gradients."""
-    dimension = slopes.shape[1]
-    step = np.zeros((n_points, dimension))
-    rest = np.zeros((n_points, dimension))
-    product = np.empty((n_points, dimension))
-    for x in range(len(pairs)):
-        for axis in range(dimension):
-            value = slopes[x, axis] * misfits[x]
-            rest[pairs[x, 0], axis] += value
-            rest[pairs[x, 1], axis] -= value
-    direction = rest.copy()
-    size = (rest * rest).sum()
-    enough = LEAST_RESIDUAL**2 * size
-    for _ in range(MOST_GRADIENTS):
-        if size <= enough or size == 0.0:
-            break
-        for i in range(n_points):
-            for axis in range(dimension):
-                product[i, axis] = damping * direction[i, axis]
-        for x in range(len(pairs)):
-            i, j = pairs[x, 0], pairs[x, 1]
-            along = 0.0
-            for axis in range(dimension):
-                along += slopes[x, axis] * (direction[i, axis] - direction[j, axis])
-            for axis in range(dimension):
-                product[i, axis] += slopes[x, axis] * along
-                product[j, axis] -= slopes[x, axis] * along
-        length = size / (direction * product).sum()
-        new_size = 0.0
-        for i in range(n_points):
-            for axis in range(dimension):
-                step[i, axis] += length * direction[i, axis]
-                rest[i, axis] -= length * product[i, axis]
-                new_size += rest[i, axis] ** 2
-        for i in range(n_points):
-            for axis in range(dimension):
-                direction[i, axis] = rest[i, axis] + new_size / size * direction[i, axis]
-        size = new_size
-    return step

@@ -5,20 +5,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
+from dg_localization.solver.place.existence import NEARNESS, has_exact_pairs, settled
 from dg_localization.solver.place.placements import place
-from dg_localization.solver.place.proofs import agrees, with_known_chirality
+from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
+from dg_localization.solver.place.sparse_placements import scaled, sought
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 MAX_ATTEMPTS = 16
 """Most boxes of a component in which a placement is sought."""
+
+LARGEST_M2 = 1e150
+"""Squared distances below this can be squared once more."""
+
+MOST_SMALL, MOST_DENSE = 12, 60
+"""Least squares over all pairs meets exact distances of few points, and takes too long for many;
+between the two, known pairs alone are tried last."""
 
 
 @kernel(borrows=True)
@@ -132,20 +142,55 @@ def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
     return hulls
 
 
-def _placement(problem: Problem, boxes: list[FloatArray]) -> tuple[FloatArray, bool]:
+def _placement(
+    problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool]
+) -> tuple[FloatArray, bool]:
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
-    positions = None
+    is_moderate = boxes[0][UPPER].max() < LARGEST_M2
+    if problem.n_points > MOST_DENSE and is_moderate:
+        return _placement_by_known_pairs(problem, boxes, stopped)
+    first = None
     for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
-        candidate = place_problem(problem, box)
-        if agrees(problem, candidate):
-            return candidate, True
-        if positions is None:
-            positions = candidate
-    assert positions is not None
+        positions, proved = settled(problem, place_problem(problem, box))
+        if proved:
+            return positions, True
+        if first is None:
+            first = positions
+    assert first is not None
+    if is_moderate and problem.n_points > MOST_SMALL and has_exact_pairs(problem):
+        positions, proved = _placement_by_known_pairs(problem, boxes, stopped)
+        if proved:
+            return positions, True
+    return first, False
+
+
+def _placement_by_known_pairs(
+    problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool]
+) -> tuple[FloatArray, bool]:
+    """Return a placement of many points, laid out by the longest distances in a box first."""
+    known = problem.pairs
+    first, second = known.pairs.T
+    start = scaled(boxes[0][UPPER], problem.dimension)
+    # There is more room in what was measured, but others may lie there as well.
+    in_box = boxes[0][LOWER, first, second], boxes[0][UPPER, first, second]
+    for lower, upper in ((known.lower, known.upper), in_box):
+        positions = sought(start, known.pairs, lower, upper, stopped)
+        positions, proved = settled(problem, with_known_chirality(problem, positions))
+        if proved and any(_holds(box, positions) for box in boxes):
+            return positions, True
     return positions, False
 
 
-def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis, ...]:
+def _holds(box: FloatArray, positions: FloatArray) -> bool:
+    """Return whether a placement lies in a box, up to rounding."""
+    squared = ((positions[:, None] - positions) ** 2).sum(axis=-1)
+    slack = NEARNESS * squared.max()
+    return bool(((box[LOWER] <= squared + slack) & (squared - slack <= box[UPPER])).all())
+
+
+def hypotheses_of(
+    problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool] = lambda: False
+) -> tuple[Hypothesis, ...]:
     """
     Return the hypotheses that the boxes of a cover form, in the order of their first box.
 
@@ -155,6 +200,8 @@ def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis
         The problem.
     boxes : list of ndarray, shape (4, n, n)
         The cover.
+    stopped : callable, optional
+        Whether there is no time left to seek placements of many points.
 
     Returns
     -------
@@ -173,7 +220,7 @@ def hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis
         members[number].append(index)
     hypotheses = []
     for (lower, upper), indices in zip(hulls, members, strict=True):
-        positions, proved = _placement(problem, [boxes[index] for index in indices])
+        positions, proved = _placement(problem, [boxes[index] for index in indices], stopped)
         flexible = is_flexible(positions, measured)
         hypotheses.append(Hypothesis(lower, upper, bounds[indices], positions, proved, flexible))
     return tuple(hypotheses)

@@ -1,0 +1,184 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The proof that a placement exists next to given coordinates.
+
+No coordinates in floating point meet exact distances. With displacements e of the points, a pair
+has the squared distance t when
+
+    d . (e_i - e_j) + |e_i - e_j|^2 / 2 = (t - |d|^2) / 2,    d = x_i - x_j.
+
+Let the rows of A be these d, each scaled by about 1 / |d|, and R a right inverse of A, as good as
+floating point has it. For e = R z, the equations of all exact pairs are z = F(z) with
+
+    F(z) = r - (A R - 1) z - |e_m|^2 / (2 |d_m|)  for each pair m.
+
+Where F maps the cube |z| <= rho into itself, it has a fixed point there (Brouwer), and so there is
+a placement with all these distances within |R| rho of the coordinates. The other constraints are
+then checked for all placements that are so near.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.interval.arrays import Interval, determinant, squared_norm, sum_up, up
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.place.proofs import agrees
+from dg_localization.solver.problem import Problem, Side
+
+NEARNESS = 1e-9
+"""A placement counts as given by coordinates that are off by at most so many times the longest of
+its known distances."""
+
+NARROW = 1e-10
+"""A pair whose squared distance is open by no more than this part of it counts as exact."""
+
+NEWTON_STEPS = 6
+MOST_EXACT = 1000
+"""With more exact pairs the proof takes too long."""
+
+
+def settled(problem: Problem, positions: FloatArray) -> tuple[FloatArray, bool]:
+    """
+    Move a placement onto the exact distances, and prove that it meets every constraint.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    positions : ndarray, shape (n, q)
+        Coordinates in m.
+
+    Returns
+    -------
+    positions : ndarray, shape (n, q)
+        The coordinates, as they were where that is of no use.
+    proved : bool
+        Whether they meet every constraint, or a placement that does is proved to lie within
+        `NEARNESS` of them.
+
+    """
+    if agrees(problem, positions):
+        return positions, True
+    known, exact = problem.pairs, _exact(problem)
+    pairs, targets = known.pairs[exact], 0.5 * (known.lower[exact] + known.upper[exact])
+    most = min(positions.size - positions.shape[1], MOST_EXACT)
+    if not (0 < len(pairs) <= most and np.isfinite(positions).all()):
+        return positions, False
+    with np.errstate(all='ignore'):
+        moved = _newton(positions, pairs, targets)
+        if moved is None:
+            return positions, False
+        radii = _radii(*moved, pairs, targets)
+        longest_m = np.sqrt(known.upper[np.isfinite(known.upper)].max())
+        if radii is None or not (radii <= NEARNESS * longest_m).all():
+            return positions, False
+        near = Interval.around(moved[0], radii)
+        others = known.pairs[~exact], known.lower[~exact], known.upper[~exact]
+        proved = _all_lie_within(near, *others) and _all_have_sides(near, problem)
+    return (moved[0], True) if proved else (positions, False)
+
+
+def has_exact_pairs(problem: Problem) -> bool:
+    """Return whether some distances of a problem are known exactly, or nearly so."""
+    return bool(_exact(problem).any())
+
+
+def _exact(problem: Problem) -> NDArray[np.bool_]:
+    """Return which of its pairs a problem knows exactly, or nearly so."""
+    lower, upper = problem.pairs.lower, problem.pairs.upper
+    return np.isfinite(upper) & ((1.0 - NARROW) * upper <= lower)
+
+
+def _rows(positions: FloatArray, pairs: IntArray, weights: FloatArray) -> FloatArray:
+    """Return the gradients of pairs, scaled by weights, as the rows of a matrix."""
+    rows = np.zeros((len(pairs), *positions.shape))
+    number = np.arange(len(pairs))
+    slopes = (positions[pairs[:, 0]] - positions[pairs[:, 1]]) * weights[:, None]
+    rows[number, pairs[:, 0]], rows[number, pairs[:, 1]] = slopes, -slopes
+    return rows.reshape(len(pairs), -1)
+
+
+def _newton(
+    positions: FloatArray, pairs: IntArray, targets: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return coordinates that meet targets in m^2 up to rounding, and a right inverse there."""
+    moved, inverse = positions, np.empty(0)
+    for _ in range(NEWTON_STEPS):
+        differences = moved[pairs[:, 0]] - moved[pairs[:, 1]]
+        squared = (differences**2).sum(axis=1)
+        weights = 1.0 / np.sqrt(squared)
+        if not np.isfinite(weights).all():
+            return None
+        rows = _rows(moved, pairs, weights)
+        try:
+            inverse = rows.T @ np.linalg.inv(rows @ rows.T)
+        except np.linalg.LinAlgError:
+            return None
+        step = inverse @ (0.5 * (targets - squared) * weights)
+        if not (np.isfinite(step).all() and np.isfinite(inverse).all()):
+            return None
+        moved = moved + step.reshape(moved.shape)
+    return moved, inverse
+
+
+def _radii(
+    positions: FloatArray, inverse: FloatArray, pairs: IntArray, targets: FloatArray
+) -> FloatArray | None:
+    """Return within which distance of each coordinate a placement is proved to be, if it is."""
+    n_pairs, points = len(pairs), Interval.point(positions)
+    rows_of = Interval.point(inverse.reshape(*positions.shape, n_pairs))
+    first, second = pairs.T
+    differences = points[first] - points[second]
+    squared = squared_norm(differences)
+    scales = 1.0 / np.sqrt(squared.upper)
+    if not np.isfinite(scales).all():
+        return None
+    weights = Interval.point(scales)
+    slopes = differences * weights[:, None]
+    product = -Interval.point(np.eye(n_pairs))
+    for axis in range(positions.shape[1]):
+        relative = rows_of[first, axis] - rows_of[second, axis]
+        product = product + slopes[:, axis, None] * relative
+    half = Interval.point(np.array(0.5))
+    residuals = _magnitude((Interval.point(targets) - squared) * weights * half).max()
+    contraction = sum_up(_magnitude(product)).max()
+    reach = sum_up(np.abs(rows_of.lower))
+    spread = Interval.point(reach[first]) + Interval.point(reach[second])
+    curvature = (squared_norm(spread) * weights * half).upper.max()
+    # Twice what the residuals take leaves room for the other two terms.
+    radius = 2.0 * residuals / max(1.0 - contraction, NEARNESS) + np.finfo(float).tiny
+    image = up(up(residuals + up(contraction * radius)) + up(up(curvature * radius) * radius))
+    return up(reach * radius) if image <= radius else None
+
+
+def _magnitude(values: Interval) -> FloatArray:
+    """Return the largest absolute values in intervals."""
+    return np.maximum(np.abs(values.lower), np.abs(values.upper))
+
+
+def _all_lie_within(near: Interval, pairs: IntArray, lower: FloatArray, upper: FloatArray) -> bool:
+    """Return whether all placements within some bounds have squared distances within theirs."""
+    squared = squared_norm(near[pairs[:, 0]] - near[pairs[:, 1]])
+    return bool(((lower <= squared.lower) & (squared.upper <= upper)).all())
+
+
+def _all_have_sides(near: Interval, problem: Problem) -> bool:
+    """Return whether all placements within some bounds have the sides and chiralities."""
+    if not (problem.sides or problem.chiralities):
+        return True
+    if problem.dimension == 1:
+        return False
+
+    def sign(*points: int) -> int:
+        corners = near[np.array(points)]
+        return determinant(corners[1:] - corners[:1]).sign()
+
+    return all(
+        sign(*side.face, side.first) * sign(*side.face, side.second) == -side.side
+        for side in problem.sides
+        if side.side is not Side.FREE
+    ) and all(sign(*c.points) == c.sign for c in problem.chiralities)

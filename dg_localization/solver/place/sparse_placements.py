@@ -1,0 +1,263 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Placements of many points, of which few pairs are known.
+
+Classical scaling lays the points out by the shortest chains of known pairs. Least squares over the
+known pairs then moves all points together; their normal equations are sparse and solved by
+conjugate gradients. What lies folded in the plane or in space unfolds where there is one dimension
+more. Nothing here is rounded outward: whether a placement agrees is decided in `proofs` and
+`existence`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.place.placements import MARGIN
+
+MOST_STEPS = 40
+"""Most steps of least squares."""
+
+LEAST_GAIN = 1e-6
+"""Least squares ends when a step takes off less than this part of what is left."""
+
+MOST_GRADIENTS = 100
+"""Most conjugate gradients of a step."""
+
+LEAST_RESIDUAL = 1e-3
+"""The normal equations of a step are solved to this fraction."""
+
+MARGINS = (MARGIN, 0.02, 0.004)
+"""Exact distances and wide ones cannot both be aimed at far inside the wide ones."""
+
+MOST_MISFIT = 1e-3
+"""A placement that misses its bounds by this part of the median distance has the right shape."""
+
+MOST_UNFOLDED = 6
+"""How often a placement is unfolded."""
+
+LIFTS = (0.3, 1.0)
+"""How far points are lifted into the additional dimension, in median known distances, in turns."""
+
+FLATTENINGS, FLATTENED = 12, 0.8
+"""A lifted placement is flattened so often, to this part of its height each time."""
+
+
+def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
+    """Return the placement whose distances are closest to given ones (classical scaling)."""
+    n_points = len(squared_m2)
+    longest_m2 = max(float(squared_m2.max()), np.finfo(float).tiny)
+    centering = np.eye(n_points) - 1.0 / n_points
+    values, vectors = np.linalg.eigh(-0.5 * centering @ (squared_m2 / longest_m2) @ centering)
+    lengths = np.sqrt(np.maximum(values[-dimension:], 0.0))
+    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors[:, -dimension:] * lengths)
+
+
+def sought(
+    start: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    stopped: Callable[[], bool],
+) -> FloatArray:
+    """
+    Seek a placement that meets the bounds of many pairs.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n, q)
+        Coordinates in m to begin with.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs.
+    lower, upper : ndarray, shape (m,)
+        Bounds of their squared distances in m^2.
+    stopped : callable
+        Whether to stop early.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        The best coordinates found.
+
+    """
+    known = pairs, lower, upper
+    scale_m = float(np.sqrt(np.median(upper)))
+    best = start
+    for margin in MARGINS:
+        best = refined(best, *known, margin, stopped)
+    misfit_m = _largest_misfit_m(best, *known)
+    for x in range(MOST_UNFOLDED):
+        if misfit_m <= MOST_MISFIT * scale_m or stopped():
+            break
+        heights = LIFTS[x % 2] * scale_m * np.random.default_rng(x).standard_normal(len(best))
+        trial = _unfolded(best, heights, known, stopped)
+        for margin in MARGINS:
+            trial = refined(trial, *known, margin, stopped)
+        trial_misfit_m = _largest_misfit_m(trial, *known)
+        if trial_misfit_m < misfit_m:
+            best, misfit_m = trial, trial_misfit_m
+    return best
+
+
+def _unfolded(
+    positions: FloatArray,
+    heights: FloatArray,
+    known: tuple[IntArray, FloatArray, FloatArray],
+    stopped: Callable[[], bool],
+) -> FloatArray:
+    """Lift a placement by some heights into one dimension more, and flatten it step by step."""
+    dimension = positions.shape[1]
+    lifted = np.column_stack([positions, heights])
+    for _ in range(FLATTENINGS):
+        lifted = _turned_flat(refined(lifted, *known, MARGIN, stopped))
+        lifted[:, dimension] *= FLATTENED
+    lifted = _turned_flat(refined(lifted, *known, MARGIN, stopped))
+    return np.ascontiguousarray(lifted[:, :dimension])
+
+
+def _turned_flat(positions: FloatArray) -> FloatArray:
+    """Turn points such that the last axis is the one that they spread along least."""
+    centered = positions - positions.mean(axis=0)
+    _, _, axes = np.linalg.svd(centered, full_matrices=False)
+    return np.ascontiguousarray(centered @ axes.T)
+
+
+def _largest_misfit_m(
+    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray
+) -> float:
+    """Return by how much the distance of a pair misses its bounds at worst."""
+    misfits, _ = misfits_of(positions, pairs, lower, upper, 0.0)
+    return float(np.abs(misfits).max(initial=0.0))
+
+
+def refined(
+    positions: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    margin: float,
+    stopped: Callable[[], bool],
+) -> FloatArray:
+    """
+    Move a placement into the bounds of many pairs by least squares.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n, q)
+        Coordinates in m.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs.
+    lower, upper : ndarray, shape (m,)
+        Bounds of their squared distances in m^2.
+    margin : float
+        Least squares aims this fraction of the width of an interval inside its ends.
+    stopped : callable
+        Whether to stop early.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        Better coordinates.
+
+    """
+    best = positions
+    misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
+    total, damping = float(misfits @ misfits), 1e-6
+    for _ in range(MOST_STEPS):
+        if total == 0.0 or stopped():
+            break
+        step = _step(pairs, misfits, slopes, damping, len(best))
+        trial = best - step
+        trial_misfits, trial_slopes = misfits_of(trial, pairs, lower, upper, margin)
+        trial_total = float(trial_misfits @ trial_misfits)
+        if trial_total < total:
+            if trial_total > (1.0 - LEAST_GAIN) * total:
+                break
+            best, misfits, slopes = trial, trial_misfits, trial_slopes
+            total, damping = trial_total, max(0.1 * damping, 1e-9)
+        else:
+            damping *= 10.0
+            if not damping < 1e3:
+                break
+    return best
+
+
+@kernel
+def misfits_of(
+    positions: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    margin: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how many m the distances of pairs miss their bounds, and their unit vectors."""
+    dimension = positions.shape[1]
+    misfits = np.zeros(len(pairs))
+    slopes = np.zeros((len(pairs), dimension))
+    for x in range(len(pairs)):
+        i, j = pairs[x, 0], pairs[x, 1]
+        squared = 0.0
+        for axis in range(dimension):
+            squared += (positions[i, axis] - positions[j, axis]) ** 2
+        length = np.sqrt(squared)
+        low, high = np.sqrt(lower[x]), np.sqrt(upper[x])
+        if high < np.inf:
+            inward = margin * (high - low)
+            low += inward
+            high -= inward
+        misfits[x] = length - min(max(length, low), high)
+        if misfits[x] != 0.0 and length > 0.0:
+            for axis in range(dimension):
+                slopes[x, axis] = (positions[i, axis] - positions[j, axis]) / length
+    return misfits, slopes
+
+
+@kernel
+def _step(
+    pairs: IntArray, misfits: FloatArray, slopes: FloatArray, damping: float, n_points: int
+) -> FloatArray:
+    """Solve the damped normal equations of the misfits by conjugate gradients."""
+    dimension = slopes.shape[1]
+    step = np.zeros((n_points, dimension))
+    rest = np.zeros((n_points, dimension))
+    product = np.empty((n_points, dimension))
+    for x in range(len(pairs)):
+        for axis in range(dimension):
+            value = slopes[x, axis] * misfits[x]
+            rest[pairs[x, 0], axis] += value
+            rest[pairs[x, 1], axis] -= value
+    direction = rest.copy()
+    size = (rest * rest).sum()
+    enough = LEAST_RESIDUAL**2 * size
+    for _ in range(MOST_GRADIENTS):
+        if size <= enough or size == 0.0:
+            break
+        for i in range(n_points):
+            for axis in range(dimension):
+                product[i, axis] = damping * direction[i, axis]
+        for x in range(len(pairs)):
+            i, j = pairs[x, 0], pairs[x, 1]
+            along = 0.0
+            for axis in range(dimension):
+                along += slopes[x, axis] * (direction[i, axis] - direction[j, axis])
+            for axis in range(dimension):
+                product[i, axis] += slopes[x, axis] * along
+                product[j, axis] -= slopes[x, axis] * along
+        length = size / (direction * product).sum()
+        new_size = 0.0
+        for i in range(n_points):
+            for axis in range(dimension):
+                step[i, axis] += length * direction[i, axis]
+                rest[i, axis] -= length * product[i, axis]
+                new_size += rest[i, axis] ** 2
+        for i in range(n_points):
+            for axis in range(dimension):
+                direction[i, axis] = rest[i, axis] + new_size / size * direction[i, axis]
+        size = new_size
+    return step

@@ -1,0 +1,88 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Placements that meet exact distances: what is proved of them, and what is not."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from solver_cases import bounds, squared_distances
+
+from dg_localization import Chirality, Problem, Side, SideConstraint, solve
+from dg_localization.solver.place.existence import NEARNESS, settled
+
+TRIANGLE = dict.fromkeys(combinations(range(3), 2), (1.0, 1.0))
+SKETCH = np.array([[0.0, 0.0], [1.1, 0.0], [0.4, 0.8]])
+
+
+def test_the_corner_of_an_exact_triangle_is_next_to_what_is_proved():
+    positions, proved = settled(Problem(*bounds(3, TRIANGLE), 2), SKETCH)
+    assert proved
+    side = np.linalg.norm(positions[0] - positions[1])
+    edges = positions[1:] - positions[0]
+    height = abs(np.linalg.det(edges)) / side
+    assert abs(side - 1.0) < NEARNESS
+    assert abs(height - 0.75**0.5) < NEARNESS
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_exact_and_wide_distances_in_space(seed):
+    """A chain of exact distances, its other pairs known to a few per cent."""
+    rng = np.random.default_rng(seed)
+    truth = rng.random((8, 3))
+    squared = squared_distances(truth)
+    ranges = {
+        pair: (0.9 * squared[pair], 1.1 * squared[pair]) for pair in combinations(range(8), 2)
+    }
+    exact = [(i, j) for j in range(1, 8) for i in range(max(0, j - 2), j)]
+    ranges |= {pair: (squared[pair], squared[pair]) for pair in exact}
+    problem = Problem(*bounds(8, ranges), 3)
+    positions, proved = settled(problem, truth + rng.uniform(-1e-4, 1e-4, truth.shape))
+    assert proved
+    found = squared_distances(positions)
+    for pair in exact:
+        assert abs(found[pair] - squared[pair]) < NEARNESS
+    assert (found >= 0.9 * squared - NEARNESS).all() and (found <= 1.1 * squared + NEARNESS).all()
+    assert any(hypothesis.proved for hypothesis in solve(problem).hypotheses)
+
+
+def test_nothing_is_proved_where_a_wide_pair_is_missed():
+    """The exact distances can be met there, the fourth point is too far from the third."""
+    ranges = {**TRIANGLE, (0, 3): (1.0, 1.0), (1, 3): (1.0, 1.0)}
+    positions = np.vstack([SKETCH, [0.5, -0.8]])
+    for low, high, expected in ((2.9, 3.1, True), (3.1, 3.2, False), (2.8, 2.9, False)):
+        problem = Problem(*bounds(4, {**ranges, (2, 3): (low, high)}), 2)
+        assert settled(problem, positions)[1] == expected
+
+
+def test_nothing_is_proved_where_exact_distances_contradict_each_other():
+    """Four points one apart exist in space only; three in line only where the lengths add up."""
+    four = dict.fromkeys(combinations(range(4), 2), (1.0, 1.0))
+    positions = np.vstack([SKETCH, [0.5, 0.3]])
+    assert not settled(Problem(*bounds(4, four), 2), positions)[1]
+    broken = {(0, 1): (1.0, 1.0), (1, 2): (1.0, 1.0), (0, 2): (4.0001, 4.0001)}
+    in_line = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1e-3]])
+    assert not settled(Problem(*bounds(3, broken), 2), in_line)[1]
+
+
+def test_chiralities_and_sides_are_part_of_the_proof():
+    ranges = {**TRIANGLE, (0, 3): (1.0, 1.0), (1, 3): (1.0, 1.0)}
+    positions = np.vstack([SKETCH, [0.5, -0.8]])
+    for sign in (1, -1):
+        chirality = Chirality((0, 1, 2), sign)
+        problem = Problem(*bounds(4, ranges), 2, chiralities=[chirality])
+        assert settled(problem, positions)[1] == (sign == 1)
+    for side in (Side.SAME, Side.FREE, Side.OPPOSITE):
+        constraint = SideConstraint((0, 1), 2, 3, side)
+        problem = Problem(*bounds(4, ranges), 2, sides=[constraint])
+        assert settled(problem, positions)[1] == (side is not Side.SAME)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('value', [np.nan, np.inf, 1e200, 0.0])
+def test_coordinates_that_are_of_no_use_prove_nothing(value):
+    positions = np.full_like(SKETCH, value)
+    after, proved = settled(Problem(*bounds(3, TRIANGLE), 2), positions)
+    assert not proved
+    assert np.array_equal(after, positions, equal_nan=True)
