@@ -315,7 +315,8 @@ class Runs:
     single: int = 0
     headed: int = 0
     settled: int = 0
-    reached: int = 0
+    bounded_before: int = 0
+    settled_before: int = 0
     runs: int = 0
     widths_rad: list[float] = field(default_factory=list)
     milliseconds: list[float] = field(default_factory=list)
@@ -323,7 +324,7 @@ class Runs:
     def run(self, fleet: SimulatedFleet, seconds: float, tick_s: float) -> None:
         """Localize a fleet for some seconds."""
         steps = round(seconds / STEP_S)
-        estimate, reached = None, False
+        estimate, bounded, settled = None, False, False
         for step in range(steps + 1):
             now_s = fleet.feed(step)
             if step == 0 or step % round(tick_s / STEP_S):
@@ -335,15 +336,16 @@ class Runs:
             truth = fleet.truth(step, estimate.frame)
             self.answers += 1
             self.inside += any(holds(place, *truth) for place in estimate.placements)
-            reached |= estimate.n_hypotheses == 1 and _median_arc_rad(estimate) < ARC_RAD
+            single, arcs = estimate.n_hypotheses == 1, _arcs_rad(estimate)
+            bounded |= single and bool(np.all(arcs < math.pi))
+            settled |= single and bool(np.median(arcs) < ARC_RAD)
         assert estimate is not None
-        self.reached += reached
-        single = estimate.n_hypotheses == 1
+        self.bounded_before += bounded
+        self.settled_before += settled
         self.runs += 1
         self.single += single
-        self.settled += single and _median_arc_rad(estimate) < ARC_RAD
-        arcs = 2.0 * estimate.placements[0].heading_half_width_rad
-        self.widths_rad += list(np.minimum(arcs, 2.0 * math.pi))
+        self.settled += single and bool(np.median(arcs) < ARC_RAD)
+        self.widths_rad += list(arcs)
         self.headed += single and bool(np.all(arcs < math.pi))
 
     def row(self, robots: int, seconds: float) -> str:
@@ -351,8 +353,9 @@ class Runs:
         runs = self.runs
         low, middle, high = np.percentile(self.widths_rad, [5, 50, 95])
         fast, slow = np.percentile(self.milliseconds, [50, 95])
-        reached = (self.single, self.headed, self.settled, self.reached)
-        counts = [f'{count} of {runs}' for count in reached]
+        at_end = self.single, self.headed, self.settled
+        before = self.bounded_before, self.settled_before
+        counts = [f'{count} of {runs}' for count in (*at_end, *before)]
         return (
             f'| {robots} | {seconds:.0f} | {self.inside} of {self.answers} | '
             f'{" | ".join(counts)} | {middle:.2f} ({low:.2f} to {high:.2f}) | '
@@ -360,15 +363,17 @@ class Runs:
         )
 
 
-def _median_arc_rad(estimate: Estimate) -> float:
-    return float(np.median(2.0 * estimate.placements[0].heading_half_width_rad))
+def _arcs_rad(estimate: Estimate) -> FloatArray:
+    """Return the widths of the headings of the first placement."""
+    return np.minimum(2.0 * estimate.placements[0].heading_half_width_rad, 2.0 * math.pi)
 
 
 def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: float) -> None:
     """Print the table of simulated fleets."""
     print(
         '| robots | seconds | truth inside | one hypothesis | with all headings '
-        '| headings below 1 rad in the median | reached before | heading width (rad) | ms (95 %) |'
+        '| and below 1 rad in the median | all headings, before | below 1 rad, before '
+        '| heading width (rad) | ms (95 %) |'
     )
     for count in robots:
         figures = Runs()

@@ -163,7 +163,9 @@ class Motion:
             beyond_s = self._beyond_up_s(start, end, first_s, second_s)
             error_rad = greatest_errors(self.error, *_way_between(start, end))[1]
             error_rad = angle_up(
-                sum_up(error_rad, 2.0 * self.error.tilt_rad, product_up(rate_rad_s, beyond_s))
+                sum_up(
+                    error_rad, 2.0 * self.error.least_tilt_rad, product_up(rate_rad_s, beyond_s)
+                )
             )
             if error_rad < by_rate_rad:
                 before, after = start.rotation, end.rotation

@@ -60,8 +60,9 @@ class OdometryErrorModel:
         most this. So they lie around one error, which makes another track (`CENTERED`).
     latency_s : float
         The pose stamped t was the true one at some time within this of t.
-    tilt_rad : float
-        Error of roll and pitch together, as an angle.
+    tilt_rad : float, optional
+        Error of roll and pitch together, as an angle, where the z axis of the odometry frame is
+        upright. Without it nothing is remembered in space.
 
     Raises
     ------
@@ -77,11 +78,18 @@ class OdometryErrorModel:
     constant_m: float = 0.0
     constant_rad: float = 0.0
     latency_s: float = 0.0
-    tilt_rad: float = 0.0
+    tilt_rad: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            require_number(f'odometry_error.{field.name}', getattr(self, field.name), at_least=0.0)
+            value = getattr(self, field.name)
+            if value is not None or field.name != 'tilt_rad':
+                require_number(f'odometry_error.{field.name}', value, at_least=0.0)
+
+    @property
+    def least_tilt_rad(self) -> float:
+        """The error of roll and pitch, zero where none is stated."""
+        return 0.0 if self.tilt_rad is None else self.tilt_rad
 
 
 @dataclass(frozen=True)
@@ -182,7 +190,7 @@ class OdometryPath:
         if self._level:
             self._positions_m[:, 2] = 0.0
             self._rotations = level_rotations(self._rotations)
-            self._error = replace(error, tilt_rad=0.0)
+            self._error = replace(error, tilt_rad=None)
         self._step_errors_m, self._step_errors_rad = self._step_errors()
 
     def past_poses(self, times_s: ArrayLike, now_s: float) -> PastPoses:
@@ -342,7 +350,7 @@ class OdometryPath:
         rotations = self._rotations[index]
         cosines = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])
         pitch_rad = np.abs(np.arctan2(rotations[:, 2, 0], cosines))
-        steepest_rad = angle_up(up(pitch_rad + rotation_rad + self._error.tilt_rad))
+        steepest_rad = angle_up(up(pitch_rad + rotation_rad + self._error.least_tilt_rad))
         below = steepest_rad < STEEPEST_RAD
         cosines = cosine(Interval.point(np.where(below, steepest_rad, 0.0))).lower
         return np.where(below, up(1.0 / cosines), UNBOUNDED)
@@ -363,7 +371,10 @@ class OdometryPath:
             turns,
         )
         yaws = self._yaws_rad[then] - self._yaws_rad[last]
-        bounds = Interval.around(center, half)
+        # Positions too large to be subtracted bound nothing.
+        known = np.isfinite(center) & np.isfinite(half)
+        half = np.where(known, half, np.inf)
+        bounds = Interval.around(np.where(known, center, 0.0), half)
         if self._level:
             bounds.lower[:, 2] = bounds.upper[:, 2] = 0.0
         return bounds, Interval.around(yaws, angle_up(turns))
@@ -386,7 +397,7 @@ class OdometryPath:
         near = self._nearest(np.asarray(times_s, dtype=float))
         yaws = self._yaws_rad[near.index]
         moved_rad = up(near.steepness * near.rotation_rad)
-        errors_rad = angle_up(up(moved_rad + self._error.tilt_rad))
+        errors_rad = angle_up(up(moved_rad + self._error.least_tilt_rad))
         return rotations_about_z(-yaws) @ self._rotations[near.index], np.minimum(
             errors_rad, math.pi
         )

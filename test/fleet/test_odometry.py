@@ -262,3 +262,10 @@ def test_stamps_must_increase():
     path = OdometryPath([1.0, 2.0, 3.0], np.zeros((3, 3)), level, OdometryErrorModel())
     with pytest.raises(ValueError, match='after now'):
         path.past_poses([2.5], 2.0)
+
+
+def test_positions_too_large_to_be_subtracted_bound_nothing():
+    track = np.array([[1e308, 0.0, 0.0], [-1e308, 0.0, 0.0], [0.0, 0.0, 0.0]]), np.zeros(3)
+    path = path_of([0.0, 1.0, 2.0], track, OdometryErrorModel())
+    for past in (path.past_poses([0.0], 2.0), path.past_poses_on_track([0.0], 2.0).past):
+        assert past.position_m.lower[0, 0] == -math.inf and past.position_m.upper[0, 0] == math.inf

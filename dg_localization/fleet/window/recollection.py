@@ -293,11 +293,12 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
     """
     Return what the window of a snapshot and an earlier estimate say.
 
-    In space that is where robots are among anchors.
+    In space that is where robots are among anchors, if their odometry is upright.
     """
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
-    if not (snapshot.window.observations or proved):
+    tells = config.dimension == 2 or config.odometry_error.tilt_rad is not None
+    if not tells or not (snapshot.window.observations or proved):
         return Recollection(config, snapshot.stamp_s, allowance)
     if allowance.part(1)():
         proved = None

@@ -84,7 +84,8 @@ class OdometryPoses:
 
     def keep(self, reading: OdometryReading, stamp_s: float) -> None:
         """Take one pose, newer than those before."""
-        frames = reading.frame_id, reading.child_frame_id
+        # An adapter of somebody else may give anything.
+        frames = str(reading.frame_id), str(reading.child_frame_id)
         if frames != (self.frame_id, self.child_frame_id):
             # Poses in different frames have nothing between them.
             self._stamps_s.clear()

@@ -4,6 +4,7 @@
 """The parameters of odometry, and of what it makes of older measurements."""
 
 from collections.abc import Mapping
+import math
 from typing import Any
 
 from dg_localization.fleet import OdometryErrorModel
@@ -75,11 +76,13 @@ ODOMETRY = Section(
         Spec(
             'odometry.tilt',
             DOUBLE,
-            0.05,
+            math.nan,
             'greatest error of roll and pitch together, as an angle',
             'rad',
             0.0,
-            details='It counts with `dimension: 3`.',
+            may_be_nan=True,
+            details='State it with `dimension: 3` where the z axes of odometry frames and of the '
+            'anchors point up. Without it, .nan, nothing is remembered in space.',
         ),
     ),
 )
@@ -94,7 +97,8 @@ MEMORY = Section(
     'Memory',
     'What robots with odometry measured of each other, and of anchors, is remembered. It rules '
     'out mirror images and other hypotheses, bounds headings, and keeps robots placed that '
-    'measure nothing for a moment. With `dimension: 3` it does so for robots among anchors.',
+    'measure nothing for a moment. With `dimension: 3` it does so for robots among anchors, '
+    'where `odometry.tilt` is stated.',
     (
         Spec(
             'memory.seconds',
@@ -138,5 +142,5 @@ def odometry_error(values: Mapping[str, Any]) -> OdometryErrorModel:
         constant_m=values['odometry.constant_translation'],
         constant_rad=values['odometry.constant_rotation'],
         latency_s=values['odometry.latency'],
-        tilt_rad=values['odometry.tilt'],
+        tilt_rad=None if math.isnan(values['odometry.tilt']) else values['odometry.tilt'],
     )
