@@ -51,7 +51,7 @@ LEAST_CUT = 0.3
 LEAST_SLICES = 4
 """An end for which fewer slices than this are left is not bisected."""
 
-MOST_IDLE_SLICES = 100
+MOST_IDLE_SLICES = 50
 """Tightening ends after so many slices in a row that cut nothing off, in a small fleet."""
 
 SLICE_POWER = 4
