@@ -161,7 +161,8 @@ class Spec:
             read_only=True,
         )
         bounded = math.isfinite(self.at_least) or math.isfinite(self.at_most)
-        if self.type is DOUBLE and bounded:
+        # ROS takes .nan to be out of every range; `check` knows better.
+        if self.type is DOUBLE and bounded and not self.may_be_nan:
             limits = FloatingPointRange(from_value=self.at_least, to_value=self.at_most)
             descriptor.floating_point_range = [limits]
         if self.type is INTEGER and bounded:
