@@ -281,7 +281,7 @@ def _tally_poses(tally: Tally, placement: Placement, poses: FloatArray) -> None:
     if placement.covariances is not None:
         variances = np.diagonal(placement.covariances, axis1=1, axis2=2)[bounded, :2]
         tally.deviations.append((np.abs(off) / np.sqrt(variances)).ravel())
-    orientations_xyzw, _ = placement.best_headings()
+    orientations_xyzw, _ = placement.best_headings
     for row in np.flatnonzero(placement.heading_known):
         z, w = orientations_xyzw[row, 2:]
         turn = 2.0 * math.atan2(z, w) - poses[row, 2]

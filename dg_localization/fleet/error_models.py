@@ -107,13 +107,13 @@ def interpret_range(
         text = f'variance {variance_m2} m^2 is not allowed, it must be >= 0'
         return Rejection(RejectionReason.INVALID_VARIANCE, text)
     is_vague = math.isinf(variance) and model.sigma_factor > 0.0
+    if is_vague:
+        variance = 0.0
     if math.isinf(range_m):
-        found = _interpret_infinite(
-            model, range_m, minimum, maximum, 0.0 if is_vague else variance
-        )
+        found = _interpret_infinite(model, range_m, minimum, maximum, variance)
     else:
         rejection = _reject_reading(range_m, minimum, maximum)
-        found = rejection or distance_bounds_m(model, range_m, 0.0 if is_vague else variance)
+        found = rejection or distance_bounds_m(model, range_m, variance)
     return (0.0, math.inf) if is_vague and not isinstance(found, Rejection) else found
 
 
@@ -182,7 +182,7 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
     return np.array([x / length, y / length, z / length])
 
 
-def projected_half_width_rad(ray_xyz: np.ndarray, half_width_rad: float) -> float:
+def projected_half_width_rad(ray_xyz: ArrayLike, half_width_rad: float) -> float:
     """
     Return how far the projection of a ray on the plane may be from that of the true direction.
 
@@ -191,13 +191,15 @@ def projected_half_width_rad(ray_xyz: np.ndarray, half_width_rad: float) -> floa
 
     Parameters
     ----------
-    ray_xyz : numpy.ndarray, shape (3,)
-        A unit vector.
+    ray_xyz : array_like, shape (3,)
+        Of any length above zero.
     half_width_rad : float
         Greatest angle between the ray and the true direction.
 
     """
-    horizontal = angle_down(math.hypot(ray_xyz[0], ray_xyz[1]))
+    ray = np.asarray(ray_xyz, dtype=float)
+    x, y, z = ray / np.abs(ray).max()
+    horizontal = angle_down(math.hypot(x, y) / math.hypot(x, y, z))
     if half_width_rad >= 0.5 * math.pi or horizontal <= 0.0:
         return math.pi
     ratio = quotient_up(angle_up(math.sin(half_width_rad)), horizontal)

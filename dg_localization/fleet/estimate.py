@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 import math
 
 import numpy as np
@@ -141,9 +142,10 @@ class Placement:
     fitted_yaws_rad: np.ndarray | None = None
     number: int = 0
 
+    @cached_property
     def best_headings(self) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return the headings of the best point, and how far each may be off.
+        The headings of the best point, and how far each may be off.
 
         The orientation of a placement is the one with the narrowest bound around it. The best
         point knows better where in these bounds the heading is likely to be.

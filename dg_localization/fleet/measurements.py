@@ -125,10 +125,9 @@ class MeasurementStore:
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        ray = interpret_ray(ray_xyz, 3)
+        ray = self._in_body_frame(key.observer, ray_xyz)
         if isinstance(ray, Rejection):
             return self._reject(key, ray)
-        ray = self._in_body_frame(key.observer, ray)
         direction = interpret_ray(ray, config.dimension)
         if isinstance(direction, Rejection):
             return self._reject(key, direction)
@@ -137,7 +136,7 @@ class MeasurementStore:
         if stuck:
             return self._reject(key, stuck)
         half_width_rad = config.bearing_half_width_of(key.observer, key.target)
-        if config.dimension == 2 and squared_rise_m2(config, key.observer, key.target)[1] > 0.0:
+        if config.elevations_m and squared_rise_m2(config, key.observer, key.target)[1] > 0.0:
             half_width_rad = projected_half_width_rad(ray, half_width_rad)
         self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
@@ -221,10 +220,13 @@ class MeasurementStore:
             for key, source in sorted(self._inputs.items())
         ]
 
-    def _in_body_frame(self, observer: str, ray: np.ndarray) -> np.ndarray:
-        """Return a ray in the frame of the robot that the observer is mounted on."""
+    def _in_body_frame(self, observer: str, ray_xyz: ArrayLike) -> ArrayLike | Rejection:
+        """Return a ray in the frame of the robot that the observer is mounted on, if it is one."""
         mount = self._config.sensors.get(observer)
         if mount is None:
+            return ray_xyz
+        ray = interpret_ray(ray_xyz, 3)
+        if isinstance(ray, Rejection):
             return ray
         quaternion = np.array(mount.rotation_xyzw)
         return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray

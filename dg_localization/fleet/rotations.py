@@ -19,20 +19,21 @@ def rotation_of_quaternion(quaternion_xyzw: ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    quaternion_xyzw : array_like, shape (..., 4)
+    quaternion_xyzw : array_like, shape (4,) or (k, 4)
 
     Returns
     -------
-    numpy.ndarray, shape (..., 3, 3)
+    numpy.ndarray, shape (3, 3) or (k, 3, 3)
 
     """
-    x, y, z, w = np.moveaxis(np.asarray(quaternion_xyzw, dtype=float), -1, 0)
+    x, y, z, w = np.asarray(quaternion_xyzw, dtype=float).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    matrices = np.array(rows)
+    return matrices if matrices.ndim == 2 else matrices.transpose(2, 0, 1)
 
 
 def rotation_angle_rad(rotation: np.ndarray) -> float:

@@ -562,9 +562,9 @@ def test_the_heading_of_the_best_point_is_published_within_its_bounds(off_rad):
     xyzw = unique_pose(estimate(made), 0, 'map').orientation_xyzw
     yaw_rad = 2.0 * math.atan2(xyzw[2], xyzw[3])
     assert math.remainder(yaw_rad - middle_rad - clipped_rad, math.tau) == pytest.approx(0.0)
-    half_widths_rad = made.best_headings()[1]
+    half_widths_rad = made.best_headings[1]
     assert half_widths_rad[0] == pytest.approx(0.1 + abs(clipped_rad))
     variance = unique_pose(estimate(made), 0, 'map').covariance[5, 5]
     assert variance == pytest.approx(half_widths_rad[0] ** 2)
     assert half_widths_rad[1] == math.pi
-    assert np.isnan(made.best_headings()[0][1]).all()
+    assert np.isnan(made.best_headings[0][1]).all()

@@ -10,6 +10,7 @@ import time
 from nav_msgs.msg import Odometry
 import numpy as np
 
+from dg_localization.fleet.rotations import quaternion_of_euler
 from msg_adapters import Level, OdometryReading, adapter_for
 
 ROBOTS = ('robot_1', 'robot_2', 'robot_3')
@@ -141,14 +142,14 @@ class Flying:
         self.sent_at_s = -math.inf
 
     def pose(self, time_s):
-        """Return position, yaw, pitch and roll."""
+        """Return position, roll, pitch and yaw."""
         angle = 0.4 * time_s
         place = [
             4.0 + 2.0 * math.cos(angle),
             4.0 + 2.0 * math.sin(angle),
             1.5 + 0.5 * math.sin(angle),
         ]
-        return np.array(place), angle + 0.5 * math.pi, 0.1 * math.sin(angle), 0.2
+        return np.array(place), 0.2, 0.1 * math.sin(angle), angle + 0.5 * math.pi
 
     def send(self):
         if time.monotonic() < self.sent_at_s + 0.05:
@@ -158,19 +159,11 @@ class Flying:
         self.steps += 1
         self.bench.send_clock(self.now_s)
         place, *angles = self.pose(self.now_s)
-        reading = OdometryReading(self.now_s, place - 4.0, quaternion_of(*angles))
+        reading = OdometryReading(self.now_s, place - 4.0, np.array(quaternion_of_euler(*angles)))
         self.bench.publisher(Odometry, '/robot_1/odom').publish(odometry_to_message(reading))
         anchor = sorted(ANCHORS_M)[self.steps % len(ANCHORS_M)]
         range_m = float(np.linalg.norm(place - ANCHORS_M[anchor]))
         self.bench.send_range('robot_1', anchor, range_m, stamp_s=self.now_s)
-
-
-def quaternion_of(yaw, pitch, roll):
-    c, s = np.cos(0.5 * np.array([yaw, pitch, roll])), np.sin(0.5 * np.array([yaw, pitch, roll]))
-    x = s[2] * c[1] * c[0] - c[2] * s[1] * s[0]
-    y = c[2] * s[1] * c[0] + s[2] * c[1] * s[0]
-    z = c[2] * c[1] * s[0] - s[2] * s[1] * c[0]
-    return np.array([x, y, z, c[2] * c[1] * c[0] + s[2] * s[1] * s[0]])
 
 
 def test_a_robot_that_flies_among_anchors_is_placed_and_has_an_orientation(bench, make_node):
@@ -206,5 +199,7 @@ def test_a_robot_that_flies_among_anchors_is_placed_and_has_an_orientation(bench
     place, *angles = flier.pose(pose.stamp_s)
     half_widths = np.sqrt(np.diag(pose.covariance))
     assert np.all(np.abs(pose.position_xyz - place) <= half_widths[:3] + 1e-6)
-    angle = 2.0 * math.acos(min(1.0, abs(pose.orientation_xyzw @ quaternion_of(*angles))))
+    angle = 2.0 * math.acos(
+        min(1.0, abs(pose.orientation_xyzw @ np.array(quaternion_of_euler(*angles))))
+    )
     assert angle <= half_widths[5] + 1e-6

@@ -11,7 +11,7 @@ headings take the pairs one by one; what they leave is narrowed by all pairs of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.frames.headings import Heading
 from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
 from dg_localization.fleet.window.proved import PoseBounds, heading_arcs, intersect_arcs
@@ -175,22 +176,49 @@ def with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
 
 def _with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
     """Return a placement with the headings that are found, where the rays tell less."""
+    found = {}
+    for robot, (low, high) in enumerate(arcs_rad.tolist()):
+        middle, half = arc_middle(low, high)
+        if half < KNOWN_HALF_WIDTH_RAD:
+            xyzw = np.array([0.0, 0.0, math.sin(0.5 * middle), math.cos(0.5 * middle)])
+            found[robot] = Heading(xyzw, half)
+    return with_orientations(placement, found, [5])
+
+
+def arc_middle(low_rad: float, high_rad: float) -> tuple[float, float]:
+    """Return the middle of an arc, and the greatest angle from it to any of the arc."""
+    middle = 0.5 * (low_rad + high_rad)
+    return middle, angle_up(max(high_rad - middle, middle - low_rad))
+
+
+def with_orientations(
+    placement: Placement, found: Mapping[int, Heading], axes: Sequence[int]
+) -> Placement:
+    """
+    Return a placement with orientations that a window tells, where the rays tell less.
+
+    Parameters
+    ----------
+    placement : Placement
+    found : mapping of int to Heading
+        By robot.
+    axes : sequence of int
+        The rows of a covariance about which the bound of a heading holds.
+
+    """
     orientations = placement.orientations_xyzw.copy()
     half_widths = placement.heading_half_width_rad.copy()
     covariances = None if placement.covariances is None else placement.covariances.copy()
     yaws = placement.fitted_yaws_rad
     fitted = np.isfinite(yaws) if yaws is not None else np.zeros(len(orientations), bool)
-    for robot in range(len(orientations)):
-        low, high = map(float, arcs_rad[robot])
-        middle = 0.5 * (low + high)
-        half = angle_up(max(high - middle, middle - low))
+    for robot, heading in found.items():
+        half = heading.half_width_rad
         if half < min(KNOWN_HALF_WIDTH_RAD, half_widths[robot]):
-            orientations[robot] = [0.0, 0.0, math.sin(0.5 * middle), math.cos(0.5 * middle)]
-            half_widths[robot] = half
+            orientations[robot], half_widths[robot] = heading.orientation_xyzw, half
             if covariances is not None and not fitted[robot]:
                 # Least squares knows nothing of this heading: the bound takes its place.
                 covariances[robot, 3:] = covariances[robot, :, 3:] = 0.0
-                covariances[robot, 5, 5] = half * half
+                covariances[robot, axes, axes] = half * half
     return replace(
         placement,
         orientations_xyzw=orientations,

@@ -251,8 +251,13 @@ class Template:
         """
         if not self.text or 'target' not in self.fields:
             return
+        names = list(points)
+        _, between = (text for text, field, *_ in Formatter().parse(self.text) if field)
+        if set(between) - set(''.join(names)):
+            # What no name contains tells where one ends and the other begins.
+            return
         ends_of: dict[str, tuple[str, str]] = {}
-        for observer, target in permutations(points, 2):
+        for observer, target in permutations(names, 2):
             topic = self.text.format(observer=observer, target=target)
             first = ends_of.setdefault(topic, (observer, target))
             if first != (observer, target):

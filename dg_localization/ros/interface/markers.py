@@ -119,7 +119,7 @@ def _headings(estimate: Estimate) -> Marker:
     groups = []
     for number, placement in enumerate(_drawn(estimate)):
         starts = in_space(placement.positions_m)
-        rotations = rotation_of_quaternion(placement.best_headings()[0])
+        rotations = rotation_of_quaternion(placement.best_headings[0])
         ends = starts + HEADING_LENGTH_M * rotations[:, :, 0]
         segments = np.stack([starts, ends], axis=1)
         is_known = placement.heading_known & np.isfinite(segments).all(axis=(1, 2))

@@ -63,9 +63,7 @@ def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
     n_poses = len(estimate.placements) * len(estimate.robots)
     positions = [in_space(placement.positions_m) for placement in estimate.placements]
     orientations = [
-        np.where(
-            placement.heading_known[:, None], placement.best_headings()[0], UNKNOWN_ORIENTATION
-        )
+        np.where(placement.heading_known[:, None], placement.best_headings[0], UNKNOWN_ORIENTATION)
         for placement in estimate.placements
     ]
     return PoseList(
@@ -124,7 +122,7 @@ def unique_pose(
         stamp_s=estimate.stamp_s,
         frame_id=frame_id,
         position_xyz=in_space(placement.positions_m[robot]),
-        orientation_xyzw=placement.best_headings()[0][robot] if known else IDENTITY,
+        orientation_xyzw=placement.best_headings[0][robot] if known else IDENTITY,
         covariance=matrix,
     )
 
@@ -138,7 +136,7 @@ def _enclosing(placement: Placement, robot: int) -> NDArray[np.float64]:
     """
     position_m = placement.positions_m[robot]
     half_widths_m = np.abs(placement.enclosure_m[robot] - position_m).max(axis=0)
-    half_width_rad = float(placement.best_headings()[1][robot])
+    half_width_rad = float(placement.best_headings[1][robot])
     turns_rad = [0.0, 0.0, half_width_rad] if len(position_m) == 2 else [half_width_rad] * 3
     return np.diag(np.square([*in_space(half_widths_m), *turns_rad]))
 
