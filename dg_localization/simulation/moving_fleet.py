@@ -37,7 +37,7 @@ START_POSITIONS_M = np.array(
 # The measured pairs of the paper, by index into ROBOTS.
 EDGES = ((0, 1), (0, 2), (1, 2), (1, 3), (1, 4), (1, 5), (2, 3), (3, 5), (4, 5))
 
-# Beacons that stand still. A range of more than the reach is not measured.
+# Landmarks that stand still. A range of more than the reach is not measured.
 LANDMARKS_M = MappingProxyType(
     {'beacon_1': (-12.0, -9.0), 'beacon_2': (10.0, -9.0), 'beacon_3': (-2.0, 11.0)}
 )

@@ -196,13 +196,13 @@ def test_parameters_choose_what_is_measured():
     assert simulated() == ranges | both_ways
     assert simulated(cameras=False, odometry=True) == ranges | odometry
     assert simulated(ranges=False) == both_ways
-    beacons = {
-        f'{robot}/{kind}/{beacon}'
+    of_landmarks = {
+        f'{robot}/{kind}/{landmark}'
         for robot in simulation.ROBOTS
         for kind in ('range', 'bearing')
-        for beacon in simulation.LANDMARKS_M
+        for landmark in simulation.LANDMARKS_M
     }
-    assert simulated(landmarks=True) == ranges | both_ways | beacons
+    assert simulated(landmarks=True) == ranges | both_ways | of_landmarks
 
 
 def test_peers_name_landmarks_after_the_robots():
@@ -219,9 +219,9 @@ def test_peers_name_landmarks_after_the_robots():
             assert range_m == pytest.approx(np.linalg.norm(place - state.positions_m[5]), rel=0.03)
 
 
-def test_the_file_of_beacons_is_that_of_the_simulation():
+def test_the_file_of_landmarks_is_that_of_the_simulation():
     yaml = pytest.importorskip('yaml')
-    text = (REPOSITORY / 'config/paper_fleet_beacons.yaml').read_text()
+    text = (REPOSITORY / 'config/paper_fleet_landmarks.yaml').read_text()
     anchors = yaml.safe_load(text)['/**']['ros__parameters']['anchors']
     assert anchors.pop('names') == list(simulation.LANDMARKS_M)
     assert anchors == {

@@ -6,8 +6,8 @@ The executable `simulate_fleet`: the fleet of the paper on real topics, with the
 
 It publishes, at `rate` and in its namespace:
 
-- `{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs, and with `landmarks`
-  three beacons from every robot, when `ranges` is true;
+- `{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs, and every robot to the
+  three landmarks where `landmarks` is true, when `ranges` is true;
 - `{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
 - when `peers` is true, in the place of all these `{observer}/peers` (sensor_msgs/PointCloud2);
 - `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6;
@@ -45,7 +45,7 @@ from msg_adapters.transforms import transforms_to_cdr
 PARAMETERS = (
     Spec('ranges', BOOL, True, 'whether the robots measure ranges'),
     Spec('cameras', BOOL, True, 'whether the robots see each other'),
-    Spec('landmarks', BOOL, False, 'whether there are three beacons, ranged and seen by all'),
+    Spec('landmarks', BOOL, False, 'whether there are three landmarks, ranged and seen by all'),
     Spec('peers', BOOL, False, 'whether each robot sends all ranges and bearings in one message'),
     Spec(
         'path',

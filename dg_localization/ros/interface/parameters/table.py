@@ -272,8 +272,8 @@ def anchor_specs(name: str) -> tuple[Spec, Spec]:
 
 ANCHORS = Section(
     'Anchors',
-    'Points whose coordinates in the fixed frame are known: beacons, or parked robots. Each name '
-    'has a position, and a bound of its own where it needs one.',
+    'Points whose coordinates in the fixed frame are known: landmarks, or parked robots. Each '
+    'name has a position, and a bound of its own where it needs one.',
     (
         Spec(
             'anchors.names',
