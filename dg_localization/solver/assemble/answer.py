@@ -14,14 +14,10 @@ from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combinations
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.links import Linker
-from dg_localization.solver.assemble.pieces import (
-    Bounds,
-    PieceSolver,
-    SolvedPiece,
-    SolvedPieces,
-)
+from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
-from dg_localization.solver.assemble.subproblem import MOST_DENSE, Constraint, points_of
+from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
+from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds, Constraint, points_of
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import (
     Decomposition,

@@ -115,6 +115,31 @@ def contracted(
     return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
 
 
+def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds | None:
+    """
+    Bound all pairs of a problem by chains of known ones.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    within : sequence of (lower, upper), optional
+        The boxes in m^2 that placements have to lie in; everywhere without any.
+
+    Returns
+    -------
+    tuple of ndarray or None
+        Lower and upper bounds of all squared distances in m^2; None is a proof that there is no
+        placement.
+
+    """
+    box = np.zeros((4, problem.n_points, problem.n_points))
+    box[LOWER], box[UPPER] = problem.lower, problem.upper
+    if not smooth_triangles(box, np.empty_like(box), np.arange(problem.n_points)):
+        return None
+    return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
+
+
 def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
     """Return the hull of what bounds have in common with boxes, None where they have nothing."""
     if within is None:

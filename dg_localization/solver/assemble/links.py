@@ -20,8 +20,9 @@ import numpy as np
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
 from dg_localization.solver.assemble.faces import apex_of
-from dg_localization.solver.assemble.pieces import Bounds, SolvedPiece, SolvedPieces
+from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
+    Bounds,
     Constraint,
     Orientations,
     points_of,

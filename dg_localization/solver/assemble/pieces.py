@@ -10,7 +10,7 @@ from a piece solved before: it is solved once for each of the ranges that these 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 import math
@@ -20,7 +20,9 @@ import numpy as np
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
+from dg_localization.solver.assemble.hidden_parts import MOST_PARTED, PartsTogether, hidden_parts
 from dg_localization.solver.assemble.large_pieces import MOST_TOGETHER, LargePiece, solve_large
+from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
 from dg_localization.solver.assemble.tasks import Part, SolvedPart
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
@@ -29,7 +31,7 @@ from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.growth.solver import is_grown, solve_grown
-from dg_localization.solver.patches.solver import MOST_WHOLE, SolvedPatches
+from dg_localization.solver.patches.solver import MOST_WHOLE
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
@@ -44,47 +46,6 @@ FIRST_SHARE = 0.5
 
 
 @dataclass
-class SolvedPiece:
-    """A piece, and the hypotheses that hold all its placements."""
-
-    points: Points
-    hypotheses: list[Hypothesis]
-    pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
-    in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
-
-    def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
-        """Return how many boxes some of its hypotheses have, and how many were not examined."""
-        if self.in_patches:
-            n_left = sum(solved.n_boxes() for solved in self.in_patches)
-            return n_left, sum(solved.n_pending() for solved in self.in_patches)
-        boxes = [box for x in left for box in self.hypotheses[x].boxes]
-        if not self.pending:
-            return len(boxes), 0
-        return len(boxes), sum(box.tobytes() in self.pending for box in boxes)
-
-
-@dataclass
-class SolvedPieces:
-    """
-    All pieces and joints, or the one piece that cannot exist.
-
-    Attributes
-    ----------
-    pieces : list of SolvedPiece
-        The pieces in the order in which they were solved.
-    joints : list of Joint
-        The joints between them.
-    contradiction : tuple of int or None
-        Points whose measurements contradict each other; the lists are not complete then.
-
-    """
-
-    pieces: list[SolvedPiece] = field(default_factory=list)
-    joints: list[Joint] = field(default_factory=list)
-    contradiction: Points | None = None
-
-
-@dataclass
 class _Search:
     """One problem of a piece, for one choice of what it is given, and its cover so far."""
 
@@ -92,7 +53,7 @@ class _Search:
     kept: list[FloatArray]
     pending: list[FloatArray]
     large: LargePiece | None = None
-    found: Sequence[Hypothesis] | None = None  # by a worker, with the cover
+    found: Sequence[Hypothesis] | None = None  # what the cover makes, once it was looked for
 
     def is_pending(self) -> bool:
         """Return whether some boxes were not examined."""
@@ -124,9 +85,9 @@ class _Task:
 
     def gather(self, stopped: Callable[[], bool]) -> None:
         """Write the hypotheses that the covers of all searches make."""
-        self.hypotheses = [
-            hypothesis for search in self.searches for hypothesis in search.hypotheses(stopped)
-        ]
+        for search in self.searches:
+            search.found = search.hypotheses(stopped)
+        self.hypotheses = [found for search in self.searches for found in search.found or ()]
 
     def solved(self) -> SolvedPiece:
         """Return the piece as it is now."""
@@ -136,10 +97,10 @@ class _Task:
         return SolvedPiece(self.points, self.hypotheses or [], keys, large)
 
 
-def _searched(
+def _searched_together(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
 ) -> _Search:
-    """Solve a piece for one choice of what it is given, with a share of what is left."""
+    """Solve a piece as one."""
     grown = solve_grown(problem, budget, share, within)
     if grown is not None:
         return _Search(problem, grown.kept, grown.pending)
@@ -172,6 +133,11 @@ class PieceSolver:
         What the call may take.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
+    share : float, optional
+        The fraction of the boxes and of the time left that all pieces may take.
+    finished : dict, optional
+        The searches that came to their end, by their problems: several choices of what a piece
+        is given leave most of its parts as they are.
 
     """
 
@@ -181,8 +147,13 @@ class PieceSolver:
         decomposition: Decomposition,
         budget: CallBudget,
         within: Sequence[Bounds] | None,
+        share: float = 1.0,
+        finished: dict[Hashable, _Search] | None = None,
     ) -> None:
         self._problem = problem
+        self._share_of_all = share
+        self._are_parts = finished is not None
+        self._finished = {} if finished is None else finished
         self._orientations = Orientations(problem)
         self._budget = budget
         self._within = within
@@ -232,12 +203,12 @@ class PieceSolver:
     def _share(self, number: int) -> float:
         """Return which part of what is left a piece may take at first."""
         if len(self._tasks) == 1:
-            return 1.0
+            return self._share_of_all
         left = [len(task.points) for task in self._tasks[number:]]
         if left[0] > MOST_CONTRACTED or is_grown(left[0], self._problem.dimension):
             # There is no second time for it.
-            return left[0] / sum(left)
-        return FIRST_SHARE / len(left)
+            return self._share_of_all * left[0] / sum(left)
+        return self._share_of_all * FIRST_SHARE / len(left)
 
     def _resumed(self) -> Iterator[_Task]:
         """Go on with the pieces that were not finished, small ones first."""
@@ -248,7 +219,8 @@ class PieceSolver:
                 break
             starts = [(box[LOWER], box[UPPER]) for box in search.pending]
             self._budget.take_back(len(starts))
-            cover = self._budget.search(search.problem, 1.0 / (len(searches) - x), starts)
+            share = self._share_of_all / (len(searches) - x)
+            cover = self._budget.search(search.problem, share, starts)
             search.kept += cover.kept
             search.pending, search.found = cover.pending, None
             task.gather(self._budget.is_over)
@@ -290,7 +262,7 @@ class PieceSolver:
             if problem is not None:
                 part = share / (len(given) - x)
                 search = self._found_ahead(task, problem, part)
-                task.searches.append(search or _searched(problem, self._budget, part, within))
+                task.searches.append(search or self._searched(problem, part, within))
         task.gather(self._budget.is_over)
 
     def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
@@ -300,6 +272,47 @@ class PieceSolver:
             return None
         cover = solved.cover
         return _Search(problem, cover.kept, cover.pending, found=solved.hypotheses)
+
+    def _searched(
+        self, problem: Problem, share: float, within: Sequence[Bounds] | None
+    ) -> _Search:
+        """Solve a piece for one choice of what it is given, with a share of what is left."""
+        if problem.n_points > MOST_PARTED:
+            return _searched_together(problem, self._budget, share, within)
+        ends = np.array([(problem.lower, problem.upper), *(within or ())])
+        key = ends.tobytes(), problem.sides, problem.chiralities
+        if key not in self._finished:
+            # Parts that were merged may be the piece that they were parts of.
+            is_parted = self._are_parts and problem.n_points == self._problem.n_points
+            parts = None if is_parted else hidden_parts(problem)
+            in_parts = parts and self._searched_in_parts(problem, parts, share, within)
+            search = in_parts or _searched_together(problem, self._budget, share, within)
+            if search.is_pending():
+                return search
+            self._finished[key] = search
+        return self._finished[key]
+
+    def _searched_in_parts(
+        self,
+        problem: Problem,
+        parts: Decomposition,
+        share: float,
+        within: Sequence[Bounds] | None,
+    ) -> _Search | None:
+        """Solve a piece in parts; None where some take too long or go together in many ways."""
+        budget = self._budget
+        solved = PieceSolver(problem, parts, budget, within, share, self._finished).run()
+        if solved.contradiction is not None:
+            return _Search(problem, [], [])
+        if any(piece.pending for piece in solved.pieces):
+            return None
+        together = PartsTogether(problem, solved, budget, within).boxes()
+        if together is None or not budget.keep(len(together[0])):
+            return None
+        boxes, starts = together
+        budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
+        found = hypotheses_of(problem, boxes, budget.is_over, starts)
+        return _Search(problem, boxes, [], found=found)
 
     def _given(self, task: _Task) -> list[Ranges]:
         """Return the bounds that earlier pieces put on pairs of a piece which nobody measured."""

@@ -22,9 +22,9 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.combinations import Combination, Combinations
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
-from dg_localization.solver.assemble.pieces import Bounds, SolvedPieces
 from dg_localization.solver.assemble.placing import Placer
-from dg_localization.solver.assemble.subproblem import Constraint, restricted
+from dg_localization.solver.assemble.solved_pieces import SolvedPieces
+from dg_localization.solver.assemble.subproblem import Bounds, Constraint, restricted
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points

@@ -214,8 +214,8 @@ def seam_patches(
     Return patches across the seams between bodies, or those found until there is no time left.
 
     The points that several bodies share hold the bodies together; with all distances within a
-    body taken as known they are a problem of the same kind, and a small one. Its patches are
-    filled up with points of the bodies between them, until known pairs hold them rigid.
+    body known they are a problem of the same kind, and a small one. Where some of these distances
+    are not known yet, patches in the bodies come first that make them known.
 
     Parameters
     ----------
@@ -252,23 +252,30 @@ def seam_patches(
         if stopped():
             break
         if len(patch) > dimension and not any(body.issuperset(patch) for body in bodies):
-            filled = _filled(known, patch, [body for body in bodies if body & set(patch)])
-            if filled:
-                found.append(filled)
+            found += _braced(known, patch, bodies)
     return found
 
 
-def _filled(known: Neighborhoods, patch: Points, bodies: Sequence[set[int]]) -> Points:
-    """Return a patch with points of the bodies between its own, nothing where it takes many."""
-    points = set(patch)
+def _braced(known: Neighborhoods, patch: Points, bodies: Sequence[set[int]]) -> list[Points]:
+    """Return a patch whose bodies are known, else the patches in bodies that make them known."""
+    braces = []
     for body in bodies:
-        inside = sorted(body & set(patch))
-        for point in inside:
-            points |= known.paths(point, inside, body)
-    if len(points) > MOST_FILLED:
-        return ()
+        inside = tuple(sorted(body & set(patch)))
+        if len(known.pairs_among(inside)) < len(inside) * (len(inside) - 1) // 2:
+            brace = _filled(known, inside, body)
+            if not brace:
+                return []
+            braces.append(brace)
+    return braces or [patch]
+
+
+def _filled(known: Neighborhoods, wanted: Points, body: set[int]) -> Points:
+    """Return points of a body with those between them, nothing where it takes many."""
+    points = set(wanted)
+    for point in wanted:
+        points |= known.paths(point, wanted, body)
     for most in range(len(points), MOST_FILLED + 1, FILLED_AT_ONCE):
-        rigid = known.rigid_part(known.grown(points, most), patch)
+        rigid = known.rigid_part(known.grown(points, most), wanted)
         if rigid:
             return rigid
     return ()

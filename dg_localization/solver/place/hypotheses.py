@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import math
 
 import numpy as np
@@ -143,9 +143,17 @@ def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
 
 
 def _placement(
-    problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool]
+    problem: Problem,
+    boxes: list[FloatArray],
+    starts: list[FloatArray | None],
+    stopped: Callable[[], bool],
 ) -> tuple[FloatArray, bool]:
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
+    for start in starts:
+        if start is not None:
+            positions, proved = settled(problem, with_known_chirality(problem, start))
+            if proved:
+                return positions, True
     is_moderate = boxes[0][UPPER].max() < LARGEST_M2
     if problem.n_points > MOST_DENSE and is_moderate:
         return _placement_by_known_pairs(problem, boxes, stopped)
@@ -189,7 +197,10 @@ def _holds(box: FloatArray, positions: FloatArray) -> bool:
 
 
 def hypotheses_of(
-    problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool] = lambda: False
+    problem: Problem,
+    boxes: list[FloatArray],
+    stopped: Callable[[], bool] = lambda: False,
+    starts: Sequence[FloatArray | None] = (),
 ) -> tuple[Hypothesis, ...]:
     """
     Return the hypotheses that the boxes of a cover form, in the order of their first box.
@@ -202,6 +213,8 @@ def hypotheses_of(
         The cover.
     stopped : callable, optional
         Whether there is no time left to seek placements of many points.
+    starts : sequence of ndarray, shape (n, q), or None, optional
+        A placement in m that is known to be near each box, where there is one.
 
     Returns
     -------
@@ -220,7 +233,9 @@ def hypotheses_of(
         members[number].append(index)
     hypotheses = []
     for (lower, upper), indices in zip(hulls, members, strict=True):
-        positions, proved = _placement(problem, [boxes[index] for index in indices], stopped)
+        near = [starts[index] for index in indices] if starts else []
+        inside = [boxes[index] for index in indices]
+        positions, proved = _placement(problem, inside, near, stopped)
         flexible = is_flexible(positions, measured)
         hypotheses.append(Hypothesis(lower, upper, bounds[indices], positions, proved, flexible))
     return tuple(hypotheses)

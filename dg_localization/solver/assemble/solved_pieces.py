@@ -1,0 +1,55 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What became of the pieces of a fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from dg_localization.solver.decompose.joints import Joint
+from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.patches.solver import SolvedPatches
+from dg_localization.solver.result import Hypothesis
+
+
+@dataclass
+class SolvedPiece:
+    """A piece, and the hypotheses that hold all its placements."""
+
+    points: Points
+    hypotheses: list[Hypothesis]
+    pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
+    in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
+
+    def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
+        """Return how many boxes some of its hypotheses have, and how many were not examined."""
+        if self.in_patches:
+            n_left = sum(solved.n_boxes() for solved in self.in_patches)
+            return n_left, sum(solved.n_pending() for solved in self.in_patches)
+        boxes = [box for x in left for box in self.hypotheses[x].boxes]
+        if not self.pending:
+            return len(boxes), 0
+        return len(boxes), sum(box.tobytes() in self.pending for box in boxes)
+
+
+@dataclass
+class SolvedPieces:
+    """
+    All pieces and joints, or the one piece that cannot exist.
+
+    Attributes
+    ----------
+    pieces : list of SolvedPiece
+        The pieces in the order in which they were solved.
+    joints : list of Joint
+        The joints between them.
+    contradiction : tuple of int or None
+        Points whose measurements contradict each other; the lists are not complete then.
+
+    """
+
+    pieces: list[SolvedPiece] = field(default_factory=list)
+    joints: list[Joint] = field(default_factory=list)
+    contradiction: Points | None = None

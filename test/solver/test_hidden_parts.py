@@ -1,0 +1,99 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Pieces that a point which hangs on them holds together, as far as the graph can tell."""
+
+import numpy as np
+import pytest
+from solver_cases import squared_distances
+
+from benchmarks.pieces import Row, neighbors
+from dg_localization import Problem, SolverOptions, Verdict, solve
+from dg_localization.solver.assemble import pieces as solved_by
+from dg_localization.solver.assemble.hidden_parts import hidden_parts
+from dg_localization.solver.problem import Chirality
+
+ROUNDING = 1e-12
+
+
+def strip_with_a_pendant(length=4, error=0.01):
+    """Return a strip of rigid fours, and a point that is held at both of its ends only."""
+    grid = np.array([[x // 2, x % 2] for x in range(2 * length + 2)]) * 5.0
+    positions = grid + np.random.default_rng(0).uniform(-0.5, 0.5, grid.shape)
+    positions = np.vstack([positions, [10.0, 12.0]])
+    squared = squared_distances(positions)
+    measured = np.zeros(squared.shape, dtype=bool)
+    for first in range(0, 2 * length, 2):
+        measured[first : first + 4, first : first + 4] = True
+    for end in (0, 2 * length + 1):
+        measured[-1, end] = measured[end, -1] = True
+    np.fill_diagonal(measured, True)
+    upper = np.where(measured, (1 + error) * squared, np.inf)
+    return np.where(measured, (1 - error) * squared, 0.0), upper, positions
+
+
+def holds(piece, positions):
+    squared = squared_distances(positions[list(piece.points)])
+    low, high = (1 - ROUNDING) * squared, (1 + ROUNDING) * squared
+    return any(((h.lower <= high) & (low <= h.upper)).all() for h in piece.hypotheses)
+
+
+def test_the_parts_are_found():
+    lower, upper, _ = strip_with_a_pendant()
+    strip = Problem(lower[:-1, :-1], upper[:-1, :-1])
+    assert [len(part.points) for part in hidden_parts(strip).pieces] == [4, 4, 4, 4]
+
+
+def test_each_part_is_solved_once_and_all_placements_are_found():
+    lower, upper, positions = strip_with_a_pendant()
+    result = solve(Problem(lower, upper))
+    assert result.verdict is Verdict.COVERED
+    strip, pendant = sorted(result.pieces, key=lambda piece: -len(piece.points))
+    assert (len(strip.points), len(pendant.points)) == (10, 3)
+    # Three faces, at each of which what follows is mirrored or not.
+    assert len(strip.hypotheses) == 8
+    assert all(h.proved for h in strip.hypotheses)
+    assert holds(strip, positions)
+    done = result.statistics
+    assert done.processed == done.empty + done.split + done.kept
+    # A box for each part, each combination, and the pendant point in each of these.
+    assert done.processed <= 4 + 8 + 8
+
+
+def test_parts_are_as_tight_as_the_whole(monkeypatch):
+    lower, upper, _ = strip_with_a_pendant()
+    problem = Problem(lower, upper)
+
+    def widths():
+        strip = max(solve(problem).pieces, key=lambda piece: len(piece.points))
+        # Mirrored and straight placements in the same order.
+        found = sorted(strip.hypotheses, key=lambda h: h.upper.sum())
+        return np.array([(np.sqrt(h.upper) - np.sqrt(h.lower)).mean() for h in found])
+
+    in_parts = widths()
+    monkeypatch.setattr(solved_by, 'hidden_parts', lambda problem: None)
+    whole = widths()
+    assert len(in_parts) == len(whole)
+    assert in_parts.mean() <= 1.05 * whole.mean()
+
+
+def test_a_chirality_across_parts_rules_out_mirrored_ones():
+    lower, upper, positions = strip_with_a_pendant()
+    corners = positions[[0, 1, 9]]
+    sign = int(np.sign(np.linalg.det(corners[1:] - corners[0])))
+    chirality = Chirality((0, 1, 9), sign)
+    result = solve(Problem(lower, upper, chiralities=[chirality]))
+    assert result.verdict is Verdict.COVERED
+    assert all(holds(piece, positions) for piece in result.pieces)
+
+
+@pytest.mark.parametrize(
+    ('degree', 'error', 'seed'), [(6, 0.01, 0), (8, 0.03, 1)], ids=['hidden', 'seams']
+)
+def test_fifty_points_take_few_boxes(degree, error, seed):
+    """Both took thousands of boxes: one has hidden parts, one has four bodies in a ring."""
+    problem = Row(50, degree, 2, 2.0, error).problem(seed)
+    result = solve(problem, SolverOptions(max_boxes=400, max_seconds=60.0))
+    assert result.verdict is Verdict.COVERED
+    positions, _ = neighbors(50, degree, 2, seed)
+    assert all(holds(piece, positions) for piece in result.pieces)
