@@ -73,10 +73,10 @@ class Hypothesis:
     positions : ndarray, shape (n, q), or None
         One placement in m, as good as could be found; None when none could be computed.
     proved : bool
-        Whether `positions` meets every constraint of the problem, checked with outward rounding.
-        Exact distances are met by no coordinates in floating point: where there are some, a
-        placement that meets every constraint is proved to lie within 1e-9 of them, in units of
-        the longest known distance.
+        Whether `positions` meets every constraint of the problem and lies in a box of the
+        hypothesis, checked with outward rounding. Exact distances are met by no coordinates in
+        floating point: where there are some, a placement that meets every constraint is proved to
+        lie within 1e-9 of them, in units of the longest known distance.
     flexible : bool
         Whether the placements are a continuum even without measurement errors.
 

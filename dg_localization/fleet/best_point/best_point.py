@@ -30,7 +30,6 @@ from dg_localization.fleet.best_point.terms import (
 )
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.interval.arrays import Interval
-from dg_localization.solver.place.existence import has_exact_pairs
 from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem
 
@@ -173,7 +172,6 @@ class BestPointFinder:
         self,
         start_m: FloatArray,
         enclosure: Interval,
-        proved: bool,
         among: tuple[FloatArray, FloatArray] | None = None,
     ) -> BestPoint:
         """
@@ -185,8 +183,6 @@ class BestPointFinder:
             A placement inside the enclosure.
         enclosure : Interval, shape (n, q)
             In m. A coordinate without width is given by the frame.
-        proved : bool
-            Whether the solver has proved the start, but for the rotation into the fixed frame.
         among : tuple of numpy.ndarray, shape (n, n), optional
             Bounds of the squared distances in m^2 that tell the hypothesis from others. None when
             it is the only one: what agrees with the problem is in it.
@@ -196,16 +192,17 @@ class BestPointFinder:
         BestPoint
 
         """
-        if not np.isfinite(start_m).all() or self._effort >= MOST_EFFORT:
-            rotations = np.tile(np.eye(3), (len(start_m), 1, 1))
-            return BestPoint(start_m, proved, rotations, np.full((len(start_m), 6, 6), np.nan))
-        bodies = self._bodies(start_m, enclosure)
-        self._effort += int(bodies.free.sum()) ** 3
-        fit = fit_terms(self._terms, bodies)
         problem = self._problem
         if among is not None:
             problem = Problem(*among, dimension=problem.dimension, chiralities=problem.chiralities)
-        elif len(start_m) <= MOST_BODIES:
+        if not np.isfinite(start_m).all() or self._effort >= MOST_EFFORT:
+            rotations = np.tile(np.eye(3), (len(start_m), 1, 1))
+            unknown = np.full((len(start_m), 6, 6), np.nan)
+            return BestPoint(start_m, agrees(problem, start_m), rotations, unknown)
+        bodies = self._bodies(start_m, enclosure)
+        self._effort += int(bodies.free.sum()) ** 3
+        fit = fit_terms(self._terms, bodies)
+        if among is None and len(start_m) <= MOST_BODIES:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
@@ -218,7 +215,7 @@ class BestPointFinder:
             fit = fit_terms(self._past.terms, bodies, robust=True)
             information = matrix_at(self._past.terms.counted_once(), fit)
         best_m = self._with_sensors(fit, enclosure)
-        positions_m, proved = _agreeing(problem, start_m, best_m, proved)
+        positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
         covariances = _covariances(fit, bodies, information, n_points)
         return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances)
@@ -307,15 +304,13 @@ def _further_starts(start_m: FloatArray, enclosure: Interval) -> Iterator[FloatA
 
 
 def _agreeing(
-    problem: Problem, start_m: FloatArray, best_m: FloatArray, proved: bool
+    problem: Problem, start_m: FloatArray, best_m: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return the placement nearest to the best one that agrees with the problem."""
+    """Return the placement nearest to the best one that agrees with the problem, if one does."""
     if agrees(problem, best_m):
         return best_m, True
     if not agrees(problem, start_m):
-        # Next to exact distances a placement is proved to exist, but neither of these is one.
-        is_start = proved and not has_exact_pairs(problem)
-        return (start_m, True) if is_start else (best_m, False)
+        return best_m, False
     share = 0.0
     for halving in range(1, HALVINGS + 1):
         trial = share + 0.5**halving

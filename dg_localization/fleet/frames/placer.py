@@ -106,7 +106,7 @@ class Placer:
                 continue
             enclosure, arcs_rad = narrowed
             start = self._fixed_positions(hypothesis, choice, enclosure)
-            best = self._best_points.find(start, enclosure, hypothesis.proved, among)
+            best = self._best_points.find(start, enclosure, among)
             mirrored = bool(placements)
             placement = self._complete(hypothesis, best, enclosure, arcs_rad, mirrored)
             placements += [placement] if placement is not None else []

@@ -227,8 +227,9 @@ class Product:
         stopped: Callable[[], bool],
     ) -> tuple[FloatArray | None, bool]:
         """Return a placement of a combination, and whether it is proved to agree."""
+        box = np.stack(bounds)
         if problem.n_points <= MOST_AT_ONCE and not self._turns:
-            positions, proved = settled(self._problem, self._at_once(problem, bounds))
+            positions, proved = settled(self._problem, self._at_once(problem, bounds), [box])
             if proved:
                 return positions, True
         pieces = [
@@ -246,20 +247,20 @@ class Product:
         for seed in range(MOST_ATTEMPTS):
             placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
             positions = with_known_chirality(self._problem, placer.place(least_m))
-            positions, proved = settled(self._problem, positions)
+            positions, proved = settled(self._problem, positions, [box])
             if proved:
                 return positions, True
             if stopped():
                 return positions, False
             if problem.n_points <= MOST_REFINED:
                 positions = with_known_chirality(self._problem, refine(positions, known))
-                positions, proved = settled(self._problem, positions)
+                positions, proved = settled(self._problem, positions, [box])
                 if proved:
                     return positions, True
             if first is None:
                 first = positions
         if problem.n_points <= MOST_CONTRACTED:
-            positions, proved = settled(self._problem, self._at_once(problem, bounds))
+            positions, proved = settled(self._problem, self._at_once(problem, bounds), [box])
             if proved:
                 return positions, True
         return first, False

@@ -21,12 +21,14 @@ then checked for all placements that are so near.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.interval.arrays import Interval, determinant, squared_norm, sum_up, up
-from dg_localization.solver.box import FloatArray, IntArray
-from dg_localization.solver.place.proofs import agrees
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
 
 NEARNESS = 1e-9
@@ -41,7 +43,9 @@ MOST_EXACT = 1000
 """With more exact pairs the proof takes too long."""
 
 
-def settled(problem: Problem, positions: FloatArray) -> tuple[FloatArray, bool]:
+def settled(
+    problem: Problem, positions: FloatArray, boxes: Sequence[FloatArray] | None = None
+) -> tuple[FloatArray, bool]:
     """
     Move a placement onto the exact distances, and prove that it meets every constraint.
 
@@ -51,18 +55,21 @@ def settled(problem: Problem, positions: FloatArray) -> tuple[FloatArray, bool]:
         The problem.
     positions : ndarray, shape (n, q)
         Coordinates in m.
+    boxes : sequence of ndarray, shape (k, n, n), optional
+        The boxes in m^2 of the hypothesis that the placement is to be in one of; any will do
+        where they are not given.
 
     Returns
     -------
     positions : ndarray, shape (n, q)
         The coordinates, as they were where that is of no use.
     proved : bool
-        Whether they meet every constraint, or a placement that does is proved to lie within
-        `NEARNESS` of them.
+        Whether they meet every constraint and lie in a box, or a placement that meets every
+        constraint is proved to lie within `NEARNESS` of them, and may lie in a box.
 
     """
     if agrees(problem, positions):
-        return positions, True
+        return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
     known, exact = problem.pairs, _exact(problem)
     pairs, targets = known.pairs[exact], 0.5 * (known.lower[exact] + known.upper[exact])
     most = min(positions.size - positions.shape[1], MOST_EXACT)
@@ -78,7 +85,11 @@ def settled(problem: Problem, positions: FloatArray) -> tuple[FloatArray, bool]:
             return positions, False
         near = Interval.around(moved[0], radii)
         others = known.pairs[~exact], known.lower[~exact], known.upper[~exact]
-        proved = _all_lie_within(near, *others) and _all_have_sides(near, problem)
+        proved = (
+            _all_lie_within(near, *others)
+            and _all_have_sides(near, problem)
+            and (boxes is None or any(_may_lie_in(box, near) for box in boxes))
+        )
     return (moved[0], True) if proved else (positions, False)
 
 
@@ -164,6 +175,13 @@ def _all_lie_within(near: Interval, pairs: IntArray, lower: FloatArray, upper: F
     """Return whether all placements within some bounds have squared distances within theirs."""
     squared = squared_norm(near[pairs[:, 0]] - near[pairs[:, 1]])
     return bool(((lower <= squared.lower) & (squared.upper <= upper)).all())
+
+
+def _may_lie_in(box: FloatArray, near: Interval) -> bool:
+    """Return whether some placement within some bounds of coordinates may lie in a box."""
+    squared = squared_norm(near[:, None] - near[None])
+    apart = (squared.upper < box[LOWER]) | (box[UPPER] < squared.lower)
+    return not apart.any()
 
 
 def _all_have_sides(near: Interval, problem: Problem) -> bool:

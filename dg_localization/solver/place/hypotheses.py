@@ -12,7 +12,7 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
-from dg_localization.solver.place.existence import NEARNESS, has_exact_pairs, settled
+from dg_localization.solver.place.existence import has_exact_pairs, settled
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
@@ -151,7 +151,7 @@ def _placement(
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
     for start in starts:
         if start is not None:
-            positions, proved = settled(problem, with_known_chirality(problem, start))
+            positions, proved = settled(problem, with_known_chirality(problem, start), boxes)
             if proved:
                 return positions, True
     is_moderate = boxes[0][UPPER].max() < LARGEST_M2
@@ -159,7 +159,7 @@ def _placement(
         return _placement_by_known_pairs(problem, boxes, stopped)
     first = None
     for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
-        positions, proved = settled(problem, place_problem(problem, box))
+        positions, proved = settled(problem, place_problem(problem, box), boxes)
         if proved:
             return positions, True
         if first is None:
@@ -183,17 +183,10 @@ def _placement_by_known_pairs(
     in_box = boxes[0][LOWER, first, second], boxes[0][UPPER, first, second]
     for lower, upper in ((known.lower, known.upper), in_box):
         positions = sought(start, known.pairs, lower, upper, stopped)
-        positions, proved = settled(problem, with_known_chirality(problem, positions))
-        if proved and any(_holds(box, positions) for box in boxes):
+        positions, proved = settled(problem, with_known_chirality(problem, positions), boxes)
+        if proved:
             return positions, True
     return positions, False
-
-
-def _holds(box: FloatArray, positions: FloatArray) -> bool:
-    """Return whether a placement lies in a box, up to rounding."""
-    squared = ((positions[:, None] - positions) ** 2).sum(axis=-1)
-    slack = NEARNESS * squared.max()
-    return bool(((box[LOWER] <= squared + slack) & (squared - slack <= box[UPPER])).all())
 
 
 def hypotheses_of(

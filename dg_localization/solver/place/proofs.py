@@ -15,7 +15,8 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, rounding_error, square_down, square_up, up
-from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.problem import Problem
 
 UNSURE = 2
@@ -80,17 +81,44 @@ def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
         answer = _compare_listed(positions, known.pairs, known.lower, known.upper)
     else:
         answer = _compare_distances(positions, problem.lower, problem.upper)
-    if answer != 0:
-        return bool(answer > 0)
+    return answer > 0 if answer else _agree_exactly(positions, problem.pairs)
+
+
+def _agree_exactly(positions: FloatArray, bounded: PairBounds) -> bool:
+    """Return whether the squared distances of some pairs lie in their intervals, in rationals."""
     exact = [[Fraction(x) for x in point] for point in positions.tolist()]
-    known = problem.pairs
     # A fraction compares exactly with a float of Python, infinity included.
-    ends = zip(known.pairs.tolist(), known.lower.tolist(), known.upper.tolist(), strict=True)
+    ends = zip(bounded.pairs.tolist(), bounded.lower.tolist(), bounded.upper.tolist(), strict=True)
     for (i, j), lower, upper in ends:
         squared = sum((x - y) ** 2 for x, y in zip(exact[i], exact[j], strict=True))
         if not lower <= squared <= upper:
             return False
     return True
+
+
+def lies_in(box: FloatArray, positions: FloatArray) -> bool:
+    """
+    Prove that a placement lies in a box.
+
+    Parameters
+    ----------
+    box : ndarray, shape (k, n, n)
+        Lower and upper bounds of squared distances in m^2; further rows do not count.
+    positions : ndarray, shape (n, q)
+        Coordinates in m, taken as exact.
+
+    Returns
+    -------
+    bool
+        True is a proof, as that of `agrees`.
+
+    """
+    if not np.isfinite(positions).all():
+        return False
+    answer = _compare_distances(positions, box[LOWER], box[UPPER])
+    if answer:
+        return bool(answer > 0)
+    return _agree_exactly(positions, PairBounds.from_matrices(box[LOWER], box[UPPER]))
 
 
 @kernel
