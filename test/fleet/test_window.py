@@ -21,8 +21,11 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
+from dg_localization.fleet.window.proved import PoseBounds
 from dg_localization.fleet.window.recollection import sifted
+from dg_localization.fleet.window.shape_headings import within_bounds
 
 START_S = 100.0
 TICK_S = 0.25
@@ -137,7 +140,7 @@ def test_what_was_ruled_out_stays_so_where_the_window_alone_does_not_tell():
     assert before.n_hypotheses == 1
     snapshot = fleet.localizer.snapshot(fleet.now_s)
     forgetful = replace(snapshot, window=NO_WINDOW)
-    assert estimate_snapshot(forgetful).n_hypotheses == 2
+    assert estimate_snapshot(forgetful)[0].n_hypotheses == 2
     after = fleet.localizer.estimate(forgetful)
     assert after.n_hypotheses == 1
     assert fleet.holds(after.placements[0], after)
@@ -164,13 +167,49 @@ def test_what_was_proved_is_dropped_after_half_the_memory():
     fleet = Circling(3, memory_s=6.0)
     *_, estimate = fleet.drive(3.0)
     follower = fleet.localizer._follower
-    stamps = [follower.proved_for(fleet.localizer.snapshot(fleet.now_s)).since_s]
+    stamps = []
     for estimate in fleet.drive(9.0):
         assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
-        proved = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
-        stamps.append(proved.since_s)
+        chains = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        assert all(fleet.now_s - 3.0 <= chain.since_s for chain in chains)
+        stamps.append(chains[0].since_s)
     assert len(set(stamps)) >= 3
-    assert all(fleet.now_s - 3.0 <= stamps[-1] for _ in stamps)
+
+
+def test_the_next_chain_is_ready_when_one_is_dropped():
+    fleet = Circling(3, memory_s=6.0)
+    *_, estimate = fleet.drive(3.0)
+    follower = fleet.localizer._follower
+    for estimate in fleet.drive(12.0):
+        oldest, *younger = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        # One begins when the other has counted for half its time, at the next tick.
+        assert oldest.since_s <= fleet.now_s - 1.0
+        assert all(oldest.since_s + 1.5 <= chain.since_s for chain in younger)
+        assert len(younger) <= 1
+        assert estimate.n_hypotheses == 1
+
+
+def test_mirror_images_that_meet_are_one_hypothesis():
+    fleet = Circling(3)
+    *_, estimate = fleet.drive(1.0)
+    image = estimate.placements[0]
+    robot = int(np.argmax(np.abs(image.positions_m[:, 1])))
+    low, high = image.enclosure_m.copy(), image.enclosure_m.copy()
+    low[robot, :, 1], high[robot, :, 1] = [-0.3, 0.01], [-0.01, 0.2]
+    arcs = np.array([[0.0, 1.0]] * 3), np.array([[0.5, 1.5]] * 3)
+    below, above = (
+        within_bounds(replace(image, enclosure_m=box, covariances=None), PoseBounds(box, arc))
+        for box, arc in zip((low, high), arcs, strict=True)
+    )
+    (joined,) = join_meeting((below, above))
+    assert joined.enclosure_m[robot, :, 1].tolist() == [-0.3, 0.2]
+    assert joined.heading_known.all()
+    assert np.all(np.abs(joined.heading_half_width_rad - 0.75) < 1e-9)
+    apart = np.array(high)
+    apart[robot, :, 1] = [0.02, 0.2]
+    assert len(join_meeting((below, replace(above, enclosure_m=apart)))) == 2
+    turned = replace(above, orientations_xyzw=-above.orientations_xyzw[:, [0, 1, 3, 2]])
+    assert len(join_meeting((below, turned))) == 2
 
 
 def test_distances_of_a_placement_are_bounded():
