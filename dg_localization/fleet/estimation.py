@@ -57,9 +57,9 @@ def estimate_snapshot(
         What it proves of later ones.
 
     """
-    if not snapshot.keys:
-        return _without_placements(snapshot, None, _no_data_reason(snapshot)), ()
     recalled = recall(snapshot, proved, cancel)
+    if not snapshot.keys and not recalled.pose_sets.any:
+        return _without_placements(snapshot, None, _no_data_reason(snapshot)), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()

@@ -66,8 +66,8 @@ class Circling:
         yaws = angles + forward * 0.5 * math.pi
         return CENTERS[:n] + around + self.shift_m, yaws
 
-    def measure(self, *, ranges=True, anchors=True):
-        """Measure everything once; odometry does not see a shift."""
+    def measure(self, *, pairs=None, anchors=True):
+        """Measure pairs of robots, or all, once; odometry does not see a shift."""
         places, yaws = self.poses()
         apart = self.names
         for name, place, yaw, shift in zip(self.names, places, yaws, self.shift_m, strict=True):
@@ -75,7 +75,7 @@ class Circling:
             stated = [*(place - shift), 0.0]
             add = self.localizer.add_odometry
             assert add(name, stated, orientation, self.now_s, self.now_s) is None
-        for i, j in combinations(range(len(apart)), 2) if ranges else ():
+        for i, j in combinations(range(len(apart)), 2) if pairs is None else pairs:
             self._range(self.names[i], self.names[j], places[j] - places[i])
         for name, anchor in self.config.anchors.items() if anchors else ():
             for robot, place in zip(self.names, places, strict=True):
@@ -187,6 +187,28 @@ def test_the_next_chain_is_ready_when_one_is_dropped():
         assert all(oldest.since_s + 1.5 <= chain.since_s for chain in younger)
         assert len(younger) <= 1
         assert estimate.n_hypotheses == 1
+
+
+@pytest.mark.parametrize('measured', [((0, 1), (2, 3)), ((0, 1),), ()])
+def test_what_robots_remember_of_each_other_connects_them(measured):
+    fleet = Circling(4)
+    *_, estimate = fleet.drive(8.0)
+    for estimate in fleet.drive(3.0, pairs=measured):
+        assert estimate.groups == ()
+        assert estimate.frame.points[0] == 'r0'
+        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        assert all(np.isfinite(p.enclosure_m).all() for p in estimate.placements)
+    assert estimate.n_hypotheses == 1
+
+
+def test_robots_are_connected_for_half_the_memory():
+    fleet = Circling(3, memory_s=6.0)
+    *_, estimate = fleet.drive(6.0)
+    *_, estimate = fleet.drive(2.0, pairs=())
+    assert estimate.placements
+    *_, estimate = fleet.drive(2.0, pairs=())
+    assert not estimate.placements
+    assert 'stale' in estimate.reason
 
 
 def test_mirror_images_that_meet_are_one_hypothesis():

@@ -327,7 +327,7 @@ def recall(snapshot: Snapshot, proved: Sequence[Proved], cancel: Cancel | None) 
         proved = ()
     carried = snapshot.carried
     newest_s = config.memory_s * WINDOW_SHARE
-    pose_sets, forgotten = place_robots(snapshot, carried, allowance)
+    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s)
     contradicting = also_forgotten({}, forgotten)
     replaced = frozenset(
         key
