@@ -196,7 +196,7 @@ class Case:
         """Note whom the window makes suspect where there is time to find out."""
         config = replace(snapshot.config, memory_max_seconds=math.inf)
         patient = replace(snapshot, config=config)
-        pose_sets = recall(patient, None, None).pose_sets
+        pose_sets = recall(patient, (), None).pose_sets
         self.suspects = {
             (round((one.stamp_s - START_S) / STEP_S), (int(one.name[1:]), int(one.target[1:])))
             for one in suspects_in_window(patient, pose_sets, lambda: False)

@@ -138,7 +138,7 @@ def _answer_group(
     most_placements = snapshot.config.max_hypotheses
     # To build one takes the solver long.
     options = replace(options, max_hypotheses=math.ceil(most_placements / placer.most_images))
-    result = solve(constraints.of(plan.points).problem(), options, cancel)
+    result = solve(placer.problem, options, cancel)
     placements: list[Placement] = []
     n_seen = 0
     for hypothesis in result.hypotheses:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from dg_localization import SolverOptions
@@ -37,16 +38,28 @@ _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
 @default_environment()
 def estimate_snapshot(
-    snapshot: Snapshot, cancel: Cancel | None = None, proved: Proved | None = None
-) -> Estimate:
+    snapshot: Snapshot, cancel: Cancel | None = None, proved: Sequence[Proved] = ()
+) -> tuple[Estimate, tuple[Proved, ...]]:
     """
-    Return every placement that agrees with a snapshot, or the reason why there is none.
+    Find every placement that agrees with a snapshot, or the reason why there is none.
 
-    `proved` is what an earlier estimate says, if one is known.
+    Parameters
+    ----------
+    snapshot : Snapshot
+    cancel : Cancel, optional
+    proved : sequence of Proved
+        What the estimate before proved, the oldest chain first.
+
+    Returns
+    -------
+    estimate : Estimate
+    proved : tuple of Proved
+        What it proves of later ones.
+
     """
-    if not snapshot.keys:
-        return _without_placements(snapshot, None, _no_data_reason(snapshot))
     recalled = recall(snapshot, proved, cancel)
+    if not snapshot.keys and not recalled.pose_sets.any:
+        return _without_placements(snapshot, None, _no_data_reason(snapshot)), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()
@@ -59,16 +72,17 @@ def estimate_snapshot(
         found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
-        return replace(estimate, suspects_in_window=in_window)
+        return replace(estimate, suspects_in_window=in_window), ()
     narrowed = narrow_answer(found, plans, recalled)
     estimate = _answered(snapshot, narrowed.answer, plans)
-    return replace(
+    estimate = replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out)]),
         suspects_in_window=in_window,
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
     )
+    return estimate, narrowed.proved
 
 
 def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:

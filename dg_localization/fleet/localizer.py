@@ -219,12 +219,12 @@ class Localizer:
 
         """
         follower, standing_frame, record = self._follower, self._standing_frame, self._record
-        estimate = estimate_snapshot(snapshot, cancel, follower.proved_for(snapshot))
+        estimate, proved = estimate_snapshot(snapshot, cancel, follower.proved_for(snapshot))
         if cancel is not None and cancel.is_set():
             return estimate
         record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
         estimate = replace(estimate, offenders=record.offenders())
-        estimate = standing_frame.turn(snapshot, follower.follow(snapshot, estimate))
+        estimate = standing_frame.turn(snapshot, follower.follow(snapshot, estimate, proved))
         if estimate.frame is None:
             return estimate
         previous, self._frame = self._frame, estimate.frame

@@ -21,8 +21,11 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
+from dg_localization.fleet.window.proved import PoseBounds
 from dg_localization.fleet.window.recollection import sifted
+from dg_localization.fleet.window.shape_headings import within_bounds
 
 START_S = 100.0
 TICK_S = 0.25
@@ -63,8 +66,8 @@ class Circling:
         yaws = angles + forward * 0.5 * math.pi
         return CENTERS[:n] + around + self.shift_m, yaws
 
-    def measure(self, *, ranges=True, anchors=True):
-        """Measure everything once; odometry does not see a shift."""
+    def measure(self, *, pairs=None, anchors=True):
+        """Measure pairs of robots, or all, once; odometry does not see a shift."""
         places, yaws = self.poses()
         apart = self.names
         for name, place, yaw, shift in zip(self.names, places, yaws, self.shift_m, strict=True):
@@ -72,7 +75,7 @@ class Circling:
             stated = [*(place - shift), 0.0]
             add = self.localizer.add_odometry
             assert add(name, stated, orientation, self.now_s, self.now_s) is None
-        for i, j in combinations(range(len(apart)), 2) if ranges else ():
+        for i, j in combinations(range(len(apart)), 2) if pairs is None else pairs:
             self._range(self.names[i], self.names[j], places[j] - places[i])
         for name, anchor in self.config.anchors.items() if anchors else ():
             for robot, place in zip(self.names, places, strict=True):
@@ -137,7 +140,7 @@ def test_what_was_ruled_out_stays_so_where_the_window_alone_does_not_tell():
     assert before.n_hypotheses == 1
     snapshot = fleet.localizer.snapshot(fleet.now_s)
     forgetful = replace(snapshot, window=NO_WINDOW)
-    assert estimate_snapshot(forgetful).n_hypotheses == 2
+    assert estimate_snapshot(forgetful)[0].n_hypotheses == 2
     after = fleet.localizer.estimate(forgetful)
     assert after.n_hypotheses == 1
     assert fleet.holds(after.placements[0], after)
@@ -164,13 +167,71 @@ def test_what_was_proved_is_dropped_after_half_the_memory():
     fleet = Circling(3, memory_s=6.0)
     *_, estimate = fleet.drive(3.0)
     follower = fleet.localizer._follower
-    stamps = [follower.proved_for(fleet.localizer.snapshot(fleet.now_s)).since_s]
+    stamps = []
     for estimate in fleet.drive(9.0):
         assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
-        proved = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
-        stamps.append(proved.since_s)
+        chains = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        assert all(fleet.now_s - 3.0 <= chain.since_s for chain in chains)
+        stamps.append(chains[0].since_s)
     assert len(set(stamps)) >= 3
-    assert all(fleet.now_s - 3.0 <= stamps[-1] for _ in stamps)
+
+
+def test_the_next_chain_is_ready_when_one_is_dropped():
+    fleet = Circling(3, memory_s=6.0)
+    *_, estimate = fleet.drive(3.0)
+    follower = fleet.localizer._follower
+    for estimate in fleet.drive(12.0):
+        oldest, *younger = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        # One begins when the other has counted for half its time, at the next tick.
+        assert oldest.since_s <= fleet.now_s - 1.0
+        assert all(oldest.since_s + 1.5 <= chain.since_s for chain in younger)
+        assert len(younger) <= 1
+        assert estimate.n_hypotheses == 1
+
+
+@pytest.mark.parametrize('measured', [((0, 1), (2, 3)), ((0, 1),), ()])
+def test_what_robots_remember_of_each_other_connects_them(measured):
+    fleet = Circling(4)
+    *_, estimate = fleet.drive(8.0)
+    for estimate in fleet.drive(3.0, pairs=measured):
+        assert estimate.groups == ()
+        assert estimate.frame.points[0] == 'r0'
+        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        assert all(np.isfinite(p.enclosure_m).all() for p in estimate.placements)
+    assert estimate.n_hypotheses == 1
+
+
+def test_robots_are_connected_for_half_the_memory():
+    fleet = Circling(3, memory_s=6.0)
+    *_, estimate = fleet.drive(6.0)
+    *_, estimate = fleet.drive(2.0, pairs=())
+    assert estimate.placements
+    *_, estimate = fleet.drive(2.0, pairs=())
+    assert not estimate.placements
+    assert 'stale' in estimate.reason
+
+
+def test_mirror_images_that_meet_are_one_hypothesis():
+    fleet = Circling(3)
+    *_, estimate = fleet.drive(1.0)
+    image = estimate.placements[0]
+    robot = int(np.argmax(np.abs(image.positions_m[:, 1])))
+    low, high = image.enclosure_m.copy(), image.enclosure_m.copy()
+    low[robot, :, 1], high[robot, :, 1] = [-0.3, 0.01], [-0.01, 0.2]
+    arcs = np.array([[0.0, 1.0]] * 3), np.array([[0.5, 1.5]] * 3)
+    below, above = (
+        within_bounds(replace(image, enclosure_m=box, covariances=None), PoseBounds(box, arc))
+        for box, arc in zip((low, high), arcs, strict=True)
+    )
+    (joined,) = join_meeting((below, above))
+    assert joined.enclosure_m[robot, :, 1].tolist() == [-0.3, 0.2]
+    assert joined.heading_known.all()
+    assert np.all(np.abs(joined.heading_half_width_rad - 0.75) < 1e-9)
+    apart = np.array(high)
+    apart[robot, :, 1] = [0.02, 0.2]
+    assert len(join_meeting((below, replace(above, enclosure_m=apart)))) == 2
+    turned = replace(above, orientations_xyzw=-above.orientations_xyzw[:, [0, 1, 3, 2]])
+    assert len(join_meeting((below, turned))) == 2
 
 
 def test_distances_of_a_placement_are_bounded():

@@ -41,6 +41,7 @@ from dg_localization.fleet.frames.registration import Registration
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
 from dg_localization.interval.arrays import Interval
+from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
@@ -111,6 +112,11 @@ class Placer:
             placement = self._complete(hypothesis, best, enclosure, arcs_rad, mirrored)
             placements += [placement] if placement is not None else []
         return placements
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What the solver is asked of the points of the plan."""
+        return self._solved.problem()
 
     @property
     def most_images(self) -> int:
@@ -201,8 +207,7 @@ class Placer:
             for point, arm_m in snapshot.mounts.arms_m.items()
             if point in rows
         ]
-        problem = self._solved.problem()
-        return BestPointFinder(problem, terms, self._held, sensors, past, beside_past)
+        return BestPointFinder(self.problem, terms, self._held, sensors, past, beside_past)
 
     @property
     def _reference(self) -> int | None:

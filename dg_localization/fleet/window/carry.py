@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.constraints.graph import connected_to
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath, TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
@@ -132,6 +133,27 @@ class CarriedWindow:
             if self._pair_of(index[key.observer], index[key.target]) in self._rows
         )
 
+    def pairs_apart(self, keys: Iterable[LinkKey], newest_s: float) -> tuple[Pair, ...]:
+        """
+        Return the pairs of robots that links do not connect, not even by other robots or anchors.
+
+        Only those that observed each other in the `newest_s` before now. A robot that observed
+        anchors in the window counts as connected to them.
+        """
+        config = self._config
+        robots = {name: robot for robot, name in enumerate(config.robots)}
+        linked = [[robots.get(config.robot_of(end), WORLD) for end in key.ends] for key in keys]
+        joined = np.zeros((len(robots) + 1, len(robots) + 1), bool)
+        for first, second in [*linked, *(pair for pair in self.pairs if pair[0] == WORLD)]:
+            joined[first, second] = joined[second, first] = True
+        return tuple(
+            pair
+            for pair in self.pairs
+            if pair[0] != WORLD
+            and pair[1] not in connected_to(joined, pair[0])
+            and self._now_s - self._stamps_of(pair)[0] <= newest_s
+        )
+
     def span_s(self, pair: Pair) -> float:
         """Return the age of the oldest observation of a pair."""
         return self._now_s - min(self._stamps_of(pair))
@@ -160,11 +182,15 @@ class CarriedWindow:
         """
         return self._readings(pair, self._poses, most, newest_s)
 
-    def readings_on_tracks(self, pair: Pair) -> PairReadings:
-        """Return the observations of a pair, newest first, seen from the tracks of both."""
+    def readings_on_tracks(self, pair: Pair, newest_s: float = math.inf) -> PairReadings:
+        """
+        Return the observations of a pair, newest first, seen from the tracks of both.
+
+        Those of the `newest_s` before now.
+        """
         tracks = self._tracks
         past = {body: tracks[body].past for body in pair if body != WORLD}
-        return self._readings(pair, past, None, math.inf)
+        return self._readings(pair, past, None, newest_s)
 
     def tracks(self, pair: Pair) -> tuple[PastPoses, PastPoses]:
         """Return where the tracks of a pair are now, seen from the two bodies."""

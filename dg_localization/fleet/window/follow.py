@@ -14,7 +14,7 @@ from dg_localization.fleet.window.forgetting import also_forgotten
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.numbering import matches
 from dg_localization.fleet.window.proved import Proved
-from dg_localization.fleet.window.recollection import WINDOW_SHARE
+from dg_localization.fleet.window.recollection import chain_seconds
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Follower:
         self._next_number = first_number
         self._last = _Followed((), 0.0)
         self._forgotten: Mapping[Ends, float] = {}
-        self._proved: Proved | None = None
+        self._proved: tuple[Proved, ...] = ()
 
     @property
     def forgotten(self) -> Mapping[Ends, float]:
@@ -51,16 +51,19 @@ class Follower:
         """Return one that knows no hypothesis; numbers are not used again."""
         return Follower(self._next_number)
 
-    def proved_for(self, snapshot: Snapshot) -> Proved | None:
+    def proved_for(self, snapshot: Snapshot) -> tuple[Proved, ...]:
         """Return what the estimate before proved, unless that is out of memory or of later."""
-        proved, config = self._proved, snapshot.config
-        if proved is None or not proved.stamp_s <= snapshot.stamp_s:
-            return None
-        longest_s = (1.0 - WINDOW_SHARE) * config.memory_s
-        return proved if snapshot.stamp_s - proved.since_s <= longest_s else None
+        longest_s = chain_seconds(snapshot.config)
+        return tuple(
+            proved
+            for proved in self._proved
+            if proved.stamp_s <= snapshot.stamp_s <= proved.since_s + longest_s
+        )
 
-    def follow(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
-        """Return an estimate with the numbers of its hypotheses."""
+    def follow(
+        self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
+    ) -> Estimate:
+        """Return an estimate with the numbers of its hypotheses; keep what it proved."""
         self._forgotten = also_forgotten(self._forgotten, estimate.forgotten)
         listed = [
             *estimate.placements,
@@ -77,21 +80,8 @@ class Follower:
                 self._next_number += 1
             numbered.append(replace(placement, number=number))
         self._last = _Followed(tuple(numbered), snapshot.stamp_s)
-        self._proved = _what_is_proved(snapshot, estimate, self.proved_for(snapshot))
+        self._proved = proved
         return _with_placements(estimate, numbered)
-
-
-def _what_is_proved(
-    snapshot: Snapshot, estimate: Estimate, before: Proved | None
-) -> Proved | None:
-    """Return what an estimate proves of later ones: nothing where measurements contradict."""
-    listed = estimate.placements
-    complete = len(listed) == estimate.n_hypotheses and not any(p.dropped for p in listed)
-    in_plane = snapshot.config.dimension == 2
-    if estimate.frame is None or not listed or not complete or estimate.forgotten or not in_plane:
-        return None
-    since_s = snapshot.stamp_s if before is None else before.since_s
-    return Proved(listed, estimate.frame, snapshot.stamp_s, since_s)
 
 
 def _with_placements(estimate: Estimate, placements: list[Placement]) -> Estimate:

@@ -1,16 +1,19 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a window leaves of the answer of the moment."""
+"""What a window leaves of the answer of the moment, and what that proves of later ones."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from dg_localization.fleet.answers import Answer
-from dg_localization.fleet.estimate import Group
+from dg_localization.fleet.estimate import FixedFrame, Group, Placement
 from dg_localization.fleet.frames.plan import Plans
 from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.meeting import join_meeting
+from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import Left, Recollection
 
 
@@ -25,12 +28,15 @@ class NarrowedAnswer:
     ruled_out : tuple of str
         A sentence on each placement that is left out.
     forgotten : tuple of Forgotten
+    proved : tuple of Proved
+        What it proves of later ones, the oldest chain first.
 
     """
 
     answer: Answer
     ruled_out: tuple[str, ...]
     forgotten: tuple[Forgotten, ...]
+    proved: tuple[Proved, ...] = ()
 
 
 def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> NarrowedAnswer:
@@ -51,26 +57,63 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
     for group in found.groups:
         left = recalled.narrow(group.placements, group.frame)
         contradicts |= bool(group.placements) and not left.placements
-        groups.append(_narrowed_group(group, left))
+        groups.append(_narrowed_group(group, _hypotheses(recalled, left)))
         ruled_out += left.ruled_out
-    if contradicts and recalled.carried is not None:
+    if contradicts and any(recalled.chains):
         recalled.allowance.pause()
-        return narrow_answer(found, plans, recalled.without_carried())
+        return narrow_answer(found, plans, recalled.without_chains())
     if contradicts:
         return NarrowedAnswer(found, (), recalled.without_anything())
+    proved: tuple[Proved, ...] = ()
+    if plans.main is not None:
+        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, main))
+    placements = _hypotheses(recalled, main)
     answer = replace(
         found,
-        placements=main.placements,
-        n_hypotheses=found.n_hypotheses - len(main.ruled_out),
+        placements=placements,
+        n_hypotheses=found.n_hypotheses - len(found.placements) + len(placements),
         groups=tuple(groups),
     )
-    return NarrowedAnswer(answer, tuple(ruled_out), recalled.forgotten)
+    return NarrowedAnswer(answer, tuple(ruled_out), recalled.forgotten, proved)
 
 
-def _narrowed_group(group: Group, left: Left) -> Group:
+def _hypotheses(recalled: Recollection, left: Left) -> tuple[Placement, ...]:
+    """Return the placements that are left, those that meet joined in the plane."""
+    return join_meeting(left.placements) if recalled.config.dimension == 2 else left.placements
+
+
+def _narrowed_group(group: Group, placements: tuple[Placement, ...]) -> Group:
     """Return a group with the placements that are left."""
     return replace(
         group,
-        placements=left.placements,
-        n_hypotheses=group.n_hypotheses - len(left.ruled_out),
+        placements=placements,
+        n_hypotheses=group.n_hypotheses - len(group.placements) + len(placements),
     )
+
+
+def _what_is_proved(
+    found: Answer, frame: FixedFrame, recalled: Recollection, oldest: Left
+) -> Iterator[Proved]:
+    """
+    Yield what an answer proves of later ones: nothing where measurements contradict.
+
+    Parameters
+    ----------
+    found : Answer
+        Of the moment.
+    frame : FixedFrame
+        Of its coordinates.
+    recalled : Recollection
+    oldest : Left
+        What the window and the oldest chain leave of it.
+
+    """
+    listed = found.placements
+    complete = len(listed) == found.n_hypotheses and not any(p.dropped for p in listed)
+    if not complete or recalled.forgotten or recalled.config.dimension != 2:
+        return
+    for chain, carried in enumerate(recalled.chains):
+        left = recalled.narrow(listed, frame, chain) if chain else oldest
+        if left.placements:
+            since_s = recalled.stamp_s if carried is None else carried.since_s
+            yield Proved(left.placements, frame, recalled.stamp_s, since_s)

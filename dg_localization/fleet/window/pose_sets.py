@@ -40,6 +40,11 @@ class PoseSets:
     covers: Mapping[int, Cover] = field(default_factory=dict)
     relative: Mapping[Pair, Cover] = field(default_factory=dict)
 
+    @property
+    def any(self) -> bool:
+        """Whether it says where any robot is."""
+        return bool(self.covers or self.relative)
+
     def distances(self, snapshot: Snapshot) -> Iterator[PairBounds]:
         """Yield pairs of points with bounds of their squared distance in m^2."""
         for robot, cover in self.covers.items():
@@ -54,13 +59,14 @@ NO_POSE_SETS = PoseSets()
 
 
 def place_robots(
-    snapshot: Snapshot, carried: CarriedWindow, allowance: Allowance
+    snapshot: Snapshot, carried: CarriedWindow, allowance: Allowance, newest_s: float
 ) -> tuple[PoseSets, tuple[Forgotten, ...]]:
     """
     Return the pose sets of all robots that observed anchors in a window.
 
-    Where outliers are tolerated, the pose sets of robots that observed each other are made, too:
-    no single reading can be trusted then. They add nothing else.
+    The pose sets of robots that observed each other are made, too, where nothing that is measured
+    now connects the two. Where outliers are tolerated they are always: no single reading can be
+    trusted then. They add nothing else.
 
     Parameters
     ----------
@@ -68,6 +74,8 @@ def place_robots(
     carried : CarriedWindow
     allowance : Allowance
         Divided among the sets.
+    newest_s : float
+        What robots observed of each other counts so long.
 
     Returns
     -------
@@ -80,12 +88,17 @@ def place_robots(
     height_m = (0.0, 0.0) if snapshot.config.dimension == 2 else (-math.inf, math.inf)
     anchored = bool(snapshot.anchors.cores)
     robots_too = options.max_outliers > 0
-    pairs = [pair for pair in carried.pairs if (anchored if pair[0] == WORLD else robots_too)]
+    apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
+    pairs = [
+        pair
+        for pair in carried.pairs
+        if (anchored if pair[0] == WORLD else robots_too or pair in apart)
+    ]
     covers: dict[Pair, Cover] = {}
     forgotten = []
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
-        readings = carried.readings_on_tracks(pair)
+        readings = carried.readings_on_tracks(pair, newest_s if pair in apart else math.inf)
         cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
         if cover.empty:
             agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)

@@ -39,7 +39,7 @@ class Proved:
         Of their coordinates.
     stamp_s : float
     since_s : float
-        The first estimate of a row, of which each used the one before.
+        The first estimate of a chain, of which each used the one before.
 
     """
 
@@ -82,6 +82,7 @@ class CarriedPlacements:
     def __init__(self, proved: Proved, snapshot: Snapshot) -> None:
         self._robots = snapshot.config.robots
         self._frame = proved.frame
+        self.since_s = proved.since_s
         self.age_s = snapshot.stamp_s - proved.stamp_s
         moves = [_move(snapshot, robot, proved.stamp_s) for robot in range(len(self._robots))]
         self._position, self._yaw = _carried(proved.placements, moves)

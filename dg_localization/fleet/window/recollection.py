@@ -51,6 +51,9 @@ Of the memory, for what robots measured of each other. An estimate proves someth
 one for the rest of it: nothing older than the memory has any effect.
 """
 
+CHAIN_SHARE = 0.5
+"""Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
+
 MOST_REFINED = 16
 """Of more placements than these, the others get coarse headings only."""
 
@@ -91,8 +94,8 @@ class Recollection:
         The links of the moment that the pose sets stand for: any of them may be an outlier.
     forgotten : tuple of Forgotten
         What contradicts itself.
-    carried : CarriedPlacements, optional
-        What an earlier estimate proved.
+    chains : tuple of CarriedPlacements, or None
+        What the estimate before proved, the oldest chain first; None for one that begins now.
     tilts : mapping of int to Tilt
         Of the robots with pose sets, in space.
 
@@ -106,7 +109,7 @@ class Recollection:
     pose_sets: PoseSets = NO_POSE_SETS
     replaced: frozenset[LinkKey] = frozenset()
     forgotten: tuple[Forgotten, ...] = ()
-    carried: CarriedPlacements | None = None
+    chains: tuple[CarriedPlacements | None, ...] = (None,)
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
 
     def without_pose_sets(self) -> Recollection:
@@ -116,10 +119,10 @@ class Recollection:
         forgotten = (*self.forgotten, Forgotten(ends, self.stamp_s, CONTRADICTS_NOW))
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
 
-    def without_carried(self) -> Recollection:
+    def without_chains(self) -> Recollection:
         """Return this without what an earlier estimate proved, which contradicts the moment."""
         forgotten = (*self.forgotten, Forgotten(frozenset(), self.stamp_s, PROVED_CONTRADICTS))
-        return replace(self, carried=None, forgotten=forgotten)
+        return replace(self, chains=(None,), forgotten=forgotten)
 
     def without_anything(self) -> tuple[Forgotten, ...]:
         """Return what is forgotten where the window leaves no placement of the moment."""
@@ -129,16 +132,18 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        return not (self.readings or self.pose_sets.covers or self.carried)
+        return not (self.readings or self.pose_sets.covers or any(self.chains))
 
-    def narrow(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
+    def narrow(self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0) -> Left:
         """
-        Return what the window leaves of placements in one frame.
+        Return what the window and an earlier estimate leave of placements in one frame.
 
         Parameters
         ----------
         placements : sequence of Placement
         frame : FixedFrame
+        chain : int
+            Which one of the chains; those after it have their shares of the time that is left.
 
         Returns
         -------
@@ -147,18 +152,19 @@ class Recollection:
         """
         if self.config.dimension == 3:
             return self._narrowed_in_space(placements, frame)
-        gone_on = self._carried_on(placements, frame)
+        stopped = self.allowance.part(len(self.chains) - chain)
+        gone_on = _carried_on(placements, frame, self.chains[chain])
         if self._cells == COARSE_CELLS and len(gone_on.placements) <= MOST_REFINED:
             # Tables of all placements first would leave no time for joint poses.
             options = HeadingOptions(COARSE_CELLS, max_rounds=1, most_readings=MOST_BEFORE_JOINT)
-            refined = self._tried(gone_on.placements, frame, options, JOINT_BOXES)
+            refined = self._tried(gone_on.placements, frame, options, JOINT_BOXES, stopped)
             return Left(refined.placements, gone_on.ruled_out + refined.ruled_out)
         outliers = self.config.window_outliers
         options = HeadingOptions(COARSE_CELLS, outliers, max_rounds=1)
-        possible = self._tried(gone_on.placements, frame, options, 0)
+        possible = self._tried(gone_on.placements, frame, options, 0, stopped)
         most = possible.placements[:MOST_REFINED]
         options = replace(options, cells=self._cells)
-        refined = self._tried(most, frame, options, JOINT_BOXES)
+        refined = self._tried(most, frame, options, JOINT_BOXES, stopped)
         others = possible.placements[MOST_REFINED:]
         sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
         return Left(refined.placements + others, sentences)
@@ -173,20 +179,6 @@ class Recollection:
 
         return sifted(placements, narrow)
 
-    def _carried_on(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
-        """Return the placements that can go on from an earlier estimate."""
-        carried = self.carried
-        if carried is None:
-            return Left(tuple(placements), ())
-
-        def go_on(placement: Placement) -> tuple[Placement | None, str]:
-            bounds = carried.around(placement, frame)
-            if bounds is None:
-                return None, f'the estimate {carried.age_s:.1f} s ago'
-            return within_bounds(placement, bounds), ''
-
-        return sifted(placements, go_on)
-
     @property
     def _cells(self) -> int:
         """How finely tables resolve headings: joint poses know neither rays nor outliers."""
@@ -199,11 +191,12 @@ class Recollection:
         frame: FixedFrame,
         options: HeadingOptions,
         max_boxes: int,
+        stopped: Callable[[], bool],
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
 
         def narrow(placement: Placement) -> tuple[Placement | None, str]:
-            narrowed = self._narrow(placement, frame, options, max_boxes)
+            narrowed = self._narrow(placement, frame, options, max_boxes, stopped)
             pair = narrowed.ruled_out_by
             return narrowed.placement, '' if pair is None else self._over(pair)
 
@@ -215,6 +208,7 @@ class Recollection:
         frame: FixedFrame,
         options: HeadingOptions,
         max_boxes: int,
+        stopped: Callable[[], bool],
     ) -> Narrowed:
         """Return what the window leaves of one of some placements."""
         reference = 0
@@ -228,7 +222,7 @@ class Recollection:
             self.pose_sets,
             options,
             max_boxes,
-            self.allowance.part(1),
+            stopped,
         )
 
     def _over(self, pair: Pair) -> str:
@@ -237,6 +231,22 @@ class Recollection:
         robots = self.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
         return f'{names} over {self.spans_s[pair]:.0f} s'
+
+
+def _carried_on(
+    placements: Sequence[Placement], frame: FixedFrame, carried: CarriedPlacements | None
+) -> Left:
+    """Return the placements that can go on from an earlier estimate."""
+    if carried is None:
+        return Left(tuple(placements), ())
+
+    def go_on(placement: Placement) -> tuple[Placement | None, str]:
+        bounds = carried.around(placement, frame)
+        if bounds is None:
+            return None, f'the estimate {carried.age_s:.1f} s ago'
+        return within_bounds(placement, bounds), ''
+
+    return sifted(placements, go_on)
 
 
 def sifted(
@@ -289,7 +299,20 @@ def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
     )
 
 
-def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> Recollection:
+def chain_seconds(config: FleetConfig) -> float:
+    """Return for how long an estimate proves something of later ones."""
+    return (1.0 - WINDOW_SHARE) * config.memory_s
+
+
+def _chains(snapshot: Snapshot, proved: Sequence[Proved]) -> tuple[CarriedPlacements | None, ...]:
+    """Return what was proved, carried on; a chain begins where the youngest is half as old."""
+    begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(snapshot.config)
+    begins = all(one.since_s <= begins_s for one in proved)
+    chains = [CarriedPlacements(one, snapshot) for one in proved]
+    return (*chains, None) if begins else tuple(chains)
+
+
+def recall(snapshot: Snapshot, proved: Sequence[Proved], cancel: Cancel | None) -> Recollection:
     """
     Return what the window of a snapshot and an earlier estimate say.
 
@@ -301,10 +324,10 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
     if not tells or not (snapshot.window.observations or proved):
         return Recollection(config, snapshot.stamp_s, allowance)
     if allowance.part(1)():
-        proved = None
+        proved = ()
     carried = snapshot.carried
     newest_s = config.memory_s * WINDOW_SHARE
-    pose_sets, forgotten = place_robots(snapshot, carried, allowance)
+    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s)
     contradicting = also_forgotten({}, forgotten)
     replaced = frozenset(
         key
@@ -328,5 +351,5 @@ def recall(snapshot: Snapshot, proved: Proved | None, cancel: Cancel | None) -> 
             pair: carried.readings(pair, MOST_IN_TABLE, newest_s)
             for pair in carried.near_pairs(MOST_PARTNERS, newest_s)
         },
-        carried=None if proved is None else CarriedPlacements(proved, snapshot),
+        chains=_chains(snapshot, proved),
     )

@@ -152,7 +152,7 @@ def _within_known(poses: JointPoses, placement: Placement) -> JointPoses:
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:
     """Return a placement with narrower bounds."""
-    return _with_headings(with_enclosure(placement, bounds.enclosure_m), bounds.arcs_rad)
+    return with_headings(with_enclosure(placement, bounds.enclosure_m), bounds.arcs_rad)
 
 
 def with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
@@ -174,7 +174,7 @@ def with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
     )
 
 
-def _with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
+def with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
     """Return a placement with the headings that are found, where the rays tell less."""
     found = {}
     for robot, (low, high) in enumerate(arcs_rad.tolist()):
