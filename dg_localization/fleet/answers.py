@@ -34,7 +34,7 @@ class Answer:
     ----------
     verdict : Verdict
     placements : tuple of Placement
-        At most `max_hypotheses` of them.
+        At most `max_hypotheses` of them, or `LEAST_LISTED` where a window will narrow them.
     n_hypotheses : int
         How many there are; those not listed are not checked against the headings.
     statistics : Statistics
@@ -53,6 +53,9 @@ class Answer:
     groups: tuple[Group, ...] = ()
     rigidity: Rigidity = NOT_RIGID
 
+
+LEAST_LISTED = 64
+"""At least so many placements are tried with what is remembered, however few are published."""
 
 CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, Statistics())
 NO_PLACE = Answer(Verdict.COVERED, (), 0, Statistics())
@@ -136,6 +139,9 @@ def _answer_group(
     """Return every placement of connected points, in the frame of their plan."""
     placer = Placer(snapshot, constraints, plan, dropped)
     most_placements = snapshot.config.max_hypotheses
+    if snapshot.window.observations:
+        # What is remembered may rule out the first ones.
+        most_placements = max(most_placements, LEAST_LISTED)
     # To build one takes the solver long.
     options = replace(options, max_hypotheses=math.ceil(most_placements / placer.most_images))
     result = solve(placer.problem, options, cancel)

@@ -20,7 +20,7 @@ from dg_localization.fleet.contradictions.explanation import (
     suspects_of,
 )
 from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
-from dg_localization.fleet.estimate import Estimate
+from dg_localization.fleet.estimate import Estimate, Group
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
@@ -92,7 +92,7 @@ def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
     reason = '; '.join([plans.reason, *_group_texts(found)])
     return replace(
         _without_placements(snapshot, None, reason),
-        groups=found.groups,
+        groups=_listed_groups(snapshot.config, found),
         rigid_groups=found.rigidity.pieces,
         would_fix=_would_fix(snapshot.config, found),
     )
@@ -159,10 +159,16 @@ def _with_placements(
         landmarks=config.landmarks,
         frame=None if plans.main is None else plans.main.frame,
         frame_doubt=plans.reason,
-        groups=found.groups,
+        groups=_listed_groups(config, found),
         rigid_groups=found.rigidity.pieces,
         would_fix=_would_fix(config, found),
     )
+
+
+def _listed_groups(config: FleetConfig, found: Answer) -> tuple[Group, ...]:
+    """Return the groups of an answer, each with as many placements as may be listed."""
+    most = config.max_hypotheses
+    return tuple(replace(group, placements=group.placements[:most]) for group in found.groups)
 
 
 def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:

@@ -43,7 +43,8 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
     """
     Return what a window leaves of an answer.
 
-    Where it leaves no placement at all, it contradicts the moment: the answer stays as it is.
+    Where it leaves no placement at all, it contradicts the moment: the answer stays as it is. The
+    same holds where none is left of those listed, and there are others: that is no contradiction.
     """
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
@@ -53,16 +54,19 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
     if plans.main is not None:
         main = recalled.narrow(found.placements, plans.main.frame)
         ruled_out += main.ruled_out
-    contradicts = bool(found.placements) and not main.placements
+    parts = [(found, main)]
     for group in found.groups:
         left = recalled.narrow(group.placements, group.frame)
-        contradicts |= bool(group.placements) and not left.placements
+        parts.append((group, left))
         groups.append(_narrowed_group(group, _hypotheses(recalled, left)))
         ruled_out += left.ruled_out
-    if contradicts and any(recalled.chains):
+    emptied = [part for part, left in parts if part.placements and not left.placements]
+    if any(len(part.placements) < part.n_hypotheses for part in emptied):
+        return NarrowedAnswer(found, (), recalled.forgotten)
+    if emptied and any(recalled.chains):
         recalled.allowance.pause()
         return narrow_answer(found, plans, recalled.without_chains())
-    if contradicts:
+    if emptied:
         return NarrowedAnswer(found, (), recalled.without_anything())
     proved: tuple[Proved, ...] = ()
     if plans.main is not None:
