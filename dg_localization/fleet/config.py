@@ -151,8 +151,9 @@ class FleetConfig:
         object.__setattr__(self, 'robots', tuple(self.robots))
         object.__setattr__(self, 'links', tuple(self.links))
         object.__setattr__(self, 'anchors', MappingProxyType(dict(self.anchors)))
-        object.__setattr__(self, 'mounts', MappingProxyType(dict(self.mounts)))
-        object.__setattr__(self, 'elevations_m', MappingProxyType(dict(self.elevations_m)))
+        object.__setattr__(self, 'mounts', _frozen_mounts(self.mounts))
+        elevations_m = {point: tuple(bounds_m) for point, bounds_m in self.elevations_m.items()}
+        object.__setattr__(self, 'elevations_m', MappingProxyType(elevations_m))
         object.__setattr__(
             self, 'robot_max_speed_m_s', MappingProxyType(dict(self.robot_max_speed_m_s))
         )
@@ -204,6 +205,12 @@ class FleetConfig:
                 raise ConfigError(
                     f'links: {link.observer}->{link.target} is not allowed, a link must join two '
                     'different points'
+                )
+            robot = self.robot_of(link.observer)
+            if robot == self.robot_of(link.target):
+                raise ConfigError(
+                    f'links: {link.observer}->{link.target} is not allowed, both are on robot '
+                    f'{robot!r}: a link must join points of two robots or anchors'
                 )
         if len(self._overrides) < len(self.links):
             names = [f'{link.observer}->{link.target}' for link in self.links]
@@ -307,3 +314,20 @@ class FleetConfig:
         if override is None or override.bearing_expected_error_rad is None:
             return self.bearing_expected_error_rad
         return override.bearing_expected_error_rad
+
+
+def _frozen_mounts(
+    mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]],
+) -> Mapping[str, Mapping[str, Mount | tuple[float, ...]]]:
+    """Return a copy of the sensors of each robot that nobody can change."""
+    return MappingProxyType(
+        {
+            robot: MappingProxyType(
+                {
+                    name: mount if isinstance(mount, Mount) else tuple(mount)
+                    for name, mount in sensors.items()
+                }
+            )
+            for robot, sensors in mounts.items()
+        }
+    )

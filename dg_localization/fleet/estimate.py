@@ -81,7 +81,8 @@ class Placement:
     """
     One placement of the fleet that agrees with the measurements, and bounds around it.
 
-    Rows are the robots in parameter order.
+    Rows are the robots in parameter order. The arrays of an estimate are read only: what is proved
+    of the next estimate starts from them.
 
     Parameters
     ----------
@@ -141,6 +142,12 @@ class Placement:
     covariances: np.ndarray | None = None
     fitted_yaws_rad: np.ndarray | None = None
     number: int = 0
+
+    def protect(self) -> None:
+        """Make the arrays read only."""
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
 
     @cached_property
     def best_headings(self) -> tuple[np.ndarray, np.ndarray]:

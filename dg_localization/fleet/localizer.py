@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 
 from numpy.typing import ArrayLike
 
@@ -225,6 +226,9 @@ class Localizer:
         record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
         estimate = replace(estimate, offenders=record.offenders())
         estimate = standing_frame.turn(snapshot, follower.follow(snapshot, estimate, proved))
+        groups = [group.placements for group in estimate.groups]
+        for placement in chain(estimate.placements, *groups):
+            placement.protect()
         if estimate.frame is None:
             return estimate
         previous, self._frame = self._frame, estimate.frame

@@ -154,7 +154,8 @@ class MeasurementStore:
         rejection = self._check_robot(key.observer) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        position = np.asarray(position_xyz, dtype=float).reshape(-1)
+        # The position is kept, and the caller may use its array again.
+        position = np.array(position_xyz, dtype=float).reshape(-1)
         quaternion = np.asarray(orientation_xyzw, dtype=float).reshape(-1)
         rejection = _check_pose(position, quaternion) or self._check_order(key, stamp_s)
         if rejection:
@@ -285,9 +286,16 @@ class MeasurementStore:
         return self._check_names(name)
 
     def _check_link(self, key: LinkKey) -> Rejection | None:
-        """Return a rejection when a link does not join two points of the fleet."""
+        """Return a rejection when a link does not join points of two robots or anchors."""
         if key.observer == key.target:
             text = f'{key.observer!r} is both observer and target'
+            return Rejection(RejectionReason.SAME_ROBOT, text)
+        robot = self._config.robot_of(key.observer)
+        if robot == self._config.robot_of(key.target):
+            text = (
+                f'{key.observer!r} and {key.target!r} are both on robot {robot!r}: where they are '
+                'on it is known from its mounts'
+            )
             return Rejection(RejectionReason.SAME_ROBOT, text)
         return self._check_names(key.observer, key.target)
 

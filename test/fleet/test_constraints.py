@@ -135,6 +135,13 @@ def test_triangulation_holds_every_triangle(at_a, at_b):
                 assert squared * (1.0 - 1e-12) <= upper[seen_from, 2]
 
 
+def test_two_rays_of_one_target_make_no_triangle():
+    angles = Angles(np.array([[0, 1, 1]]), np.array([0.1]), np.array([0.2]))
+    lower, upper = np.zeros((3, 3)), np.full((3, 3), np.inf)
+    triangulate(lower, upper, angles)
+    assert np.isinf(upper).all()
+
+
 def test_no_two_robots_are_nearer_than_their_size_but_anchors_may_be():
     localizer = make('ab', min_separation_m=0.5, anchors={'p': Anchor((0.0, 0.0))})
     lower = constrain(localizer.snapshot(NOW_S)).lower

@@ -6,6 +6,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from dg_localization.fleet import Anchor, ConfigError, FleetConfig, LinkOverride, RangeErrorModel
@@ -74,6 +75,13 @@ def test_wrong_anchors_and_links_are_refused_by_name():
         LinkOverride('a', 'b', bearing_half_width_rad=-1.0)
 
 
+@pytest.mark.parametrize('pair', [('a', 'a/cam'), ('a/cam', 'a/left')])
+def test_bounds_of_a_link_within_one_robot_are_refused_by_name(pair):
+    mounts = {'a': {'cam': (0.3, 0.2), 'left': (0.3, -0.2)}}
+    with pytest.raises(ConfigError, match=f"{'->'.join(pair)} is not allowed, .* robot 'a'"):
+        FleetConfig(robots=('a', 'b'), mounts=mounts, links=(LinkOverride(*pair),))
+
+
 def test_points_are_the_robots_then_the_landmarks():
     config = FleetConfig(
         robots=('a', 'b'),
@@ -107,3 +115,21 @@ def test_settings_cannot_change():
         config.anchors['d'] = Anchor((0.0, 0.0))
     assert config.robots == ('a',)
     assert config.anchors['c'].coordinates_m == (0.0, 1.0)
+
+
+def test_settings_are_copies_of_what_the_caller_gave():
+    place, sensors, elevation_m = np.array([0.3, 0.2]), {}, [0.4, 0.5]
+    sensors['left'] = place
+    config = FleetConfig(
+        robots=('a',),
+        mounts={'a': sensors},
+        anchors={'c': Anchor(place)},
+        elevations_m={'a': elevation_m},
+    )
+    place[:], elevation_m[0], sensors['right'] = 9.0, -9.0, (1.0, 0.0)
+    assert config.mounts == {'a': {'left': (0.3, 0.2)}}
+    assert config.sensors['a/left'].position_m == (0.3, 0.2)
+    assert config.anchors['c'].coordinates_m == (0.3, 0.2)
+    assert config.elevation_m('a') == (0.4, 0.5)
+    with pytest.raises(TypeError):
+        config.mounts['a']['right'] = (1.0, 0.0)

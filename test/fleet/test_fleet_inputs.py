@@ -89,6 +89,24 @@ def test_unknown_and_equal_names_are_rejected(localizer):
     assert same.reason is RejectionReason.SAME_ROBOT
 
 
+@pytest.mark.parametrize(('observer', 'target'), [('a', 'a/cam'), ('a/cam', 'a/left')])
+def test_points_of_one_robot_measure_nothing_of_each_other(observer, target):
+    mounts = {'a': {'cam': (0.3, 0.2), 'left': (0.3, -0.2)}}
+    localizer = Localizer(FleetConfig(robots=('a', 'b', 'c'), mounts=mounts))
+    for other, range_m in (('b', 3.0), ('c', 4.0)):
+        localizer.add_range('a', other, range_m, NOW_S, NOW_S)
+    of_itself = [1.0, 0.0, 0.0]
+    rejections = [
+        localizer.add_range(observer, target, 0.4, NOW_S, NOW_S),
+        localizer.add_bearing(target, observer, of_itself, NOW_S, NOW_S),
+        *localizer.add_peers(observer, [(target, of_itself)], NOW_S, NOW_S),
+    ]
+    assert [rejection.reason for rejection in rejections] == [RejectionReason.SAME_ROBOT] * 3
+    for rejection in rejections:
+        assert repr(observer) in rejection.text and repr(target) in rejection.text
+    assert localizer.step(NOW_S).placements
+
+
 @pytest.mark.parametrize(
     ('position', 'orientation'),
     [
@@ -203,6 +221,29 @@ def test_odometry_that_starts_again_says_nothing_about_before(localizer):
     localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
     moved_m = 0.5 * 0.3 + localizer.config.odometry_error.constant_m
     assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
+
+
+def test_arrays_of_the_caller_may_be_used_again(localizer):
+    position, orientation, ray = np.zeros(3), np.array(UPRIGHT), np.array([1.0, 0.0, 0.0])
+    for row in range(3):
+        stamp_s = NOW_S - 0.1 * (2 - row)
+        position[0] = 0.01 * row
+        assert localizer.add_odometry('a', position, orientation, stamp_s, NOW_S) is None
+        assert localizer.add_bearing('a', 'b', ray, stamp_s, NOW_S) is None
+    position[:], orientation[:], ray[:] = 9.0, 9.0, 9.0
+    snapshot = localizer.snapshot(NOW_S)
+    track = snapshot.motion.odometry['a']
+    assert [reading.position_m[0] for reading in track] == [0.0, 0.01, 0.02]
+    assert all((reading.rotation == np.eye(3)).all() for reading in track)
+    assert snapshot.rays[0].direction.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_nobody_changes_what_an_estimate_has_proved(localizer):
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    (placement, *_) = localizer.step(NOW_S).placements
+    for name in ('positions_m', 'enclosure_m', 'orientations_xyzw', 'lower_m', 'upper_m'):
+        with pytest.raises(ValueError, match='read-only'):
+            getattr(placement, name)[:] = 0.0
 
 
 def test_odometry_must_be_in_order(localizer):

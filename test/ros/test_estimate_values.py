@@ -18,18 +18,20 @@ from dg_localization import Verdict  # noqa: E402
 from dg_localization.fleet import (  # noqa: E402
     Estimate,
     FixedFrame,
+    FleetConfig,
     FrameKind,
     Group,
     InputState,
     LinkKey,
     LinkKind,
     LinkState,
+    Localizer,
     Placement,
     RejectionReason,
 )
 from dg_localization.ros.interface.diagnostics import Malformed, Report, statuses  # noqa: E402
 from dg_localization.ros.interface.frames import frame_id  # noqa: E402
-from dg_localization.ros.interface.links import Link  # noqa: E402
+from dg_localization.ros.interface.links import Link, Template  # noqa: E402
 from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
     FRESH_RGBA,
@@ -255,6 +257,18 @@ def test_links_are_colored_by_their_state(stale, contradicts, color):
     markers = scene(estimate(placement(), links=(link,)), 'map', 1.0).markers
     (links,) = [marker for marker in markers if marker.namespace == 'links']
     assert links.colors_rgba.tolist() == [color.tolist()] * 2
+
+
+def test_a_robot_that_sees_itself_is_an_input_that_is_rejected():
+    localizer = Localizer(FleetConfig(robots=ROBOTS, mounts={'a': {'cam': (0.3, 0.2)}}))
+    template = Template('/{observer}/bearing/{target}', 'geometry_msgs/msg/Vector3Stamped')
+    link = template.link_of('/a/cam/bearing/a', localizer.config.points)
+    localizer.add_bearing(*link.key.ends, [1.0, 0.0, 0.0], 12.5, 12.6)
+    inputs = {state.key: state for state in localizer.input_states(12.6)}
+    found = status('input bearing a/cam->a', None, links=(link,), inputs=inputs)
+    assert found.level is Level.WARN
+    assert "'a/cam' and 'a' are both on robot 'a'" in found.message
+    assert found.values['rejected_same_robot'] == '1'
 
 
 def test_landmarks_are_drawn_and_named():

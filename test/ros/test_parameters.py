@@ -333,6 +333,19 @@ def test_bounds_of_peers_are_those_of_all_targets():
     assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
 
 
+def test_bounds_of_links_join_points_of_two_robots():
+    mounts = {
+        'mounts.names': ['a/left', 'a/camera'],
+        'mounts.a.left.position': [0.3, 0.2],
+        'mounts.a.camera.position': [0.4, 0.0],
+    }
+    found = settings(links=['/a/all sensor_msgs/msg/PointCloud2 a/camera max_error=0.7'], **mounts)
+    assert found.fleet.range_error_of('a/camera', 'b').max_error_m == 0.7
+    assert 'a' not in {link.target for link in found.fleet.links}
+    with pytest.raises(WrongParameterError, match="a/camera->a is not allowed, .* robot 'a'"):
+        settings(links=['/own sensor_msgs/msg/Range a/camera a max_error=0.7'], **mounts)
+
+
 def test_empty_template_means_no_topics():
     found = settings(**dict.fromkeys(TEMPLATE_TYPES, ''))
     assert found.links == () and found.templates == ()

@@ -48,6 +48,7 @@ def triangulate(lower: FloatArray, upper: FloatArray, angles: Angles) -> None:
         for corner, low, high in zip(
             angles.corners.tolist(), angles.low_rad.tolist(), angles.high_rad.tolist(), strict=True
         )
+        if corner[1] != corner[2]
     }
     for (a, ends), at_a in known.items():
         for b in ends:

@@ -43,11 +43,13 @@ def overrides_from(
     Where several links measure the same, the widest of their bounds hold for all: a reading does
     not tell which of them it came by.
     """
+    robot_of = {sensor: sensor.rpartition('/')[0] for sensor in values['mounts.names']}
+    robots = {point: robot_of.get(point, point) for point in points}
     gathered: dict[tuple[str, str], LinkOverride] = {}
     for link in links:
         try:
             stated = _stated(link, values)
-            for pair in _pairs(link, points) if stated else ():
+            for pair in _pairs(link, robots) if stated else ():
                 override = LinkOverride(*pair, **stated)
                 gathered[pair] = _widest(gathered.get(pair, override), override)
         except ValueError as error:
@@ -101,11 +103,22 @@ def _widest_range(first: RangeErrorModel, second: RangeErrorModel) -> RangeError
     )
 
 
-def _pairs(link: Link, points: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each observer and target of a link; a link to peers has all targets."""
-    observers = points if link.key.observer == ANY_OBSERVER else (link.key.observer,)
-    targets = (link.key.target,) if link.key.target else points
-    return ((one, other) for one in observers for other in targets if one != other)
+def _pairs(link: Link, robots: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """
+    Yield each observer and target of a link; a link to peers has all targets on other robots.
+
+    Parameters
+    ----------
+    link : Link
+    robots : mapping of str to str
+        By point, the robot that it is on; other points are on themselves.
+
+    """
+    if link.key.target:
+        yield link.key.ends
+        return
+    for one in robots if link.key.observer == ANY_OBSERVER else (link.key.observer,):
+        yield from ((one, other) for other in robots if robots[one] != robots[other])
 
 
 def ends_of(link: Link) -> set[str]:
