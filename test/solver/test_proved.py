@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from dg_localization import Problem, SolverOptions, solve
+from dg_localization import Chirality, Problem, SolverOptions, solve
 
 ROUNDING = 1e-9
 N_PROBLEMS = 120
@@ -78,3 +78,18 @@ def test_what_is_proved_lies_within_the_boxes_that_are_asked_for(seed):
                 n_proved += 1
                 assert_in_its_hypothesis(hypothesis, lower, upper)
     assert n_proved > 50
+
+
+def test_a_box_that_connects_a_point_places_it():
+    """Only the box that is asked for bounds the distance between a triangle and a lone point."""
+    lower, upper = np.zeros((4, 4)), np.full((4, 4), np.inf)
+    np.fill_diagonal(upper, 0.0)
+    for i, j, squared_m2 in ((0, 1, 9.0), (0, 2, 16.0), (1, 2, 25.0)):
+        lower[[i, j], [j, i]], upper[[i, j], [j, i]] = 0.98 * squared_m2, 1.02 * squared_m2
+    problem = Problem(lower, upper, chiralities=[Chirality((0, 1, 2), 1)])
+    near = upper.copy()
+    near[[0, 3], [3, 0]] = 25.0
+    (hypothesis,) = solve(problem, within=[(lower, near)]).hypotheses
+    assert np.isfinite(hypothesis.upper).all()
+    assert hypothesis.proved
+    assert_in_its_hypothesis(hypothesis, lower, near)

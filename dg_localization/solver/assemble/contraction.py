@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, common_parts, unbounded
-from dg_localization.solver.box import LOWER, UPPER
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.fixed_point import Contractor, Goal
 from dg_localization.solver.contract.groups import groups_of
 from dg_localization.solver.contract.status import Status
@@ -133,11 +133,8 @@ def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds
         placement.
 
     """
-    box = np.zeros((4, problem.n_points, problem.n_points))
-    box[LOWER], box[UPPER] = problem.lower, problem.upper
-    if not smooth_triangles(box, np.empty_like(box), np.arange(problem.n_points)):
-        return None
-    return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
+    bounds = _smoothed(problem.lower, problem.upper)
+    return _common_hull(bounds, within) if bounds else None
 
 
 def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
@@ -147,4 +144,14 @@ def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | No
     left = common_parts([bounds], within)
     if not left:
         return None
-    return np.min([low for low, _ in left], axis=0), np.max([high for _, high in left], axis=0)
+    lower = np.min([low for low, _ in left], axis=0)
+    upper = np.max([high for _, high in left], axis=0)
+    return _smoothed(lower, upper) if len(lower) <= MOST_SMOOTHED else (lower, upper)
+
+
+def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
+    """Return bounds that meet all triangle inequalities, None where no distances do."""
+    box = np.array([lower, upper, *np.zeros((2, *lower.shape))])
+    if not smooth_triangles(box, np.empty_like(box), np.arange(len(lower))):
+        return None
+    return box[LOWER].copy(), box[UPPER].copy()

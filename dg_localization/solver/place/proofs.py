@@ -214,7 +214,13 @@ def _exact_determinant(rows: list[list[Fraction]]) -> Fraction:
 
 
 def with_known_chirality(problem: Problem, positions: FloatArray) -> FloatArray:
-    """Return `positions` or their mirror image, whichever has the first known chirality."""
+    """
+    Return `positions` or their mirror image, whichever has the first known chirality.
+
+    Where some are not finite, they have none and are returned as they are.
+    """
+    if not np.isfinite(positions).all():
+        return positions
     for chirality in problem.chiralities:
         sign = chirality_signs(positions, np.array([chirality.points], dtype=np.int64))[0]
         if sign:
