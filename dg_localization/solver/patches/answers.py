@@ -12,13 +12,14 @@ import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.choices import Ambiguities
 from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import LARGEST_M2
 from dg_localization.solver.place.placements import MARGIN
-from dg_localization.solver.place.proofs import with_known_chirality
+from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.place.sparse_placements import (
     QUICK,
@@ -251,7 +252,7 @@ class PatchAnswers:
         """Return a placement laid out by the lengths of chains, None where they are too long."""
         if self._stopped():
             return None
-        pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS)
+        pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS, self._stopped)
         if not lengths_m.max() ** 2 < LARGEST_M2:
             return None
         return scaled_by_pivots(lengths_m, pivots, self._problem.dimension)
@@ -261,11 +262,10 @@ class PatchAnswers:
         return settled(self._problem, with_known_chirality(self._problem, positions))
 
     def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
-        """Return whether the known pairs of a placement agree with a choice of hypotheses."""
+        """Prove that the known pairs of a placement agree with a choice of hypotheses."""
         first, second = self._solved.known.pairs.T
-        squared = ((positions[first] - positions[second]) ** 2).sum(axis=1)
-        low, high = self._chosen(choice)
-        return bool(((low <= squared) & (squared <= high)).all())
+        keys = first * len(positions) + second
+        return pairs_lie_within(PairBounds(len(positions), keys, *self._chosen(choice)), positions)
 
     def _is_flexible(self, positions: FloatArray | None) -> bool:
         """

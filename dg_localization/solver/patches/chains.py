@@ -11,6 +11,7 @@ pair that no patch holds.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 
 import numpy as np
@@ -90,7 +91,9 @@ class ChainGraph:
         lower, upper = _bounds(*args, np.asarray(points), row_of, lengths_m)
         return np.maximum(lower, lower.T), np.minimum(upper, upper.T)
 
-    def pivot_lengths_m(self, most: int) -> tuple[IntArray, FloatArray]:
+    def pivot_lengths_m(
+        self, most: int, stopped: Callable[[], bool] = lambda: False
+    ) -> tuple[IntArray, FloatArray]:
         """
         Return points that lie far from each other, and how long chains from them are.
 
@@ -98,6 +101,8 @@ class ChainGraph:
         ----------
         most : int
             Most pivots.
+        stopped : callable, optional
+            Whether to stop early, with one pivot at least.
 
         Returns
         -------
@@ -117,6 +122,8 @@ class ChainGraph:
             lengths_m.append(_chain_lengths(*args)[0])
             nearest_m = np.minimum(nearest_m, lengths_m[-1])
             pivots.append(int(np.argmax(nearest_m)))
+            if stopped():
+                break
         return np.array(pivots[:-1]), np.array(lengths_m)
 
 
