@@ -14,7 +14,7 @@ from dg_localization import Problem, SolverOptions, Verdict
 from dg_localization.solver.assemble import links, tasks
 from dg_localization.solver.assemble.answer import answer
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.patches import chains, known_pairs, neighborhoods, placing
+from dg_localization.solver.patches import chains, known_pairs, neighborhoods
 from dg_localization.solver.place import sparse_placements
 
 STEP_S = 1.0
@@ -26,7 +26,7 @@ WORK = [
     (neighborhoods.Neighborhoods, 'within_hops'),
     (known_pairs.KnownPairs, 'narrow'),
     (known_pairs.KnownPairs, 'bounds_of_shared'),
-    (placing._Layer, '_laid'),
+    (chains, '_chain_lengths'),
     (sparse_placements, '_step'),
     (links, 'apex_of'),
     (chains.ChainGraph, 'bounds'),

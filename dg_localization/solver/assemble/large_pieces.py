@@ -6,7 +6,8 @@ How a large piece is solved: its patches first, then what they leave open.
 
 Up to `MOST_TOGETHER` points all pairs of the piece are contracted together afterwards, within
 what its patches allow. Where the patches hold it together that is one step for each choice of
-their hypotheses, else the ordinary search. The answer of a larger piece is that of its patches.
+their hypotheses, else the ordinary search. The answer of a larger piece, and of one that leaves
+many choices, is that of its patches.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ PATCHES_SHARE = 0.5
 
 PATCHES_SHARE_ALONE = 0.7
 """and this part where what follows is a placement."""
+
+MOST_WORK = 1_000_000
+"""Choices times the cube of the points, up to which each choice is contracted as a whole. Of more
+choices, few would be in time; chains bound those better that are not."""
 
 BOXES_PER_CHOICE = 2
 """A piece that its patches hold together is split so often for each choice."""
@@ -91,8 +96,11 @@ def solve_large(
     if not is_whole:
         return LargePiece(solved, None, answers.hypotheses(most))
     boxes = answers.boxes(most)
+    is_done = solved.is_one_body and solved.is_complete()
+    if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
+        return LargePiece(solved, None, answers.hypotheses(most))
     budget.go_on_from(solved.n_boxes())
-    if not (solved.is_one_body and solved.is_complete()):
+    if not is_done:
         return LargePiece(solved, budget.search(problem, share, boxes), [])
     most_boxes = BOXES_PER_CHOICE * len(boxes)
     cover = budget.search(problem, PATCHES_SHARE * share, boxes, most_boxes)

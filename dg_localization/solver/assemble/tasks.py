@@ -38,10 +38,23 @@ LEAST_S = 1e-9
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a problem; None where its bounds contradict each other."""
+    """
+    A part of a problem.
+
+    Attributes
+    ----------
+    problem : Problem or None
+        None where its bounds contradict each other.
+    within : sequence of (lower, upper) or None
+        The boxes in m^2 to search in; everywhere when there are none.
+    all_or_nothing : bool
+        Whether a cover with boxes that were not examined is of no use.
+
+    """
 
     problem: Problem | None
     within: Sequence[Bounds] | None
+    all_or_nothing: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,6 +66,43 @@ class SolvedPart:
     hypotheses: Sequence[Hypothesis]
 
 
+class _Hope:
+    """
+    Stops a search that has more boxes to examine than it may.
+
+    Parameters
+    ----------
+    most_boxes : int
+        Most boxes to examine.
+    cancel : object with ``is_set()``, optional
+        Stops the search, too.
+    progress : callable, optional
+        Called with the statistics after every box.
+
+    """
+
+    def __init__(
+        self,
+        most_boxes: int,
+        cancel: Cancel | None,
+        progress: Callable[[Statistics], None] | None,
+    ) -> None:
+        self._most_boxes = most_boxes
+        self._cancel = cancel
+        self._progress = progress
+        self._is_lost = False
+
+    def __call__(self, statistics: Statistics) -> None:
+        """Note the statistics after a box: each that is pending takes one box at least."""
+        self._is_lost = statistics.processed + statistics.pending > self._most_boxes
+        if self._progress:
+            self._progress(statistics)
+
+    def is_set(self) -> bool:
+        """Return whether to stop."""
+        return self._is_lost or bool(self._cancel and self._cancel.is_set())
+
+
 def solve_part(
     part: Part,
     options: SolverOptions,
@@ -62,9 +112,13 @@ def solve_part(
     """Solve one part."""
     if part.problem is None:
         return SolvedPart(Cover(), Statistics(), ())
+    if part.all_or_nothing:
+        cancel = progress = _Hope(options.max_boxes, cancel, progress)
     # One box at a time, so that no answer depends on the processors of a worker.
     args = part.problem, options, cancel, progress, part.within
     cover, statistics = search(*args, at_once=1)
+    if part.all_or_nothing and cover.pending:
+        return SolvedPart(cover, statistics, ())
     return SolvedPart(cover, statistics, hypotheses_of(part.problem, cover.kept + cover.pending))
 
 

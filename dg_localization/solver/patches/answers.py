@@ -12,24 +12,32 @@ import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.choices import Ambiguities
-from dg_localization.solver.patches.placing import laid_together
 from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import LARGEST_M2
 from dg_localization.solver.place.placements import MARGIN
-from dg_localization.solver.place.proofs import with_known_chirality
+from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
-from dg_localization.solver.place.sparse_placements import refined, scaled, sought
+from dg_localization.solver.place.sparse_placements import (
+    QUICK,
+    refined,
+    scaled_by_pivots,
+    sought,
+)
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 MOST_NUMBERS = 10**6
 """Hypotheses times the square of the points, up to which those of a large piece are listed."""
 
-MOST_SCALED = 300
-"""Up to so many points the chains between all of them are the start of a placement."""
+MOST_PIVOTS = 60
+"""Placements are laid out by the chains from so many points to all."""
+
+MOST_UNFOLDED = 100
+"""A placement of more points is not unfolded where it does not agree: that takes seconds."""
 
 MOST_RANKED = 150
 """Up to so many points the rank of a placement is computed, which takes their cube of time."""
@@ -206,47 +214,58 @@ class PatchAnswers:
         self, choices: Sequence[Mapping[int, int]], chains: ChainGraph
     ) -> list[tuple[FloatArray | None, bool]]:
         """Return a placement for each choice, and whether it is proved to agree."""
-        placed: list[tuple[FloatArray | None, bool]] = []
-        by_chains = self._placement_by_chains(chains) if len(choices) == 1 else None
-        if by_chains is not None:
-            return [by_chains]
-        for choice in choices:
-            if placed and self._stopped():
-                # Without time for one of its own it has the placement of another.
-                placed.append((placed[0][0], False))
-                continue
-            positions = self._placement(choice or self._ambiguities.first())
-            placed.append(self._settled(positions) if positions is not None else (None, False))
-        if len(choices) > 1 and not any(proved for _, proved in placed):
-            positions, proved = self._placement_by_chains(chains) or (None, False)
-            if positions is not None and proved:
-                for x, choice in enumerate(choices):
-                    if self._is_within(positions, choice):
-                        placed[x] = positions, True
+        start = self._start(chains)
+        if start is None:
+            return [(None, False)] * len(choices)
+        anywhere, proved = self._placement(start)
+        # It belongs to the choice that it lies in; of most others there is no placement at all.
+        placed: list[tuple[FloatArray | None, bool]] = [(anywhere, False)] * len(choices)
+        for x, choice in enumerate(choices):
+            if not choice or (proved and self._is_within(anywhere, choice)):
+                placed[x] = anywhere, proved
+            elif not self._stopped():
+                placed[x] = self._placement_in(start, choice)
         return placed
 
-    def _placement_by_chains(self, chains: ChainGraph) -> tuple[FloatArray, bool] | None:
-        """Return a placement laid out by the chains between all points, None without any."""
-        problem, known = self._problem, self._solved.known
-        if problem.n_points > MOST_SCALED or self._stopped():
-            return None
-        _, longest_m2 = chains.bounds(np.arange(problem.n_points))
-        if not longest_m2.max() < LARGEST_M2:
-            return None
-        positions = scaled(longest_m2, problem.dimension)
-        positions = refined(positions, known.pairs, *self._chosen({}), 0.0, self._stopped)
+    def _placement(self, start: FloatArray) -> tuple[FloatArray, bool]:
+        """Return a placement with any hypotheses of the patches, and whether it is proved."""
+        known = self._solved.known.pairs, *self._chosen({})
+        # Known pairs give the shape; what has to agree are the measured ones.
+        positions = refined(start, *known, 0.0, self._stopped, QUICK)
+        positions = refined(positions, *self._measured, MARGIN, self._stopped)
+        positions, proved = self._settled(positions)
+        if proved or len(start) > MOST_UNFOLDED:
+            return positions, proved
         return self._settled(sought(positions, *self._measured, self._stopped))
+
+    def _placement_in(
+        self, start: FloatArray, choice: Mapping[int, int]
+    ) -> tuple[FloatArray, bool]:
+        """Return a placement for a choice of hypotheses, and whether it is proved to be one."""
+        known = self._solved.known.pairs, *self._chosen(choice)
+        positions = refined(start, *known, 0.0, self._stopped, QUICK)
+        positions = refined(positions, *known, 0.5 * MARGIN, self._stopped, QUICK)
+        positions, proved = self._settled(positions)
+        return positions, proved and self._is_within(positions, choice)
+
+    def _start(self, chains: ChainGraph) -> FloatArray | None:
+        """Return a placement laid out by the lengths of chains, None where they are too long."""
+        if self._stopped():
+            return None
+        pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS, self._stopped)
+        if not lengths_m.max() ** 2 < LARGEST_M2:
+            return None
+        return scaled_by_pivots(lengths_m, pivots, self._problem.dimension)
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with the chirality that is known, and whether it is proved."""
         return settled(self._problem, with_known_chirality(self._problem, positions))
 
     def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
-        """Return whether the known pairs of a placement agree with a choice of hypotheses."""
+        """Prove that the known pairs of a placement agree with a choice of hypotheses."""
         first, second = self._solved.known.pairs.T
-        squared = ((positions[first] - positions[second]) ** 2).sum(axis=1)
-        low, high = self._chosen(choice)
-        return bool(((low <= squared) & (squared <= high)).all())
+        keys = first * len(positions) + second
+        return pairs_lie_within(PairBounds(len(positions), keys, *self._chosen(choice)), positions)
 
     def _is_flexible(self, positions: FloatArray | None) -> bool:
         """
@@ -278,33 +297,6 @@ class PatchAnswers:
             low[numbers] = np.maximum(low[numbers], patch_low)
             high[numbers] = np.minimum(high[numbers], patch_high)
         return low, high
-
-    def _placement(self, choice: Mapping[int, int]) -> FloatArray | None:
-        """Return a placement for one hypothesis of every patch, None without time for one."""
-        stopped = self._stopped
-        local = []
-        for number, patch in enumerate(self._solved.patches):
-            chosen = choice.get(number, int(np.argmax(patch.left)))
-            positions = patch.hypotheses[chosen].positions
-            if positions is not None and np.isfinite(positions).all():
-                local.append((patch.points, positions))
-        problem, known = self._problem, self._solved.known
-        low, high = self._chosen(choice)
-        positions = np.full((problem.n_points, problem.dimension), np.nan)
-        if local:
-            args = problem.n_points, local, known.pairs, low, high
-            positions = laid_together(*args, stopped)
-        lost = ~np.isfinite(positions[:, 0])
-        if lost.any() and stopped():
-            return None
-        if lost.any():
-            # Points of patches that were not solved: anywhere, but not in one place.
-            spread = np.random.default_rng(0).standard_normal((int(lost.sum()), len(positions[0])))
-            positions[lost] = np.sqrt(high.max(initial=1.0)) * spread
-            return positions
-        # Known pairs give the shape; what has to agree are the measured ones.
-        positions = refined(positions, known.pairs, low, high, 0.0, stopped)
-        return refined(positions, *self._measured, MARGIN, stopped)
 
     @cached_property
     def _measured(self) -> tuple[IntArray, FloatArray, FloatArray]:

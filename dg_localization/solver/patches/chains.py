@@ -11,6 +11,7 @@ pair that no patch holds.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 
 import numpy as np
@@ -89,6 +90,41 @@ class ChainGraph:
         args = start, neighbors, self._lower, self._upper
         lower, upper = _bounds(*args, np.asarray(points), row_of, lengths_m)
         return np.maximum(lower, lower.T), np.minimum(upper, upper.T)
+
+    def pivot_lengths_m(
+        self, most: int, stopped: Callable[[], bool] = lambda: False
+    ) -> tuple[IntArray, FloatArray]:
+        """
+        Return points that lie far from each other, and how long chains from them are.
+
+        Parameters
+        ----------
+        most : int
+            Most pivots.
+        stopped : callable, optional
+            Whether to stop early, with one pivot at least.
+
+        Returns
+        -------
+        pivots : ndarray of int, shape (k,)
+            Each is the point farthest from those before it.
+        lengths_m : ndarray, shape (k, n)
+            The lengths in m of the shortest chains from each to all points.
+
+        """
+        start, neighbors = self._graph
+        every = np.arange(self._n_points)
+        pivots, lengths_m = [0], []
+        nearest_m = np.full(self._n_points, np.inf)
+        for _ in range(min(most, self._n_points)):
+            source = np.array(pivots[-1:])
+            args = start, neighbors, self._upper, source, np.array([np.inf]), every
+            lengths_m.append(_chain_lengths(*args)[0])
+            nearest_m = np.minimum(nearest_m, lengths_m[-1])
+            pivots.append(int(np.argmax(nearest_m)))
+            if stopped():
+                break
+        return np.array(pivots[:-1]), np.array(lengths_m)
 
 
 @kernel

@@ -26,9 +26,9 @@ SEAM_POINTS = 12
 SEAM_HOPS = 3
 """Points of a body that are farther apart, counted in known pairs, do not hold a seam."""
 
-MOST_FILLED = 20
+MOST_FILLED = 28
 FILLED_AT_ONCE = 4
-"""A patch that joins bodies is filled up to so many points, a few more at a time."""
+"""A patch in a body is filled up to so many points, a few more at a time."""
 
 
 class Neighborhoods:

@@ -14,7 +14,7 @@ placement of each patch, so that nothing is lost, whatever the patches are.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -164,10 +164,14 @@ class PatchSolver:
         return self._budget.is_over() or self._budget.seconds() > self._end_s
 
     def _solved(
-        self, chosen: Sequence[Points], known: KnownPairs | None, most_boxes: int
+        self,
+        chosen: Sequence[Points],
+        known: KnownPairs | None,
+        most_boxes: int,
+        all_or_nothing: bool = False,
     ) -> Iterator[Patch]:
         """Solve patches within what is known of their pairs, while there is time."""
-        parts = (self._part(points, known) for points in chosen)
+        parts = (replace(self._part(p, known), all_or_nothing=all_or_nothing) for p in chosen)
         solved = self._budget.solve_parts(parts, most_boxes, self._is_over)
         for points, found in zip(chosen, solved, strict=False):
             pending = {box[: UPPER + 1].tobytes() for box in found.cover.pending}
@@ -225,7 +229,7 @@ class PatchSolver:
         for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
             self._tried.update(new)
-            for patch in self._solved([*filter(None, new)], known, most_boxes):
+            for patch in self._solved([*filter(None, new)], known, most_boxes, True):
                 # One that takes many boxes is worth nothing, and nothing depends on it.
                 if not patch.pending:
                     yield patch

@@ -77,11 +77,15 @@ def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
     if not np.isfinite(positions).all():
         return False
     if problem.is_sparse:
-        known = problem.pairs
-        answer = _compare_listed(positions, known.pairs, known.lower, known.upper)
-    else:
-        answer = _compare_distances(positions, problem.lower, problem.upper)
+        return pairs_lie_within(problem.pairs, positions)
+    answer = _compare_distances(positions, problem.lower, problem.upper)
     return answer > 0 if answer else _agree_exactly(positions, problem.pairs)
+
+
+def pairs_lie_within(bounded: PairBounds, positions: FloatArray) -> bool:
+    """Prove that the squared distances of some pairs of a finite placement lie in their bounds."""
+    answer = _compare_listed(positions, bounded.pairs, bounded.lower, bounded.upper)
+    return answer > 0 if answer else _agree_exactly(positions, bounded)
 
 
 def _agree_exactly(positions: FloatArray, bounded: PairBounds) -> bool:

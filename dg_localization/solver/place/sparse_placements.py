@@ -4,16 +4,18 @@
 """
 Placements of many points, of which few pairs are known.
 
-Classical scaling lays the points out by the shortest chains of known pairs. Least squares over the
-known pairs then moves all points together; their normal equations are sparse and solved by
-conjugate gradients. What lies folded in the plane or in space unfolds where there is one dimension
-more. Nothing here is rounded outward: whether a placement agrees is decided in `proofs` and
-`existence`.
+Classical scaling lays the points out by the shortest chains of known pairs: between all of them,
+or from some pivots to all (Brandes, Pich, Graph Drawing 2006; de Silva, Tenenbaum 2004). Least
+squares over the known pairs then moves all points together; their normal equations are sparse and
+solved by conjugate gradients. What lies folded in the plane or in space unfolds where there is one
+dimension more. Nothing here is rounded outward: whether a placement agrees is decided in `proofs`
+and `existence`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,14 +26,29 @@ from dg_localization.solver.place.placements import MARGIN
 MOST_STEPS = 40
 """Most steps of least squares."""
 
-LEAST_GAIN = 1e-6
-"""Least squares ends when a step takes off less than this part of what is left."""
 
-MOST_GRADIENTS = 100
-"""Most conjugate gradients of a step."""
+class Effort(NamedTuple):
+    """
+    How far least squares goes.
 
-LEAST_RESIDUAL = 1e-3
-"""The normal equations of a step are solved to this fraction."""
+    Parameters
+    ----------
+    least_gain : float
+        It ends when a step takes off less than this part of what is left.
+    least_residual : float
+        The normal equations of a step are solved to this fraction,
+    most_gradients : int
+        or with so many conjugate gradients.
+
+    """
+
+    least_gain: float
+    least_residual: float
+    most_gradients: int
+
+
+THOROUGH, QUICK = Effort(1e-6, 1e-3, 100), Effort(1e-2, 1e-2, 30)
+"""To the end, and in a third of the time with nearly as many placements found."""
 
 MARGINS = (MARGIN, 0.02, 0.004)
 """Exact distances and wide ones cannot both be aimed at far inside the wide ones."""
@@ -57,6 +74,36 @@ def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
     values, vectors = np.linalg.eigh(-0.5 * centering @ (squared_m2 / longest_m2) @ centering)
     lengths = np.sqrt(np.maximum(values[-dimension:], 0.0))
     return np.ascontiguousarray(np.sqrt(longest_m2) * vectors[:, -dimension:] * lengths)
+
+
+def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
+    """
+    Return the placement that agrees best with the lengths from a few points to all.
+
+    Parameters
+    ----------
+    lengths_m : ndarray, shape (k, n)
+        The lengths in m.
+    pivots : ndarray of int, shape (k,)
+        The points that they begin at.
+    dimension : int
+        The dimension q of the space.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        Coordinates in m.
+
+    """
+    longest_m = max(float(lengths_m.max()), np.finfo(float).tiny)
+    squared = (lengths_m / longest_m) ** 2
+    among = squared[:, pivots]
+    centering = np.eye(len(pivots)) - 1.0 / len(pivots)
+    values, vectors = np.linalg.eigh(-0.5 * centering @ among @ centering)
+    # Where the pivots lie on a line, nothing is known across it.
+    roots = np.sqrt(np.maximum(values[-dimension:], np.finfo(float).eps))
+    positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors[:, -dimension:] / roots)
+    return np.ascontiguousarray(longest_m * positions)
 
 
 def sought(
@@ -143,6 +190,7 @@ def refined(
     upper: FloatArray,
     margin: float,
     stopped: Callable[[], bool],
+    effort: Effort = THOROUGH,
 ) -> FloatArray:
     """
     Move a placement into the bounds of many pairs by least squares.
@@ -159,6 +207,8 @@ def refined(
         Least squares aims this fraction of the width of an interval inside its ends.
     stopped : callable
         Whether to stop early.
+    effort : Effort, optional
+        How far to go.
 
     Returns
     -------
@@ -172,12 +222,13 @@ def refined(
     for _ in range(MOST_STEPS):
         if total == 0.0 or stopped():
             break
-        step = _step(pairs, misfits, slopes, damping, len(best))
+        normal = pairs, misfits, slopes, damping, len(best)
+        step = _step(*normal, effort.least_residual, effort.most_gradients)
         trial = best - step
         trial_misfits, trial_slopes = misfits_of(trial, pairs, lower, upper, margin)
         trial_total = float(trial_misfits @ trial_misfits)
         if trial_total < total:
-            if trial_total > (1.0 - LEAST_GAIN) * total:
+            if trial_total > (1.0 - effort.least_gain) * total:
                 break
             best, misfits, slopes = trial, trial_misfits, trial_slopes
             total, damping = trial_total, max(0.1 * damping, 1e-9)
@@ -220,7 +271,13 @@ def misfits_of(
 
 @kernel
 def _step(
-    pairs: IntArray, misfits: FloatArray, slopes: FloatArray, damping: float, n_points: int
+    pairs: IntArray,
+    misfits: FloatArray,
+    slopes: FloatArray,
+    damping: float,
+    n_points: int,
+    least_residual: float,
+    most_gradients: int,
 ) -> FloatArray:
     """Solve the damped normal equations of the misfits by conjugate gradients."""
     dimension = slopes.shape[1]
@@ -234,8 +291,8 @@ def _step(
             rest[pairs[x, 1], axis] -= value
     direction = rest.copy()
     size = (rest * rest).sum()
-    enough = LEAST_RESIDUAL**2 * size
-    for _ in range(MOST_GRADIENTS):
+    enough = least_residual**2 * size
+    for _ in range(most_gradients):
         if size <= enough or size == 0.0:
             break
         for i in range(n_points):

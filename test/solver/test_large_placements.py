@@ -1,0 +1,75 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Placements of large pieces, and reviews of patches that are given up."""
+
+import numpy as np
+import pytest
+from solver_cases import squared_distances
+
+from benchmarks.large import fleet
+from dg_localization import SolverOptions, Verdict, solve
+from dg_localization.solver.assemble.tasks import Part, solve_part
+from dg_localization.solver.patches.chains import ChainGraph
+from dg_localization.solver.place.sparse_placements import scaled_by_pivots
+from dg_localization.solver.problem import Problem
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_exact_lengths_from_pivots_give_the_placement(dimension):
+    positions = np.random.default_rng(0).random((40, dimension)) * 100.0
+    squared = squared_distances(positions)
+    pivots = np.array([0, 7, 21, 30, 39])
+    found = scaled_by_pivots(np.sqrt(squared[pivots]), pivots, dimension)
+    np.testing.assert_allclose(squared_distances(found), squared, rtol=1e-6, atol=1e-6)
+
+
+def test_pivots_on_a_line_are_no_error():
+    positions = np.array([[x, 0.0] for x in range(5)])
+    lengths = np.sqrt(squared_distances(positions))
+    found = scaled_by_pivots(lengths[:3], np.arange(3), 2)
+    assert np.isfinite(found).all()
+
+
+def test_pivots_are_far_apart_and_their_chains_are_the_shortest():
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [0, 3]])
+    lengths_m = np.array([1.0, 1.0, 1.0, 2.5])
+    graph = ChainGraph(4, pairs, lengths_m**2, lengths_m**2)
+    pivots, found_m = graph.pivot_lengths_m(2)
+    assert pivots.tolist() == [0, 3]
+    np.testing.assert_allclose(found_m, [[0.0, 1.0, 2.0, 2.5], [2.5, 2.0, 1.0, 0.0]])
+
+
+def test_a_thousand_points_have_a_proved_placement():
+    problem, positions = fleet(1000, 10, 0.03, 0)
+    result = solve(problem, SolverOptions(max_boxes=10**9, max_seconds=60.0))
+    assert result.verdict is Verdict.COVERED
+    largest = max(result.pieces, key=lambda piece: len(piece.points))
+    (hypothesis,) = largest.hypotheses
+    assert hypothesis.proved
+    # Other coordinates than the truth, in all of its bounds.
+    members = list(largest.points)
+    known = problem.pairs.restricted(members)
+    first, second = known.pairs.T
+    squared = ((hypothesis.positions[first] - hypothesis.positions[second]) ** 2).sum(axis=1)
+    assert ((known.lower <= squared) & (squared <= known.upper)).all()
+
+
+def test_a_search_that_cannot_end_in_time_is_given_up():
+    # A chain of triangles, each of which may be mirrored: 2^5 placements.
+    grid = np.array([[0.5 * x, x % 2] for x in range(8)]) * 4.0
+    squared = squared_distances(grid)
+    near = np.abs(np.subtract.outer(np.arange(8), np.arange(8))) <= 2
+    problem = Problem(np.where(near, squared, 0.0), np.where(near, 1.001 * squared, np.inf))
+    options = SolverOptions(max_boxes=12, resolution=0.01)
+    whole, hopeless = (solve_part(Part(problem, None, x), options) for x in (False, True))
+    assert whole.statistics.processed == 12
+    assert whole.cover.pending
+    assert hopeless.cover.pending
+    assert hopeless.statistics.processed < 12
+    assert not hopeless.hypotheses
+    assert hopeless.statistics.processed + hopeless.statistics.pending > 12
+    enough = SolverOptions(max_boxes=1000, resolution=0.01)
+    ended = [solve_part(Part(problem, None, x), enough) for x in (False, True)]
+    assert ended[0].statistics.processed == ended[1].statistics.processed
+    assert len(ended[0].hypotheses) == len(ended[1].hypotheses) > 8
