@@ -54,7 +54,7 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
     if plans.main is not None:
         main = recalled.narrow(found.placements, plans.main.frame)
         ruled_out += main.ruled_out
-    parts = [(found, main)]
+    parts: list[tuple[Answer | Group, Left]] = [(found, main)]
     for group in found.groups:
         left = recalled.narrow(group.placements, group.frame)
         parts.append((group, left))
