@@ -26,11 +26,13 @@ from dg_localization.fleet.window.shape_headings import (
     COARSE_CELLS,
     FINE_CELLS,
     JOINT_BOXES,
+    LONE_BOXES,
     Narrowed,
     narrow_placement,
     within_bounds,
 )
 from dg_localization.pairs import HeadingOptions, PairReadings
+from dg_localization.pairs.joint import PARTY
 from dg_localization.solver.options import Cancel
 
 PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measured now'
@@ -40,7 +42,11 @@ MOST_PARTNERS = 4
 """Of each robot: near ones tell most of its heading, since errors of ranges grow with them."""
 
 MOST_IN_TABLE = 40
-"""Observations of a pair that narrow headings: more cost time and tell little more."""
+MOST_IN_TABLES = 225
+"""
+Observations of a pair, and of all, that narrow headings: a pair has more of them where pairs are
+few. More cost time and tell little more.
+"""
 
 MOST_BEFORE_JOINT = 12
 """Of these, for tables of headings that joint poses by all of them follow."""
@@ -157,14 +163,14 @@ class Recollection:
         if self._cells == COARSE_CELLS and len(gone_on.placements) <= MOST_REFINED:
             # Tables of all placements first would leave no time for joint poses.
             options = HeadingOptions(COARSE_CELLS, max_rounds=1, most_readings=MOST_BEFORE_JOINT)
-            refined = self._tried(gone_on.placements, frame, options, JOINT_BOXES, stopped)
+            refined = self._tried(gone_on.placements, frame, options, self._joint_boxes, stopped)
             return Left(refined.placements, gone_on.ruled_out + refined.ruled_out)
         outliers = self.config.window_outliers
         options = HeadingOptions(COARSE_CELLS, outliers, max_rounds=1)
         possible = self._tried(gone_on.placements, frame, options, 0, stopped)
         most = possible.placements[:MOST_REFINED]
         options = replace(options, cells=self._cells)
-        refined = self._tried(most, frame, options, JOINT_BOXES, stopped)
+        refined = self._tried(most, frame, options, self._joint_boxes, stopped)
         others = possible.placements[MOST_REFINED:]
         sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
         return Left(refined.placements + others, sentences)
@@ -178,6 +184,11 @@ class Recollection:
             return narrowed.placement, '' if pair is None else self._over(pair)
 
         return sifted(placements, narrow)
+
+    @property
+    def _joint_boxes(self) -> int:
+        """How finely joint poses are divided."""
+        return LONE_BOXES if len(self.config.robots) <= PARTY else JOINT_BOXES
 
     @property
     def _cells(self) -> int:
@@ -345,11 +356,10 @@ def recall(snapshot: Snapshot, proved: Sequence[Proved], cancel: Cancel | None) 
     )
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
+    near = carried.near_pairs(MOST_PARTNERS, newest_s)
+    most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
     return replace(
         recalled,
-        readings={
-            pair: carried.readings(pair, MOST_IN_TABLE, newest_s)
-            for pair in carried.near_pairs(MOST_PARTNERS, newest_s)
-        },
+        readings={pair: carried.readings(pair, most, newest_s) for pair in near},
         chains=_chains(snapshot, proved),
     )

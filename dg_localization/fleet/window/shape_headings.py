@@ -41,7 +41,11 @@ FINE_CELLS = 128
 """Cells of the full turn: few to rule out what is impossible, more to bound what is left."""
 
 JOINT_BOXES = 96
-"""Boxes of the poses of a few robots together, where these narrow each other."""
+LONE_BOXES = 256
+"""
+Boxes of the poses of a few robots together, where these narrow each other; more where there are no
+others.
+"""
 
 KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
 """A heading in less than a half turn counts as known."""
