@@ -12,7 +12,7 @@ parties of three, since the work grows with a high power of their number.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -26,6 +26,8 @@ from dg_localization.pairs.headings import Headings, Pair
 from dg_localization.pairs.joint_kernels import HEADING, POSSIBLE, narrow_boxes
 from dg_localization.pairs.readings import PairReadings
 from dg_localization.pairs.turns import TURN
+
+Party = tuple[int, ...]
 
 PARTY = 3
 """Bodies whose poses are narrowed together."""
@@ -113,7 +115,7 @@ def narrow_jointly(
     box[:, :, HEADING] = poses.arcs_rad.T
     if np.any(poses.lower_m[:, 2]) or np.any(poses.upper_m[:, 2]):
         return poses
-    for party in _parties(box, readings):
+    for party in _parties(box, readings, stopped):
         if stopped():
             break
         search = _Party(party, readings, max_boxes, stopped)
@@ -126,7 +128,9 @@ def narrow_jointly(
     return JointPoses(lower_m, upper_m, box[:, :, HEADING].T.copy())
 
 
-def _parties(box: np.ndarray, readings: Mapping[Pair, PairReadings]) -> list[list[int]]:
+def _parties(
+    box: np.ndarray, readings: Mapping[Pair, PairReadings], stopped: Callable[[], bool]
+) -> list[list[int]]:
     """
     Return parties of bodies, so that every body that measured anything is in one at least.
 
@@ -138,23 +142,41 @@ def _parties(box: np.ndarray, readings: Mapping[Pair, PairReadings]) -> list[lis
     if len(bodies) <= PARTY:
         return [bodies] if pairs else []
     width = box[HIGH, :, HEADING] - box[LOW, :, HEADING]
-
-    def links(party: tuple[int, ...]) -> int:
-        return sum(pair[0] in party and pair[1] in party for pair in pairs)
-
+    linked = {(min(pair), max(pair)) for pair in pairs}
     candidates = [
-        (-links(party), width[list(party)].sum(), party) for party in combinations(bodies, PARTY)
+        (-_n_links(party, linked), width[list(party)].sum(), party)
+        for party in _connected_parties(linked, stopped)
     ]
     candidates.sort()
     parties: list[list[int]] = []
     met = dict.fromkeys(bodies, 0)
     for fewest in (1, 2):
-        for _links, _width, party in candidates:
+        for *_, party in candidates:
             if any(met[body] < fewest for body in party) and list(party) not in parties:
                 parties.append(list(party))
                 for body in party:
                     met[body] += 1
     return parties
+
+
+def _connected_parties(linked: Collection[Pair], stopped: Callable[[], bool]) -> set[Party]:
+    """Return all parties that are linked in themselves; of two bodies where no third one is."""
+    neighbors: dict[int, set[int]] = {}
+    for pair in linked:
+        for body, other in (pair, pair[::-1]):
+            neighbors.setdefault(body, set()).add(other)
+    parties: set[Party] = set()
+    for pair in linked:
+        if stopped():
+            break
+        others = neighbors[pair[0]].union(neighbors[pair[1]]).difference(pair)
+        parties |= {tuple(sorted((*pair, other))) for other in others} or {pair}
+    return parties
+
+
+def _n_links(party: Party, linked: Collection[Pair]) -> int:
+    """Return how many pairs of a party measured each other."""
+    return sum(pair in linked for pair in combinations(party, 2))
 
 
 class _Party:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dg_localization.pairs import HeadingOptions, JointPoses, narrow_headings, narrow_jointly
-from dg_localization.pairs.joint import PARTY
+from dg_localization.pairs.joint import PARTY, _connected_parties
 
 FLEETS = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
 COARSE = HeadingOptions(cells=32, max_rounds=1)
@@ -114,3 +114,11 @@ def test_every_body_of_a_larger_fleet_is_narrowed():
         poses = narrow_jointly(start, fleet.readings, 32)
         assert holds(fleet, poses)
         assert np.all(np.ptp(poses.arcs_rad, axis=1) < np.ptp(start.arcs_rad, axis=1))
+
+
+def test_parties_are_linked_in_themselves():
+    """As many as there are links, not as there are threes of bodies."""
+    chain = {(i, i + 1) for i in range(200)}
+    parties = _connected_parties({*chain, (300, 301)}, lambda: False)
+    assert parties == {(i, i + 1, i + 2) for i in range(199)} | {(300, 301)}
+    assert _connected_parties(chain, lambda: True) == set()
