@@ -141,7 +141,8 @@ class OdometryPath:
     The path of one robot through its odometry samples.
 
     Between samples the robot is taken to be no farther from either than they are apart, or than
-    its limits allow; before the first and after the last only its limits bound its motion.
+    its limits allow; before the first and after the last only its limits bound its motion. Without
+    limits the robot is at a sample when the time is the same number.
 
     Parameters
     ----------
@@ -307,6 +308,11 @@ class OdometryPath:
     def _nearest(self, times_s: np.ndarray) -> _Nearest:
         """Return the samples nearest to some times."""
         stamps, latency = self._stamps_s, self._error.latency_s
+        slack_s = 0.0
+        if math.isfinite(self._limits.speed_m_s) and math.isfinite(self._limits.turn_rate_rad_s):
+            # Equal numbers need not be equal times (`elapsed_up`).
+            largest_s = max(np.abs(stamps).max(), np.abs(times_s).max(initial=0.0))
+            slack_s = 4.0 * math.ulp(largest_s)
         index = np.empty(len(times_s), np.int64)
         spans = np.empty((3, len(times_s)))
         find_nearest(
@@ -315,7 +321,7 @@ class OdometryPath:
             self._positions_m,
             self._yaws_rad,
             self._rotations,
-            latency,
+            math.nextafter(latency + slack_s, math.inf) if slack_s else latency,
             index,
             spans,
         )
@@ -323,9 +329,14 @@ class OdometryPath:
         elapsed = zip(times_s, stamps[index], strict=True)
         reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)
         beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
+        at_end = (times_s - latency <= stamps[0] + slack_s) | (
+            times_s + latency >= stamps[-1] - slack_s
+        )
 
         def offset(spans: np.ndarray, limit: float | np.ndarray) -> np.ndarray:
-            return np.where(beyond, up(limit * reach_s), np.minimum(spans, up(limit * reach_s)))
+            limited = up(limit * reach_s)
+            by_limit = beyond | (at_end & np.isfinite(limited))
+            return np.where(by_limit, limited, np.minimum(spans, limited))
 
         turn_rate = self._limits.turn_rate_rad_s
         rotation_rad = offset(spans[2], turn_rate)

@@ -107,6 +107,22 @@ def step_angles(rotations: np.ndarray, angles: np.ndarray) -> None:
 
 
 @kernel(borrows=True)
+def _differences(
+    positions: np.ndarray, yaws: np.ndarray, rotations: np.ndarray, first: int, second: int
+) -> tuple[float, float, float]:
+    """Return the distance of two samples, the difference of their yaws and the turn between."""
+    squares = 0.0
+    for axis in range(3):
+        squares += (positions[second, axis] - positions[first, axis]) ** 2
+    distance = math.sqrt(squares)
+    if squares > 0.0:
+        distance = up(distance + rounding_error(distance, 8.0))
+    turn = abs(yaws[second] - yaws[first])
+    turn = min(turn, 2.0 * math.pi - turn)
+    return distance, turn, _rotation_angle(rotations[second], rotations[first])
+
+
+@kernel(borrows=True)
 def find_nearest(
     times: np.ndarray,
     stamps: np.ndarray,
@@ -118,7 +134,9 @@ def find_nearest(
     spans: np.ndarray,
 ) -> None:
     """
-    Find the samples nearest to some times, and how much those around differ from them.
+    Find the samples nearest to some times, and how far from them the robot may have been.
+
+    Between two samples it is no farther from either than they are apart.
 
     Parameters
     ----------
@@ -147,15 +165,12 @@ def find_nearest(
                 nearest = sample
         index[number] = nearest
         spans[0, number] = spans[1, number] = spans[2, number] = 0.0
-        for sample in range(low, high + 1):
-            squares = 0.0
-            for axis in range(3):
-                squares += (positions[sample, axis] - positions[nearest, axis]) ** 2
-            turn = abs(yaws[sample] - yaws[nearest])
-            turn = min(turn, 2.0 * math.pi - turn)
-            angle = _rotation_angle(rotations[sample], rotations[nearest])
-            distance = math.sqrt(squares)
-            distance = up(distance + rounding_error(distance, 8.0))
-            spans[0, number] = max(spans[0, number], distance if squares > 0.0 else 0.0)
-            spans[1, number] = max(spans[1, number], turn)
-            spans[2, number] = max(spans[2, number], angle)
+        for sample in range(low, high):
+            before = _differences(positions, yaws, rotations, nearest, sample)
+            after = _differences(positions, yaws, rotations, nearest, sample + 1)
+            step = _differences(positions, yaws, rotations, sample, sample + 1)
+            for kind in range(3):
+                span = up(min(before[kind], after[kind]) + step[kind])
+                if sample == nearest or sample + 1 == nearest:
+                    span = step[kind]
+                spans[kind, number] = max(spans[kind, number], span)
