@@ -42,7 +42,7 @@ from benchmarks.pairs import (
 )
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.solver.options import SolverOptions
 
 FloatArray = NDArray[np.float64]

@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.odometry import MotionLimits, OdometryErrorModel, OdometryPath
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import Cover, PairOptions, PairReadings, PastPoses, cover_poses
 

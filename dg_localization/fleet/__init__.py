@@ -14,7 +14,7 @@ from dg_localization.fleet.contradictions.offenders import Offender
 from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import Anchor, LinkOverride, Mount, RangeErrorModel
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import (

@@ -18,7 +18,7 @@ from types import MappingProxyType
 
 from dg_localization.fleet.checks import ConfigError, require_integer, require_number
 from dg_localization.fleet.contradictions.suspects import SuspectKind
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
     LinkOverride,

@@ -27,6 +27,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.narrowing import narrow_answer
+from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import recall
 from dg_localization.interval.environment import default_environment
@@ -38,7 +39,10 @@ _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
 @default_environment()
 def estimate_snapshot(
-    snapshot: Snapshot, cancel: Cancel | None = None, proved: Sequence[Proved] = ()
+    snapshot: Snapshot,
+    cancel: Cancel | None = None,
+    proved: Sequence[Proved] = (),
+    filters: PoseFilters | None = None,
 ) -> tuple[Estimate, tuple[Proved, ...]]:
     """
     Find every placement that agrees with a snapshot, or the reason why there is none.
@@ -49,6 +53,8 @@ def estimate_snapshot(
     cancel : Cancel, optional
     proved : sequence of Proved
         What the estimate before proved, the oldest chain first.
+    filters : PoseFilters, optional
+        They follow robots among anchors from estimate to estimate, and go on to this one.
 
     Returns
     -------
@@ -57,7 +63,7 @@ def estimate_snapshot(
         What it proves of later ones.
 
     """
-    recalled = recall(snapshot, proved, cancel)
+    recalled = recall(snapshot, proved, cancel, filters)
     if not snapshot.keys and not recalled.pose_sets.any:
         return _without_placements(snapshot, None, _no_data_reason(snapshot)), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))

@@ -220,7 +220,9 @@ class Localizer:
 
         """
         follower, standing_frame, record = self._follower, self._standing_frame, self._record
-        estimate, proved = estimate_snapshot(snapshot, cancel, follower.proved_for(snapshot))
+        estimate, proved = estimate_snapshot(
+            snapshot, cancel, follower.proved_for(snapshot), follower.filters
+        )
         if cancel is not None and cancel.is_set():
             return estimate
         record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up

@@ -11,20 +11,17 @@ to where it arose, and not by the length of the way. Summation by parts makes th
 the steps and E_i the error of the turn from step i to now,
 
     sum R(E_i) r_i  =  sum r_i  +  sum (R(E_i) - R(E_i+1)) S_i.
-
-The terms are those of Thrun, Burgard, Fox, Probabilistic Robotics, 2005, Section 5.4, as bounds
-in place of deviations.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.checks import require_number
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
 from dg_localization.fleet.rotations import level_rotations, rotations_about_z
 from dg_localization.interval.angles import angle_up, chord_up, cosine
@@ -41,55 +38,6 @@ UNBOUNDED = 1e300
 How many times faster than the body they can change then. It is finite, so that a body that does
 not turn keeps both.
 """
-
-
-@dataclass(frozen=True)
-class OdometryErrorModel:
-    """
-    Greatest errors of odometry.
-
-    Parameters
-    ----------
-    translation_per_m, translation_per_rad : float
-        Error of a step, in m per m travelled and in m per rad turned.
-    rotation_per_m, rotation_per_rad : float
-        Error of a turn, in rad per m travelled and in rad per rad turned.
-    constant_m, constant_rad : float
-        What does not add up along the way. The stated poses are those of a track that errs by the
-        other terms alone, each with an error of its own, and any two of these errors differ by at
-        most this. So they lie around one error, which makes another track (`CENTERED`).
-    latency_s : float
-        The pose stamped t was the true one at some time within this of t.
-    tilt_rad : float, optional
-        Error of roll and pitch together, as an angle, where the z axis of the odometry frame is
-        upright. Without it nothing is remembered in space.
-
-    Raises
-    ------
-    ConfigError
-        If a bound is negative or not a finite number.
-
-    """
-
-    translation_per_m: float = 0.0
-    translation_per_rad: float = 0.0
-    rotation_per_m: float = 0.0
-    rotation_per_rad: float = 0.0
-    constant_m: float = 0.0
-    constant_rad: float = 0.0
-    latency_s: float = 0.0
-    tilt_rad: float | None = None
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None or field.name != 'tilt_rad':
-                require_number(f'odometry_error.{field.name}', value, at_least=0.0)
-
-    @property
-    def least_tilt_rad(self) -> float:
-        """The error of roll and pitch, zero where none is stated."""
-        return 0.0 if self.tilt_rad is None else self.tilt_rad
 
 
 @dataclass(frozen=True)
@@ -243,6 +191,29 @@ class OdometryPath:
         track = PastPoses(self._ball(up(now.offset_m + end_m)), Interval(-now_rad, now_rad))
         return TrackPoses(past, track)
 
+    @property
+    def stamps_s(self) -> np.ndarray:
+        """The times of the samples, shape (n,)."""
+        return self._stamps_s
+
+    def stated(self, time_s: float) -> tuple[float, float, float]:
+        """Return x, y and yaw of the sample nearest to a time, in the odometry frame."""
+        (index,) = self._nearest(np.array([time_s])).index
+        return (*self._positions_m[index, :2].tolist(), float(self._yaws_rad[index]))
+
+    def track_step(self, first_s: float, last_s: float) -> PastPoses:
+        """
+        Return where the track is at the sample nearest to a time, seen from that of another.
+
+        Parameters
+        ----------
+        first_s, last_s : float
+            The second is not earlier. The pose at `last_s` is seen from that at `first_s`.
+
+        """
+        first, last = self._nearest(np.array([first_s, last_s])).index
+        return PastPoses(*self._walk_ahead(int(first), int(last)))
+
     def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
         """
         Return points of the body in its level frames at some times, shape (m, 3).
@@ -382,13 +353,44 @@ class OdometryPath:
             turns,
         )
         yaws = self._yaws_rad[then] - self._yaws_rad[last]
-        # Positions too large to be subtracted bound nothing.
+        return self._bounded(center, half), Interval.around(yaws, angle_up(turns))
+
+    def _walk_ahead(self, first: int, last: int) -> tuple[Interval, Interval]:
+        """
+        Return the pose of sample `last` seen from sample `first`, with the errors of the way.
+
+        It is a walk back along the reversed track. Seen from its start, an error of a turn swings
+        what lies after the end of the step: there it belongs to the step before.
+        """
+        used = slice(first, last + 1)
+        positions = np.ascontiguousarray(self._positions_m[used][::-1])
+        errors_m = np.ascontiguousarray(self._step_errors_m[first:last][::-1])
+        errors_rad = np.ascontiguousarray(self._step_errors_rad[first:last][::-1])
+        center, half, turns = np.empty((1, 3)), np.empty((1, 3)), np.empty(1)
+        walk_back(
+            positions,
+            self._yaws_rad[first],
+            errors_m,
+            np.append(errors_rad[1:], 0.0)[: last - first],
+            np.zeros(1, np.int64),
+            last - first,
+            center,
+            half,
+            turns,
+        )
+        turn_rad = angle_up(up(turns + errors_rad[:1].sum()))
+        return self._bounded(center, half), Interval.around(
+            self._yaws_rad[[last]] - self._yaws_rad[first], turn_rad
+        )
+
+    def _bounded(self, center: np.ndarray, half: np.ndarray) -> Interval:
+        """Return boxes (m, 3); positions too large to be subtracted bound nothing."""
         known = np.isfinite(center) & np.isfinite(half)
         half = np.where(known, half, np.inf)
         bounds = Interval.around(np.where(known, center, 0.0), half)
         if self._level:
             bounds.lower[:, 2] = bounds.upper[:, 2] = 0.0
-        return bounds, Interval.around(yaws, angle_up(turns))
+        return bounds
 
     def tilts(self, times_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """

@@ -233,7 +233,7 @@ class PairReadings:
             (self.points_a_m, cuts.A, cuts.A_ERROR),
             (self.points_b_m, cuts.B, cuts.B_ERROR),
         ):
-            center, half = _center_and_half(points)
+            center, half = center_and_half(points)
             table[:, middle : middle + 3], table[:, error : error + 3] = center, half
             table[:, cuts.TERMS] += (np.abs(center) + half).sum(axis=-1)
             radii.append(_norm_up(half))
@@ -269,7 +269,7 @@ class PairReadings:
         table[:, cuts.OBSERVER] = np.where(told, observer, cuts.NOBODY)
 
 
-def _center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:
+def center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:
     """Return middles, and half-widths rounded up; those of single numbers are exact."""
     exact = bounds.lower == bounds.upper
     with np.errstate(invalid='ignore'):

@@ -19,7 +19,7 @@ import numpy as np
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 
 SAMPLE_S = 0.1
 MAX_AGE_S = 0.5

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet.motion import Motion, OdometryTrack
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometryReading
 
 coordinate = st.floats(-1e6, 1e6)

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet.odometry import MotionLimits, OdometryErrorModel, OdometryPath
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
 
 TERMS = ('translation_per_m', 'translation_per_rad', 'rotation_per_m', 'rotation_per_rad')
@@ -96,6 +97,40 @@ def test_drift_at_its_bound_is_inside(seed, worst):
     poses = path_of(stamps, stated, error).past_poses(stamps, stamps[-1])
     assert_inside(poses, *seen_from_last(*true))
     assert np.all(poses.position_m.upper[-1] - poses.position_m.lower[-1] < 1e-9)
+
+
+@pytest.mark.parametrize('worst', [True, False])
+@pytest.mark.parametrize('seed', range(40))
+def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
+    rng = np.random.default_rng([seed, worst, 1])
+    error = OdometryErrorModel(
+        **{term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}, constant_m=0.3, constant_rad=0.4
+    )
+    stated, (positions, yaws) = drive(rng, 200, error, worst, space=seed % 2)
+    stamps = 1e9 + np.arange(201) * 0.05
+    path = path_of(stamps, stated, error)
+    for count in (0, 1, 2, 5, 30, 200):
+        first = int(rng.integers(0, 201 - count))
+        last = first + count
+        step = path.track_step(stamps[first], stamps[last])
+        ahead = rotation(-yaws[first]) @ (positions[last] - positions[first])
+        assert_inside(step, ahead[None], yaws[[last]] - yaws[first])
+        widths = step.position_m.upper - step.position_m.lower
+        # Errors of single poses are no errors of the track.
+        if count == 0:
+            assert np.all(widths < 1e-9)
+        *place, yaw = path.stated(stamps[last])
+        assert np.allclose(place, stated[0][last, :2])
+        assert math.remainder(yaw - stated[1][last], 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_error_of_the_last_turn_does_not_move_the_end_of_a_step():
+    positions = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    path = path_of(np.arange(3), (positions, np.zeros(3)), OdometryErrorModel(rotation_per_m=0.1))
+    step = path.track_step(0.0, 2.0)
+    assert step.yaw_rad.upper[0] == pytest.approx(0.2)
+    assert step.position_m.upper[0, 1] == pytest.approx(0.1)
+    assert step.position_m.upper[0, 0] == pytest.approx(2.01)
 
 
 def test_without_error_the_poses_are_known():

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet.odometry import MotionLimits, OdometryErrorModel, OdometryPath
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion, Path, rotation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 

@@ -31,7 +31,7 @@ from dg_localization.fleet.best_point.terms import (
 from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.memory import Ends, Observation
 

@@ -14,7 +14,7 @@ from bisect import bisect_left
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.odometry import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometryReading
 
 FloatArray = NDArray[np.float64]

@@ -88,8 +88,12 @@ class CarriedWindow:
         self._paths: dict[int, OdometryPath] = {}
         observing = sorted({body for pair in self._rows for body in pair} - {WORLD})
         self._stamps = {robot: self._stamps_with(robot) for robot in observing}
-        self._poses = {
-            body: self.path(body).past_poses(stamps, now_s)
+
+    @cached_property
+    def _poses(self) -> dict[int, PastPoses]:
+        """Past poses of the robots seen from where they are, for all their observations."""
+        return {
+            body: self.path(body).past_poses(stamps, self._now_s)
             for body, stamps in self._stamps.items()
         }
 
@@ -192,10 +196,40 @@ class CarriedWindow:
         past = {body: tracks[body].past for body in pair if body != WORLD}
         return self._readings(pair, past, None, newest_s)
 
+    def readings_between(self, robot: int, after_s: float, until_s: float) -> PairReadings | None:
+        """
+        Return what a robot and the anchors observed of each other between two times.
+
+        Parameters
+        ----------
+        robot : int
+        after_s, until_s : float
+            After the first, up to the second, at which the track of the robot is the frame.
+
+        Returns
+        -------
+        PairReadings or None
+            None where they observed nothing.
+
+        """
+        pair = WORLD, robot
+        rows = [
+            row for row in self._rows.get(pair, ()) if after_s < row.observation.stamp_s <= until_s
+        ]
+        if not rows:
+            return None
+        stamps = np.array([row.observation.stamp_s for row in rows])
+        past = self.path(robot).past_poses_on_track(stamps, until_s).past
+        return self._seen(pair, rows, PastPoses.at_rest(len(rows)), past)
+
     def tracks(self, pair: Pair) -> tuple[PastPoses, PastPoses]:
         """Return where the tracks of a pair are now, seen from the two bodies."""
+        now_s = np.array([self._now_s])
         first, second = (
-            PastPoses.at_rest(1) if body == WORLD else self._tracks[body].track for body in pair
+            PastPoses.at_rest(1)
+            if body == WORLD
+            else self.path(body).past_poses_on_track(now_s, self._now_s).track
+            for body in pair
         )
         return first, second
 
@@ -220,6 +254,14 @@ class CarriedWindow:
         poses = self._of(second, stamps, past)
         at_rest = first == WORLD
         other = PastPoses.at_rest(len(rows)) if at_rest else self._of(first, stamps, past)
+        return self._seen(pair, rows, other, poses)
+
+    def _seen(
+        self, pair: Pair, rows: list[_Row], other: PastPoses, poses: PastPoses
+    ) -> PairReadings:
+        """Return observations of a pair, the poses of whose bodies at their times are given."""
+        first, second = pair
+        stamps = np.array([row.observation.stamp_s for row in rows])
         by_second = np.array([row.seen_by_second for row in rows])
         rays = np.array(
             [AHEAD if o.direction is None else o.direction for o in (r.observation for r in rows)]

@@ -13,6 +13,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.forgetting import also_forgotten
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.numbering import matches
+from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import chain_seconds
 
@@ -34,6 +35,11 @@ class Follower:
     first_number : int
         Of the next hypothesis that is new.
 
+    Attributes
+    ----------
+    filters : PoseFilters
+        They follow robots among anchors from estimate to estimate.
+
     """
 
     def __init__(self, first_number: int = 1) -> None:
@@ -41,6 +47,7 @@ class Follower:
         self._last = _Followed((), 0.0)
         self._forgotten: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
+        self.filters = PoseFilters()
 
     @property
     def forgotten(self) -> Mapping[Ends, float]:
@@ -65,6 +72,7 @@ class Follower:
     ) -> Estimate:
         """Return an estimate with the numbers of its hypotheses; keep what it proved."""
         self._forgotten = also_forgotten(self._forgotten, estimate.forgotten)
+        self.filters.forget(snapshot.config, estimate.forgotten)
         listed = [
             *estimate.placements,
             *(placement for group in estimate.groups for placement in group.placements),

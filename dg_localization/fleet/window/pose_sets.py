@@ -16,6 +16,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
 from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.pairs import Cover, PairOptions, count_agreeing, cover_poses
 
@@ -59,14 +60,20 @@ NO_POSE_SETS = PoseSets()
 
 
 def place_robots(
-    snapshot: Snapshot, carried: CarriedWindow, allowance: Allowance, newest_s: float
+    snapshot: Snapshot,
+    carried: CarriedWindow,
+    allowance: Allowance,
+    newest_s: float,
+    filters: PoseFilters,
 ) -> tuple[PoseSets, tuple[Forgotten, ...]]:
     """
     Return the pose sets of all robots that observed anchors in a window.
 
+    In the plane robots are followed from estimate to estimate, where that tells more.
+
     The pose sets of robots that observed each other are made, too, where nothing that is measured
-    now connects the two. Where outliers are tolerated they are always: no single reading can be
-    trusted then. They add nothing else.
+    now connects the two. Where outliers are tolerated, and not both are placed, they are always:
+    no single reading can be trusted then. They add nothing else.
 
     Parameters
     ----------
@@ -76,6 +83,8 @@ def place_robots(
         Divided among the sets.
     newest_s : float
         What robots observed of each other counts so long.
+    filters : PoseFilters
+        They go on to now.
 
     Returns
     -------
@@ -98,11 +107,23 @@ def place_robots(
     forgotten = []
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
+        place = None
+        if pair[0] == WORLD and snapshot.config.dimension == 2:
+            place = filters.place(snapshot, pair[1], stopped)
+        elif pair not in apart and all((WORLD, robot) in covers for robot in pair):
+            continue
+        if place is not None and not place.cover.empty:
+            covers[pair] = place.cover
+            continue
         readings = carried.readings_on_tracks(pair, newest_s if pair in apart else math.inf)
         cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
         if cover.empty:
             agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
-            forgotten.append(_what_contradicts(snapshot, pair, agreeing))
+            stamps = carried.stamps_s(pair)
+            before_s = float(stamps[min(agreeing, len(stamps) - 1)])
+            forgotten.append(_what_contradicts(snapshot, pair, before_s))
+        elif place is not None:
+            forgotten.append(_what_contradicts(snapshot, pair, place.agreeing_s))
         elif cover.bounded:
             covers[pair] = cover.moved(*carried.tracks(pair))
     pose_sets = PoseSets(
@@ -119,10 +140,8 @@ def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
     return max(0.0, float(squared.lower.min())), float(squared.upper.max())
 
 
-def _what_contradicts(snapshot: Snapshot, pair: Pair, agreeing: int) -> Forgotten:
-    """Return which old observations of a pair contradict newer ones, so many of which agree."""
-    stamps = snapshot.carried.stamps_s(pair)
-    before_s = float(stamps[min(agreeing, len(stamps) - 1)])
+def _what_contradicts(snapshot: Snapshot, pair: Pair, before_s: float) -> Forgotten:
+    """Return what to forget where observations of a pair up to a time contradict newer ones."""
     robots = snapshot.config.robots
     first, second = pair
     others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)

@@ -20,6 +20,7 @@ from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
 from dg_localization.fleet.window.forgetting import Forgotten, also_forgotten
 from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
 from dg_localization.fleet.window.proved import CarriedPlacements, Proved
 from dg_localization.fleet.window.shape_headings import (
@@ -323,9 +324,14 @@ def _chains(snapshot: Snapshot, proved: Sequence[Proved]) -> tuple[CarriedPlacem
     return (*chains, None) if begins else tuple(chains)
 
 
-def recall(snapshot: Snapshot, proved: Sequence[Proved], cancel: Cancel | None) -> Recollection:
+def recall(
+    snapshot: Snapshot,
+    proved: Sequence[Proved],
+    cancel: Cancel | None,
+    filters: PoseFilters | None = None,
+) -> Recollection:
     """
-    Return what the window of a snapshot and an earlier estimate say.
+    Return what the window of a snapshot and earlier estimates say.
 
     In space that is where robots are among anchors, if their odometry is upright.
     """
@@ -338,7 +344,8 @@ def recall(snapshot: Snapshot, proved: Sequence[Proved], cancel: Cancel | None) 
         proved = ()
     carried = snapshot.carried
     newest_s = config.memory_s * WINDOW_SHARE
-    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s)
+    filters = filters or PoseFilters()
+    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, filters)
     contradicting = also_forgotten({}, forgotten)
     replaced = frozenset(
         key

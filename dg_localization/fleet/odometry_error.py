@@ -1,0 +1,64 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How much odometry may be wrong.
+
+The terms are those of Thrun, Burgard, Fox, Probabilistic Robotics, 2005, Section 5.4, as bounds
+in place of deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from dg_localization.fleet.checks import require_number
+
+
+@dataclass(frozen=True)
+class OdometryErrorModel:
+    """
+    Greatest errors of odometry.
+
+    Parameters
+    ----------
+    translation_per_m, translation_per_rad : float
+        Error of a step, in m per m travelled and in m per rad turned.
+    rotation_per_m, rotation_per_rad : float
+        Error of a turn, in rad per m travelled and in rad per rad turned.
+    constant_m, constant_rad : float
+        What does not add up along the way. The stated poses are those of a track that errs by the
+        other terms alone, each with an error of its own, and any two of these errors differ by at
+        most this. So they lie around one error, which makes another track (`CENTERED`).
+    latency_s : float
+        The pose stamped t was the true one at some time within this of t.
+    tilt_rad : float, optional
+        Error of roll and pitch together, as an angle, where the z axis of the odometry frame is
+        upright. Without it nothing is remembered in space.
+
+    Raises
+    ------
+    ConfigError
+        If a bound is negative or not a finite number.
+
+    """
+
+    translation_per_m: float = 0.0
+    translation_per_rad: float = 0.0
+    rotation_per_m: float = 0.0
+    rotation_per_rad: float = 0.0
+    constant_m: float = 0.0
+    constant_rad: float = 0.0
+    latency_s: float = 0.0
+    tilt_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None or field.name != 'tilt_rad':
+                require_number(f'odometry_error.{field.name}', value, at_least=0.0)
+
+    @property
+    def least_tilt_rad(self) -> float:
+        """The error of roll and pitch, zero where none is stated."""
+        return 0.0 if self.tilt_rad is None else self.tilt_rad

@@ -1,0 +1,240 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Robots among anchors, followed from knot to knot of their tracks: set-membership filters.
+
+What a robot and the anchors observed of each other cuts a cover of its poses, which odometry
+carries to the next knot. That is sharper than to see all observations from now, where the errors
+of the odometry since then count for each of them anew, and costs only what is new. A filter lives
+for `FleetConfig.memory_s`, and others start in the meantime: nothing older than the memory has any
+effect, and no filter counts what was broken in more than one memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.carry import WORLD
+from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.memory import Ends
+from dg_localization.pairs import (
+    CellOptions,
+    CountedCover,
+    Cover,
+    PairOptions,
+    PastPoses,
+    Stated,
+)
+
+KNOTS = 36
+"""In a memory: fewer see readings from farther away, more widen the cover more often."""
+
+FILTERS = 4
+"""Of a robot: the oldest knows at least all but one part of so many of what is remembered."""
+
+START_SHARE = 1.0 / 9.0
+"""Of the memory, for the readings that a filter starts from."""
+
+YOUNG_SHARE = 0.5
+"""A filter that knows less than this share of what is remembered tells less than all of that."""
+
+MOST_BOXES = 1000
+"""Of the cover that a filter starts from."""
+
+CELLS = CellOptions()
+ANSWER_CELLS = CellOptions(across=12, slices=12, max_cells=600)
+"""The hull of an answer is that of its boxes, however few they are."""
+
+NOWHERE = Cover(np.empty((0, 2, 4)))
+
+
+@dataclass(frozen=True)
+class PoseFilter:
+    """
+    What the observations of a robot since some time tell of its track at a knot.
+
+    Parameters
+    ----------
+    since_s : float
+        Older observations have no effect.
+    knot_s : float
+        The stamp of a sample of the odometry.
+    cover : CountedCover
+        Of the pose of its track then, among the anchors.
+
+    """
+
+    since_s: float
+    knot_s: float
+    cover: CountedCover
+
+
+@dataclass(frozen=True)
+class Place:
+    """
+    What a filter tells of a robot now.
+
+    Parameters
+    ----------
+    cover : Cover
+        Of its poses among the anchors; empty where its observations contradict each other.
+    agreeing_s : float
+        Those after this time are not known to do so.
+
+    """
+
+    cover: Cover
+    agreeing_s: float
+
+
+class PoseFilters:
+    """The filters of all robots, the oldest first, in the thread of the estimates."""
+
+    def __init__(self) -> None:
+        self._filters: dict[int, tuple[PoseFilter, ...]] = {}
+
+    def place(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> Place | None:
+        """
+        Follow a robot to now.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            In the plane.
+        robot : int
+            It has odometry, and observed anchors, or they it.
+        stopped : callable
+            Asked between knots; once it is true, the readings that are left cut nothing.
+
+        Returns
+        -------
+        Place or None
+            None where all readings of the window together tell more than a filter.
+
+        """
+        walk = _Walk(snapshot, robot, stopped)
+        filters = [walk.settled(c) for c in self._filters.get(robot, ()) if walk.goes_on(c)]
+        kept = [pose_filter for pose_filter in filters if pose_filter is not None]
+        kept += walk.started(kept[-1].since_s if kept else -math.inf)
+        self._filters[robot] = tuple(kept)
+        return walk.place(kept) if kept else None
+
+    def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:
+        """Drop the filters that know of observations that are forgotten."""
+        for item in forgotten:
+            for robot, filters in self._filters.items():
+                if _are_with_anchors(config, config.robots[robot], item.ends):
+                    kept = [known for known in filters if known.since_s >= item.before_s]
+                    self._filters[robot] = tuple(kept)
+
+
+def _are_with_anchors(config: FleetConfig, robot: str, ends: Iterable[Ends]) -> bool:
+    """Return whether any of some ends are those of a robot and an anchor."""
+    return any(robot in pair and not {*pair}.isdisjoint(config.anchors) for pair in ends)
+
+
+class _Walk:
+    """The way of one robot to the time of a snapshot."""
+
+    def __init__(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> None:
+        self._config, self._now_s = snapshot.config, snapshot.stamp_s
+        self._carried, self._robot = snapshot.carried, robot
+        self._path = snapshot.carried.path(robot)
+        self._stopped = stopped
+        self._oldest_s = self._now_s - self._config.memory_s
+        # No reading of before will be accepted any more.
+        self._settled_s = self._now_s - self._config.max_age_s
+
+    def goes_on(self, pose_filter: PoseFilter) -> bool:
+        """Return whether a filter is in memory, and at a sample that is known."""
+        in_memory = self._oldest_s <= pose_filter.since_s and pose_filter.knot_s <= self._now_s
+        return in_memory and bool(np.any(self._path.stamps_s == pose_filter.knot_s))
+
+    def settled(self, pose_filter: PoseFilter) -> PoseFilter | None:
+        """Return a filter at its last knot before which no reading can come any more."""
+        found: PoseFilter | None = pose_filter
+        while found is not None and not self._stopped():
+            knot_s = self._next_knot_s(found)
+            if knot_s > self._settled_s:
+                break
+            found = self._to(found, knot_s)
+        return found
+
+    def started(self, newest_since_s: float) -> list[PoseFilter]:
+        """Return a filter that starts now, if it is time for one and if it can."""
+        config = self._config
+        known_s = self._path.stamps_s[self._path.stamps_s <= self._settled_s]
+        if not len(known_s) or self._stopped():
+            return []
+        knot_s = float(known_s[-1])
+        since_s = knot_s - START_SHARE * config.memory_s
+        if since_s < max(self._oldest_s, newest_since_s + config.memory_s / FILTERS):
+            return []
+        readings = self._carried.readings_between(self._robot, since_s, knot_s)
+        if readings is None or len(readings) <= config.window_outliers:
+            return []
+        options = PairOptions(config.window_outliers, max_boxes=MOST_BOXES)
+        cover = CountedCover.started(readings, options, stopped=self._stopped)
+        if cover is None or cover.empty or self._stopped():
+            return []
+        return [PoseFilter(since_s, knot_s, cover)]
+
+    def place(self, filters: Sequence[PoseFilter]) -> Place | None:
+        """Return what the oldest of some filters tells now."""
+        oldest, newest = filters[0], filters[-1]
+        middle_s = 0.5 * (oldest.since_s + self._now_s)
+        agreeing_s = middle_s if newest is oldest or newest.cover.empty else newest.since_s
+        if any(pose_filter.cover.empty for pose_filter in filters):
+            return Place(NOWHERE, agreeing_s)
+        span_s = self._carried.span_s((WORLD, self._robot))
+        if self._now_s - oldest.since_s < YOUNG_SHARE * span_s:
+            return None
+        cover = self._arrived(oldest)
+        return None if cover is None else Place(cover, agreeing_s)
+
+    def _arrived(self, pose_filter: PoseFilter) -> Cover | None:
+        """Return where the robot is now."""
+        found: PoseFilter | None = pose_filter
+        while found is not None and not self._stopped():
+            knot_s = self._next_knot_s(found)
+            if knot_s >= self._now_s:
+                break
+            found = self._to(found, knot_s)
+        found = None if found is None else self._to(found, self._now_s)
+        if found is None:
+            return None
+        track = self._carried.tracks((WORLD, self._robot))[1]
+        # Either is in a ball around the other.
+        off = PastPoses(track.position_m, -track.yaw_rad)
+        moved = found.cover.uncounted.moved(off, ANSWER_CELLS)
+        return None if moved is None else moved.cover
+
+    def _next_knot_s(self, pose_filter: PoseFilter) -> float:
+        """Return the stamp of the next knot; infinite where there is none yet."""
+        stamps_s = self._path.stamps_s
+        step_s = self._config.memory_s / KNOTS
+        after = np.searchsorted(stamps_s, pose_filter.knot_s, side='right')
+        last = np.searchsorted(stamps_s, pose_filter.knot_s + step_s, side='right') - 1
+        knot = max(int(after), int(last))
+        return float(stamps_s[knot]) if knot < len(stamps_s) else math.inf
+
+    def _to(self, pose_filter: PoseFilter, until_s: float) -> PoseFilter | None:
+        """Return a filter at a later time; None where odometry does not bound the way."""
+        path, cover = self._path, pose_filter.cover
+        step = path.track_step(pose_filter.knot_s, until_s)
+        moved = cover.moved(step, CELLS, Stated(*path.stated(until_s)))
+        if moved is None:
+            return None
+        readings = None
+        if not self._stopped():
+            readings = self._carried.readings_between(self._robot, pose_filter.knot_s, until_s)
+        if readings is not None:
+            moved = moved.cut(readings)
+        return PoseFilter(pose_filter.since_s, until_s, moved)
