@@ -16,7 +16,7 @@ import numpy as np
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.vocabulary import DistanceReading, RayReading
 
-MOST_OBSERVATIONS = 150
+MOST_OBSERVATIONS = 300
 """Of one observer and one target: more of them tell little more."""
 
 Ends: TypeAlias = tuple[str, str]
