@@ -14,15 +14,8 @@ from solver_cases import bounds, squared_distances
 from dg_localization import Problem, SolverOptions
 from dg_localization.interval.kernels import COMPILED
 from dg_localization.solver.contract.groups import groups_of
-from dg_localization.solver.contract.linearization import new_linearization
-from dg_localization.solver.contract.procrustes import (
-    BOUNDED,
-    bound_displacements,
-    new_procrustes_frame,
-    newton_step,
-)
 from dg_localization.solver.place.placements import place
-from dg_localization.solver.search.common_frame import narrow_in_common_frame
+from dg_localization.solver.search.common_frame import CommonFrame, narrow_in_common_frame
 from dg_localization.solver.search.pruning import Pruner
 
 N_HOSTILE = int(os.environ.get('DG_PROPERTY_PROBLEMS', '2000' if COMPILED else '20'))
@@ -87,19 +80,47 @@ def hostile(seed):
         reference[:, 0] = -reference[:, 0]
     elif kind == 3:
         reference = truth.copy()
-    return box, squared, groups_of(np.where(np.isinf(known), 0.0, lower), known), reference
+    return box, truth, groups_of(np.where(np.isinf(known), 0.0, lower), known), reference
 
 
 def test_the_truth_is_never_lost():
     for seed in range(FIRST_SEED, FIRST_SEED + N_HOSTILE):
-        box, squared, groups, reference = hostile(seed)
-        before = box.copy()
+        box, truth, groups, reference = hostile(seed)
+        squared, before = squared_distances(truth), box.copy()
         pairs = np.array(list(combinations(range(len(reference)), 2)))
         explained = np.zeros(len(pairs))
         assert narrow_in_common_frame(groups, box, reference, pairs, explained, never), seed
         assert (box[0] <= squared * (1.0 + ROUNDING)).all(), seed
         assert (box[1] >= squared * (1.0 - ROUNDING)).all(), seed
         assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all(), seed
+
+
+def fits(frame, truth, slack_m):
+    """Return whether a placement turns all pairs within their bounds, but for rounding."""
+    placed = procrustes(truth, frame.reference)
+    if placed is None:
+        return True
+    for i, j in combinations(range(len(truth)), 2):
+        g, v = frame.reference[i] - frame.reference[j], placed[i] - placed[j]
+        shorter_m = min(np.hypot(*g), np.hypot(*v))
+        if shorter_m > 1e3 * slack_m:
+            turn, slack = np.arctan2(g[0] * v[1] - g[1] * v[0], g @ v), slack_m / shorter_m
+            if not frame.turns[i, 0, j] - slack <= turn <= frame.turns[i, 1, j] + slack:
+                return False
+    return True
+
+
+def test_the_turns_of_the_truth_are_never_lost():
+    for seed in range(FIRST_SEED, FIRST_SEED + N_HOSTILE):
+        box, truth, groups, reference = hostile(seed)
+        if len(groups.offsets) != 2 or groups.members.tolist() != list(range(len(truth))):
+            continue
+        frame = CommonFrame(box, reference, groups.edges, never)
+        pairs = np.array(list(combinations(range(len(truth)), 2)))
+        assert frame.narrow(pairs, np.zeros(len(groups.edges)), np.zeros(len(pairs))), seed
+        if frame.is_known:
+            slack_m = 1e-12 * np.abs(truth - truth.mean(axis=0)).max()
+            assert fits(frame, truth, slack_m) or fits(frame, truth * [1.0, -1.0], slack_m), seed
 
 
 def fleet(seed, relative_error, n_unknown):
@@ -118,42 +139,43 @@ def procrustes(positions, reference):
     """Return a placement shifted and turned to where its displacements turn least."""
     x, y = positions - positions.mean(axis=0), reference - reference.mean(axis=0)
     plain, crossed = (x * y).sum(), (y[:, 0] * x[:, 1] - y[:, 1] * x[:, 0]).sum()
-    cosine, sine = np.array([plain, crossed]) / np.hypot(plain, crossed)
+    length = np.hypot(plain, crossed)
+    if not length > 1e-3 * np.linalg.norm(x) * np.linalg.norm(y):
+        return None  # rounding would turn it
+    cosine, sine = np.array([plain, crossed]) / length
     return x @ np.array([[cosine, -sine], [sine, cosine]]) + reference.mean(axis=0)
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_the_displacements_of_every_placement_are_bounded(seed):
+def test_the_turns_of_every_placement_are_bounded(seed):
     positions, problem = fleet(seed, 0.01, 6)
     pruner = Pruner(problem, SolverOptions())
     box = pruner.prune(pruner.whole()).box
-    linear, turned = new_linearization(groups_of(problem.lower, problem.upper).edges, 8, 2), None
-    turned = new_procrustes_frame(8)
-    assert bound_displacements(box, place(box, 2), linear, turned) == BOUNDED
-    for _ in range(4):
-        assert newton_step(box, linear, turned) >= 0.0
-    reference = linear.reference
-    turns = (1.0, -1.0)
+    edges = groups_of(problem.lower, problem.upper).edges
+    frame = CommonFrame(box, place(box, 2), edges, never)
+    pairs = np.array(list(combinations(range(8), 2)))
+    assert frame.narrow(pairs, np.zeros(len(edges)), np.zeros(len(pairs)))
+    reference, turns = frame.reference, frame.turns
+    mirrored = (procrustes(positions * [1.0, sign], reference) for sign in (1.0, -1.0))
     aligned = min(
-        (procrustes(positions * [1.0, sign], reference) for sign in turns),
+        (placed for placed in mirrored if placed is not None),
         key=lambda placed: np.abs(placed - reference).max(),
     )
-    e = aligned - reference
-    assert_allclose(e.sum(axis=0), 0.0, atol=1e-9)
-    assert (np.abs(e) <= linear.displacements[:, 1] + 1e-9).all()
+    assert_allclose((aligned - reference).sum(axis=0), 0.0, atol=1e-9)
     for i, j in combinations(range(8), 2):
-        g, relative = reference[i] - reference[j], e[i] - e[j]
-        across, along = g[0] * relative[1] - g[1] * relative[0], g @ relative
-        assert turned.across[i, 0, j] - 1e-9 <= across <= turned.across[i, 1, j] + 1e-9
-        assert turned.along[i, 0, j] - 1e-9 <= along <= turned.along[i, 1, j] + 1e-9
-    # The errors alone displace points by some centimeters.
-    assert linear.displacements[:, 1].max() < 0.5
+        g, v = reference[i] - reference[j], aligned[i] - aligned[j]
+        turn = np.arctan2(g[0] * v[1] - g[1] * v[0], g @ v)
+        assert turns[i, 0, j] - 1e-9 <= turn <= turns[i, 1, j] + 1e-9
+    widths_rad = [turns[i, 1, j] - turns[i, 0, j] for i, j in pairs]
+    # The errors alone turn pairs by some hundredths.
+    assert np.median(widths_rad) < 0.1
 
 
-def test_pairs_are_narrowed_close_to_what_the_errors_explain():
+@pytest.mark.parametrize(('relative_error', 'most'), [(0.01, 1.06), (0.03, 1.15)])
+def test_pairs_are_narrowed_close_to_what_the_errors_explain(relative_error, most):
     excess = []
     for seed in range(8):
-        positions, problem = fleet(seed, 0.01, 6)
+        positions, problem = fleet(seed, relative_error, 6)
         pruner = Pruner(problem, SolverOptions())
         box = pruner.prune(pruner.whole()).box
         pairs = np.argwhere(np.triu(np.isinf(problem.upper)))
@@ -163,7 +185,7 @@ def test_pairs_are_narrowed_close_to_what_the_errors_explain():
         assert (box[0] <= squared).all() and (squared <= box[1]).all()
         i, j = pairs.T
         excess.extend((box[1, i, j] - box[0, i, j]) / explained)
-    assert np.median(excess) < 1.1
+    assert np.median(excess) < most
 
 
 def test_time_that_is_up_leaves_the_box_as_it_is():

@@ -52,6 +52,7 @@ def test_any_multipliers_bound_a_linear_function(seed):
     linear = Linearization(
         reference,
         edges,
+        2.0 * (reference[edges[:, 0]] - reference[edges[:, 1]]),
         np.arange(n_points * dimension).reshape(n_points, dimension),
         np.stack([displacements - slack, displacements + slack], axis=1),
         np.array(residuals),
@@ -72,6 +73,7 @@ def test_multipliers_that_are_no_numbers_bound_nothing(multiplier):
     linear = Linearization(
         reference=np.array([[0.0], [1.0]]),
         edges=np.array([[0, 1]]),
+        gradients=np.array([[-2.0]]),
         unknowns=np.array([[0], [1]]),
         displacements=np.array([[[-1.0], [1.0]]] * 2),
         residuals=np.array([[1.0, 2.0]]),

@@ -66,16 +66,16 @@ def test_the_multipliers_are_those_of_the_linear_program(seed):
     index[1, 0] = 0
     index[2:] = np.arange(1, n_free).reshape(-1, 2)
     residuals = np.stack([-rng.uniform(0.1, 1.0, 18), rng.uniform(0.1, 1.0, 18)], axis=1)
-    table, active = np.empty((18 + n_free + 2, n_free)), np.full(n_free, -1)
+    table, active = np.eye(n_free + 2, n_free), np.full(n_free, -1)
     displacements = np.zeros((n_points, 2, 2))
-    linear = Linearization(
-        reference, edges, index, displacements, residuals, np.zeros((2, n_points, 2))
-    )
+    slopes = 2.0 * (reference[edges[:, 0]] - reference[edges[:, 1]])
+    remainder = np.zeros((2, n_points, 2))
+    linear = Linearization(reference, edges, slopes, index, displacements, residuals, remainder)
     assert set_table(linear, table, active)
     function = rng.normal(size=n_free)
-    table[-2] = function @ table[18 : 18 + n_free]
+    table[-2] = function @ table[:n_free]
     multipliers = np.empty(18)
-    set_multipliers(table, active, residuals, multipliers)
+    set_multipliers(linear, table, active, multipliers)
     gradients = np.zeros((18, n_points, 2))
     for m, (i, j) in enumerate(edges):
         gradients[m, i] = 2.0 * (reference[i] - reference[j])

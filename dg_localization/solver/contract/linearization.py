@@ -44,11 +44,12 @@ class Linearization(NamedTuple):
     The measured squared distances as linear functions of the displacements, for the kernels.
 
     The residual of a measured pair, s_m - s_m(x*) - |e_m|^2, is the product of its gradient with
-    the displacements.
+    the relative displacement. Other vectors may serve as gradients, with residuals of their own.
     """
 
     reference: FloatArray  # (n, q): the reference placement x*, in m
     edges: IntArray  # (m, 2): the measured pairs
+    gradients: FloatArray  # (m, q): by the displacement of the first point, in m
     unknowns: IntArray  # (n, q): the number of each unknown displacement, -1 for a known one
     displacements: FloatArray  # (n, 2, q): bounds of the displacements, in m
     residuals: FloatArray  # (m, 2): bounds of the residuals, in m^2
@@ -61,6 +62,7 @@ def new_linearization(edges: IntArray, n_points: int, dimension: int) -> Lineari
     return Linearization(
         np.empty((n_points, dimension)),
         edges,
+        np.empty((len(edges), dimension)),
         np.empty((n_points, dimension), dtype=np.int64),
         np.empty((n_points, 2, dimension)),
         np.empty((len(edges), 2)),
@@ -93,6 +95,10 @@ def set_displacements(box: FloatArray, frame: IntArray, linear: Linearization) -
             unknowns[frame[corner], axis] = -1
             displacements[frame[corner], LOWER, axis] = 0.0
             displacements[frame[corner], UPPER, axis] = 0.0
+    for m in range(len(linear.edges)):
+        i, j = linear.edges[m, 0], linear.edges[m, 1]
+        for axis in range(dimension):
+            linear.gradients[m, axis] = 2.0 * (reference[i, axis] - reference[j, axis])
     n_unknowns = 0
     for i in range(n_points):
         for axis in range(dimension):
@@ -139,8 +145,8 @@ def bound_linear_function(
         Lower and upper bound of ``(target * e).sum()``.
 
     """
-    reference, residuals, remainder = linear.reference, linear.residuals, linear.remainder
-    n_points, dimension = reference.shape
+    residuals, remainder = linear.residuals, linear.remainder
+    n_points, dimension = target.shape
     for i in range(n_points):
         for axis in range(dimension):
             remainder[VALUE, i, axis] = target[i, axis]
@@ -156,7 +162,7 @@ def bound_linear_function(
             return -math.inf, math.inf
         i, j = linear.edges[m, 0], linear.edges[m, 1]
         for axis in range(dimension):
-            term = y * (2.0 * (reference[i, axis] - reference[j, axis]))
+            term = y * linear.gradients[m, axis]
             remainder[VALUE, i, axis] -= term
             remainder[VALUE, j, axis] += term
             remainder[MAGNITUDE, i, axis] += abs(term)

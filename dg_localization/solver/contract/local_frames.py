@@ -82,7 +82,7 @@ def contract_in_frame(
         return True
     if not narrow_displacements(box, linear, MOST_STEPS):
         return False
-    table = np.empty((len(edges) + n_unknowns + 2, n_unknowns))
+    table = np.eye(n_unknowns + 2, n_unknowns)
     active = np.full(n_unknowns, -1)
     if not set_table(linear, table, active):
         return True

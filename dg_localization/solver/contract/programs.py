@@ -6,25 +6,76 @@ Bounds by linear programs: of any linear function, and of all pairs in the Procr
 
 The multipliers are those of a linear program (`simplex`), so that what is left is close to the
 linearized hull; the bounds made with them are rigorous whatever they are (`linearization`).
+
+A length L that is turned by t has w . v = |w| L cos(t - a) for a vector w at the angle a. From
+below, w . v itself bounds |w| L. From above, the bounds of the turn are divided into sectors of
+about `SECTOR_RAD`: in each, L is at most w . v / (|w| cos(t - a)) for a vector in its middle.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.interval.rounding import down, up
-from dg_localization.interval.scalars import add, div, square
+from dg_localization.interval.rounding import down, square_down, square_up, up
+from dg_localization.interval.scalars import div, sub
+from dg_localization.interval.trigonometry import cosine
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
 from dg_localization.solver.contract.linearization import Linearization, bound_linear_function
-from dg_localization.solver.contract.newton import narrow_bounds
 from dg_localization.solver.contract.procrustes import (
+    MOST_TURNED,
     ProcrustesFrame,
-    complete_bounds,
-    set_free_across,
+    angle_from,
+    balance,
+    middle_of_turn,
+    narrow_turn,
+    norm,
+    product_with_reference,
+    set_chord,
+    set_gradient,
+    turned_pair,
 )
-from dg_localization.solver.contract.reference import reference_distance_m2
 from dg_localization.solver.contract.simplex import set_multipliers
+
+SECTOR_RAD = 0.2
+MOST_SECTORS = 3
+"""Width of a sector, and how many there are at most."""
+
+
+@kernel
+def _solve(
+    linear: Linearization,
+    table: FloatArray,
+    active: IntArray,
+    target: FloatArray,
+    end: int,
+    multipliers: FloatArray,
+) -> None:
+    """Write the multipliers that bound a linear function of the displacements from one side."""
+    n_points, dimension = target.shape
+    n_rows, n_columns = table.shape
+    sign = 1.0 if end == UPPER else -1.0
+    table[n_rows - 2] = 0.0
+    for i in range(n_points):
+        for axis in range(dimension):
+            row = linear.unknowns[i, axis]
+            if row >= 0 and target[i, axis] != 0.0:
+                for c in range(n_columns):
+                    table[n_rows - 2, c] += sign * target[i, axis] * table[row, c]
+    set_multipliers(linear, table, active, multipliers)
+    for m in range(len(multipliers)):
+        multipliers[m] *= sign
+
+
+@kernel
+def _explained(multipliers: FloatArray, errors: FloatArray) -> float:
+    """Return half the width that the multipliers of one side explain."""
+    total = 0.0
+    for m in range(len(multipliers)):
+        total += 0.5 * abs(multipliers[m]) * errors[m]
+    return total
 
 
 @kernel
@@ -40,38 +91,55 @@ def bound_by_program(
 
     Returns its bounds, and the mean of the widths that the multipliers of the sides explain.
     """
-    n_points, dimension = target.shape
-    n_edges, n_unknowns = len(linear.edges), len(active)
-    multipliers = np.empty(n_edges)
+    multipliers = np.empty(len(linear.edges))
     bounds = np.empty(2)
     explained = 0.0
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        table[n_edges + n_unknowns] = 0.0
-        for i in range(n_points):
-            for axis in range(dimension):
-                if linear.unknowns[i, axis] >= 0 and target[i, axis] != 0.0:
-                    row = n_edges + linear.unknowns[i, axis]
-                    for c in range(n_unknowns):
-                        table[n_edges + n_unknowns, c] += sign * target[i, axis] * table[row, c]
-        set_multipliers(table, active, linear.residuals, multipliers)
-        for m in range(n_edges):
-            explained += 0.5 * abs(multipliers[m]) * errors[m]
-            multipliers[m] *= sign
+    for end in range(2):
+        _solve(linear, table, active, target, end, multipliers)
+        explained += _explained(multipliers, errors)
         bounds[end] = bound_linear_function(linear, multipliers, target)[end]
-    return bounds[0], bounds[1], explained
+    return bounds[LOWER], bounds[UPPER], explained
 
 
 @kernel
-def narrow_across(
+def _bound_end(
+    linear: Linearization,
+    turned: ProcrustesFrame,
+    table: FloatArray,
+    active: IntArray,
+    target: FloatArray,
+    end: int,
+    errors: FloatArray,
+) -> tuple[float, float]:
+    """
+    Bound a linear function of the displacements in the Procrustes frame from one side.
+
+    Returns the bound, and half the width that its multipliers explain.
+    """
+    multipliers = np.empty(len(linear.edges))
+    _solve(linear, table, active, target, end, multipliers)
+    balanced = target.copy()
+    slack = balance(linear, turned, multipliers, balanced)
+    bound = bound_linear_function(linear, multipliers, balanced)[end]
+    bound = up(bound + slack) if end == UPPER else down(bound - slack)
+    return bound, _explained(multipliers, errors)
+
+
+@kernel
+def narrow_turns(
     box: FloatArray,
     linear: Linearization,
     turned: ProcrustesFrame,
     table: FloatArray,
     active: IntArray,
     pairs: IntArray,
-) -> bool:
+    first_row: int,
+    n_chords: int,
+) -> float:
     """
-    Narrow what some pairs are displaced across themselves, and with it the residuals.
+    Narrow the turns of some pairs by linear programs.
+
+    Each end is sought in its own direction, where its sine is zero.
 
     Parameters
     ----------
@@ -80,27 +148,55 @@ def narrow_across(
     linear : Linearization
         The measured pairs in the Procrustes frame.
     turned : ProcrustesFrame
-        The frame, with bounds of the displacements.
+        The frame, with bounds of the turns.
     table, active
         See `set_table`.
     pairs : ndarray of int, shape (k, 2)
         The pairs, i < j.
+    first_row : int
+        Where the chords of the first pair are among the measured pairs, if the pairs are
+        measured and in the same order; their residuals are narrowed at once. -1 for others.
+    n_chords : int
+        How many rows each measured pair has there.
 
     Returns
     -------
-    bool
-        False when the box is proved to hold no placement.
+    float
+        The largest relative gain; negative when the box is proved to hold no placement.
 
     """
-    target = np.empty_like(linear.reference)
+    target, vector = np.zeros_like(linear.reference), np.empty(2)
     nothing = np.zeros(len(linear.edges))
+    largest_gain = 0.0
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
-        _, slack = set_free_across(linear, turned, i, j, target)
-        low, high, _ = bound_by_program(linear, table, active, target, nothing)
-        if narrow_bounds(turned.across[i], j, down(low - slack), up(high + slack)) < 0.0:
-            return False
-    return complete_bounds(box, linear, turned)
+        width = turned.turns[i, UPPER, j] - turned.turns[i, LOWER, j]
+        if width > 2.0 * MOST_TURNED:
+            continue
+        for end in range(2):
+            turned_pair(linear, i, j, _direction(turned, i, j, end), vector)
+            set_gradient(i, j, -vector[1], vector[0], target)
+            bound, _ = _bound_end(linear, turned, table, active, target, end, nothing)
+            low, high = (-math.inf, bound) if end == UPPER else (bound, math.inf)
+            if narrow_turn(box, linear, turned, i, j, vector, low, high) < 0.0:
+                return -1.0
+        target[i] = 0.0
+        target[j] = 0.0
+        new = turned.turns[i, UPPER, j] - turned.turns[i, LOWER, j]
+        if width > 0.0:
+            largest_gain = max(largest_gain, 1.0 - new / width)
+        if first_row >= 0:
+            for chord in range(n_chords):
+                set_chord(box, linear, turned, first_row + p * n_chords + chord)
+    return largest_gain
+
+
+@kernel
+def _direction(turned: ProcrustesFrame, i: int, j: int, end: int) -> float:
+    """Return the direction in which an end of a turn is sought, in rad: no more than needed."""
+    farthest = MOST_TURNED - (turned.turns[i, UPPER, j] - turned.turns[i, LOWER, j])
+    middle, at_end = middle_of_turn(turned, i, j), turned.turns[i, end, j]
+    return at_end if farthest > 0.0 else middle
 
 
 @kernel
@@ -120,7 +216,7 @@ def narrow_pairs(
     Parameters
     ----------
     box, linear, turned, table, active, pairs
-        See `narrow_across`.
+        See `narrow_turns`.
     errors : ndarray, shape (m,)
         Width of the measured intervals of the problem in m^2.
     explained : ndarray, shape (k,)
@@ -133,24 +229,39 @@ def narrow_pairs(
         False when the box is proved to hold no placement.
 
     """
-    target = np.zeros_like(linear.reference)
+    if narrow_turns(box, linear, turned, table, active, pairs, -1, 0) < 0.0:
+        return False
+    target, vector = np.zeros_like(linear.reference), np.empty(2)
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
-        s_m2 = reference_distance_m2(linear.reference, i, j)
-        if s_m2 == 0.0:
+        turned_pair(linear, i, j, middle_of_turn(turned, i, j), vector)
+        if not norm(vector)[0] > 0.0:
             continue
-        for axis in range(target.shape[1]):
-            target[i, axis] = linear.reference[i, axis] - linear.reference[j, axis]
-            target[j, axis] = -target[i, axis]
-        low, high, half = bound_by_program(linear, table, active, target, errors)
+        set_gradient(i, j, vector[0], vector[1], target)
+        low, below = _bound_end(linear, turned, table, active, target, LOWER, errors)
+        low = down(low + product_with_reference(linear, i, j, vector[0], vector[1])[0])
+        low = div(max(low, 0.0), max(low, 0.0), *norm(vector))[0]
+        width = turned.turns[i, UPPER, j] - turned.turns[i, LOWER, j]
+        sectors = int(min(max(1.0, math.ceil(width / SECTOR_RAD)), MOST_SECTORS))
+        high, above = 0.0, 0.0
+        for sector in range(sectors):
+            first = turned.turns[i, LOWER, j] + width * sector / sectors
+            last = turned.turns[i, LOWER, j] + width * (sector + 1) / sectors
+            if sector == sectors - 1:
+                last = turned.turns[i, UPPER, j]
+            turned_pair(linear, i, j, 0.5 * (first + last), vector)
+            set_gradient(i, j, vector[0], vector[1], target)
+            end, above = _bound_end(linear, turned, table, active, target, UPPER, errors)
+            end = up(end + product_with_reference(linear, i, j, vector[0], vector[1])[1])
+            along = cosine(*sub(first, last, *angle_from(linear, i, j, vector)))[0]
+            if along > 0.0:
+                least = down(along * norm(vector)[0])
+                high = max(high, up(max(end, 0.0) / least)) if least > 0.0 else math.inf
+            else:
+                high = math.inf
         target[i] = 0.0
         target[j] = 0.0
-        explained[p] = 2.0 * half
-        if narrow_bounds(turned.along[i], j, low, high) < 0.0:
-            return False
-        along = add(s_m2, s_m2, turned.along[i, LOWER, j], turned.along[i, UPPER, j])
-        across = square(turned.across[i, LOWER, j], turned.across[i, UPPER, j])
-        low, high = div(*add(*square(*along), *across), s_m2, s_m2)
-        if not narrow(box, i, j, max(low, 0.0), high):
+        explained[p] = 2.0 * (below + above)
+        if not narrow(box, i, j, square_down(low), square_up(high)):
             return False
     return True

@@ -12,26 +12,43 @@ import numpy as np
 from dg_localization.interval.kernels import WORK_PER_LOOK
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.contract.groups import Groups
-from dg_localization.solver.contract.linearization import new_linearization
-from dg_localization.solver.contract.newton import LEAST_NEWTON_GAIN
+from dg_localization.solver.contract.linearization import Linearization, new_linearization
 from dg_localization.solver.contract.procrustes import (
-    BOUNDED,
-    EMPTY,
-    bound_displacements,
     new_procrustes_frame,
-    newton_step,
+    set_chords,
+    set_frame,
+    set_free_rows,
 )
-from dg_localization.solver.contract.programs import narrow_across, narrow_pairs
+from dg_localization.solver.contract.programs import narrow_pairs, narrow_turns
 from dg_localization.solver.contract.simplex import set_table
+from dg_localization.solver.contract.turns import (
+    allow_for_rounding,
+    narrow_turns_by_differences,
+    number_pairs,
+    set_differences,
+    shorten_chains,
+)
 
-MOST_STEPS = 10
-"""Interval Newton steps in the Procrustes frame."""
+MOST_ROUNDS = 4
+"""Linear programs for the turns of the measured pairs are solved at most so often."""
+
+LEAST_GAIN_OF_ROUND = 0.05
+"""Only those are repeated whose turns have become narrower by this fraction."""
+
+WIDE_RAD = 0.35
+"""Where the bounds of turns are wider in the median, arcs have tangents at their ends as well."""
 
 MOST_INFLATED = 5.0
 """
-Linear programs gain nothing where the squares of displacements make the measured intervals so many
-times wider, in the median.
+Linear programs gain nothing where bounds of the turns make the measured intervals so many times
+wider, in the median.
 """
+
+MOST_POINTS = 40
+"""Larger groups have no common frame: their linear programs would take seconds."""
+
+MOST_POINTS_OF_ALL_CHAINS = 24
+"""In larger groups chains lead through measured pairs only."""
 
 EXCHANGES = 10
 """About how often a program writes its table, for how many are solved between looks."""
@@ -63,42 +80,104 @@ class CommonFrame:
     ) -> None:
         self._box = box
         self._stopped = stopped
-        self._linear = new_linearization(edges, *positions.shape)
+        self._linear = new_linearization(np.sort(edges, axis=1), *positions.shape)
         self._turned = new_procrustes_frame(len(positions))
-        self.status = bound_displacements(box, positions, self._linear, self._turned)
-        self._steps()
+        self._n_unknowns = 0
+        if len(positions) <= MOST_POINTS:
+            self._n_unknowns = set_frame(box, positions, self._linear, self._turned)
 
-    def _steps(self) -> None:
-        """Narrow the displacements by Newton steps and by linear programs."""
-        for _ in range(MOST_STEPS):
-            if self.status != BOUNDED or self._stopped():
-                return
-            gain = newton_step(self._box, self._linear, self._turned)
-            if gain < 0.0:
-                self.status = EMPTY
-            if gain < LEAST_NEWTON_GAIN:
-                break
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a frame, so that there are bounds."""
+        return 0 < self._n_unknowns <= len(self._linear.edges)
+
+    @property
+    def reference(self) -> FloatArray:
+        """Reference placement, shape (n, 2), in m."""
+        return self._linear.reference
+
+    @property
+    def turns(self) -> FloatArray:
+        """Bounds of the turn of pair i < j at [i, :, j], shape (n, 2, n), in rad."""
+        return self._turned.turns
 
     def narrow(self, pairs: IntArray, errors: FloatArray, explained: FloatArray) -> bool:
         """Narrow some pairs, i < j; see `narrow_pairs`. False when nothing is left."""
-        if self.status != BOUNDED or self._stopped():
-            return self.status != EMPTY
-        linear = self._linear
-        if self._inflation() > MOST_INFLATED:
+        if not self.is_known:
             return True
-        n_unknowns = int(linear.unknowns.max()) + 1
-        table = np.empty((len(linear.edges) + n_unknowns + 2, n_unknowns))
-        active = np.full(n_unknowns, -1)
-        if not set_table(linear, table, active):
+        if not self._by_triangles():
+            return False
+        if self._stopped() or self._inflation() > MOST_INFLATED:
             return True
+        linear, n_chords = self._with_chords()
+        table = np.empty((self._n_unknowns + 3, self._n_unknowns))
+        active = np.full(self._n_unknowns, -1)
         state = (self._box, linear, self._turned, table, active)
-        measured = np.sort(linear.edges, axis=1)
-        for some in self._batches(len(measured), table.size):
-            if not narrow_across(*state, measured[some]):
-                return False
-        for some in self._batches(len(pairs), table.size):
+        measured, size = self._linear.edges, self._n_unknowns * (self._n_unknowns + len(errors))
+        some_gain = list(self._batches(len(measured), size))
+        for _ in range(MOST_ROUNDS):
+            if not self._set_table(linear, n_chords, table, active):
+                return True
+            gains = []
+            for some in some_gain:
+                if self._stopped():
+                    return True
+                first_row = some.start * n_chords
+                gains.append(narrow_turns(*state, measured[some], first_row, n_chords))
+                if gains[-1] < 0.0:
+                    return False
+            pairs_and_gains = zip(some_gain, gains, strict=True)
+            some_gain = [some for some, gain in pairs_and_gains if gain > LEAST_GAIN_OF_ROUND]
+        if not self._set_table(linear, n_chords, table, active):
+            return True
+        errors = np.repeat(errors, n_chords)
+        for some in self._batches(len(pairs), size):
             if not narrow_pairs(*state, pairs[some], errors, explained[some]):
                 return False
+        return True
+
+    def _set_table(
+        self, linear: Linearization, n_chords: int, table: FloatArray, active: IntArray
+    ) -> bool:
+        """Write the chords and the table of the programs; False where there is none."""
+        set_chords(self._box, linear, self._turned, n_chords)
+        set_free_rows(linear, self._turned, table)
+        return bool(set_table(linear, table, active))
+
+    def _with_chords(self) -> tuple[Linearization, int]:
+        """Return the measured pairs, each with as many rows as its arcs need, and how many."""
+        linear = self._linear
+        i, j = linear.edges.T
+        widths_rad = self._turned.turns[i, UPPER, j] - self._turned.turns[i, LOWER, j]
+        n_chords = 1 if np.median(widths_rad) < WIDE_RAD else 3
+        edges = np.repeat(linear.edges, n_chords, axis=0)
+        gradients, residuals = np.empty((len(edges), 2)), np.empty((len(edges), 2))
+        chords = linear._replace(edges=edges, gradients=gradients, residuals=residuals)
+        return chords, n_chords
+
+    def _by_triangles(self) -> bool:
+        """Narrow the turns by the angles of triangles."""
+        box, reference = self._box, self._linear.reference
+        n_points = len(reference)
+        number = np.zeros((n_points, n_points), dtype=np.int64)
+        pairs = np.empty((n_points * (n_points - 1) // 2, 2), dtype=np.int64)
+        number_pairs(n_points, number, pairs)
+        above = np.empty((len(pairs), len(pairs)))
+        set_differences(box, reference, number, above)
+        below = np.ascontiguousarray(above.T)
+        measured = number[tuple(self._linear.edges.T)]
+        hubs = measured if n_points > MOST_POINTS_OF_ALL_CHAINS else np.arange(len(pairs))
+        for some in self._batches(len(hubs), above.size):
+            shorten_chains(above, below, hubs[some])
+        allow_for_rounding(above, len(hubs))
+        allow_for_rounding(below, len(hubs))
+        for some in self._batches(len(measured), len(pairs)):
+            chosen = measured[some]
+            if not narrow_turns_by_differences(
+                box, reference, pairs, above, below, chosen, self._turned.turns
+            ):
+                return False
+        set_chords(box, self._linear, self._turned, 1)
         return True
 
     def _inflation(self) -> float:

@@ -4,8 +4,8 @@
 """
 Which pairs of a finished box to bound by linear programs, and in which frames.
 
-In the plane one frame serves all pairs first (`common_frame`). What is still open, and all pairs
-in space, is left to frames at two points. Such a frame is made at the pair of which most is
+In the plane one frame serves all pairs (`common_frame`). Where the boxes are too wide for it, and
+in space, pairs are left to frames at two points. Such a frame is made at the pair of which most is
 unexplained, and serves all open pairs that share a point with it. A pair is closed when it is
 hardly wider than its linear program explains. Frames come to an end when no pair is open, or when
 some in a row gained nothing: effects of higher order are then too large for linear programs.
@@ -72,13 +72,14 @@ class _Frames:
         self._pairs = pairs
         self._explained = np.zeros(len(pairs))
         self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
+        self._is_done = np.zeros(len(pairs), dtype=np.bool_)
 
     def next_frame(self) -> IntArray | None:
         """Return the numbers of the pairs for the next frame, its axis first; None at the end."""
         width = self._widths()
         excess = np.full(len(width), np.inf)
         np.divide(width, self._explained, out=excess, where=self._explained > 0.0)
-        is_open = excess > CLOSED_WIDTH
+        is_open = (excess > CLOSED_WIDTH) & ~self._is_done
         candidates = np.flatnonzero(is_open & ~self._was_axis)
         if not len(candidates):
             return None
@@ -91,10 +92,12 @@ class _Frames:
     def narrow_all(
         self, pruner: Pruner, positions: FloatArray, stopped: Callable[[], bool]
     ) -> bool:
-        """Narrow all pairs in a common frame; False when the box is empty."""
-        return pruner.narrow_in_common_frame(
+        """Narrow all pairs in a common frame, for good; False when the box is empty."""
+        is_left = pruner.narrow_in_common_frame(
             self._box, positions, self._pairs, self._explained, stopped
         )
+        self._is_done = self._explained > 0.0
+        return is_left
 
     def narrow(self, pruner: Pruner, positions: FloatArray, chosen: IntArray) -> float | None:
         """Narrow some pairs; return the largest relative gain, None when the box is empty."""
@@ -149,6 +152,8 @@ def narrow_by_linear_programs(pruner: Pruner, pruned: Pruned, stopped: Callable[
     if in_plane:
         # One frame serves them all, and least squares explain more than linear programs do.
         pairs = np.argwhere(np.triu(np.isinf(problem.upper) & (pruned.explained > 0.0)))
+        # Where time is short the widest come first.
+        pairs = pairs[np.argsort(-_excess(problem, pruned)[tuple(pairs.T)], kind='stable')]
     positions = place_problem(problem, pruned.box)
     frames = _Frames(pruned.box, pairs)
     n_idle, most_idle = 0, MOST_IDLE_FRAMES[problem.dimension - 1]

@@ -1,0 +1,46 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Angles of triangles by the bounds of their sides."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.solver.contract.turns import bound_angle
+
+
+def angle_at(x, i, j, k):
+    a, b = x[j] - x[i], x[k] - x[i]
+    return math.atan2(abs(a[0] * b[1] - a[1] * b[0]), a @ b)
+
+
+@pytest.mark.parametrize('error', [0.0, 1e-3, 0.1, 0.7])
+def test_angles_of_triangles_are_bounded_by_their_sides(error):
+    rng = np.random.default_rng(7)
+    for _ in range(200):
+        x = rng.uniform(-1.0, 1.0, (3, 2)) * [1.0, rng.choice([1.0, 1e-3, 0.0])]
+        squared = ((x[:, None] - x) ** 2).sum(axis=2)
+        box = np.zeros((4, 3, 3))
+        below, above = error * np.triu(rng.random((2, 3, 3)), 1)
+        box[0] = squared * (1.0 - below - below.T) * (1.0 - 1e-15)
+        box[1] = squared * (1.0 + above + above.T) * (1.0 + 1e-15)
+        low, high = bound_angle(box, 0, 1, 2)
+        assert low - 1e-14 <= angle_at(x, 0, 1, 2) <= high + 1e-14
+        steps = np.linspace(0.0, 1.0, 41)
+        sides = ((0, 1), (0, 2), (1, 2))
+        a, b, c = (np.sqrt(box[0][p] + steps * (box[1] - box[0])[p]) for p in sides)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            a, b = a[:, None, None], b[None, :, None]
+            cosines = np.clip((a * a + b * b - c * c) / (2.0 * a * b), -1.0, 1.0)
+        angles = np.arccos(cosines)
+        assert low <= angles.min() + 1e-7 and angles.max() <= high + 1e-7
+
+
+def test_a_side_that_may_vanish_bounds_no_angle():
+    box = np.zeros((4, 3, 3))
+    box[0] = [[0.0, 0.0, 0.9], [0.0, 0.0, 0.9], [0.9, 0.9, 0.0]]
+    box[1] = [[0.0, 0.2, 1.1], [0.2, 0.0, 1.1], [1.1, 1.1, 0.0]]
+    assert bound_angle(box, 0, 1, 2)[0] == 0.0
+    assert bound_angle(box, 0, 1, 2)[1] >= math.pi
