@@ -292,7 +292,7 @@ class OdometryPath:
             self._positions_m,
             self._yaws_rad,
             self._rotations,
-            math.nextafter(latency + slack_s, math.inf) if slack_s else latency,
+            float(up(latency + slack_s)) if slack_s else latency,
             index,
             spans,
         )
