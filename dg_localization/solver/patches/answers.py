@@ -36,8 +36,9 @@ MOST_NUMBERS = 10**6
 MOST_PIVOTS = 60
 """Placements are laid out by the chains from so many points to all."""
 
-MOST_UNFOLDED = 100
-"""A placement of more points is not unfolded where it does not agree: that takes seconds."""
+UNFOLDED = ((100, 6), (300, 1))
+"""How often a placement of up to so many points is unfolded where it does not agree: with more it
+takes seconds."""
 
 MOST_RANKED = 150
 """Up to so many points the rank of a placement is computed, which takes their cube of time."""
@@ -234,9 +235,10 @@ class PatchAnswers:
         positions = refined(start, *known, 0.0, self._stopped, QUICK)
         positions = refined(positions, *self._measured, MARGIN, self._stopped)
         positions, proved = self._settled(positions)
-        if proved or len(start) > MOST_UNFOLDED:
+        if proved or self._stopped():
             return positions, proved
-        return self._settled(sought(positions, *self._measured, self._stopped))
+        times = next((number for most, number in UNFOLDED if len(start) <= most), 0)
+        return self._settled(sought(positions, *self._measured, self._stopped, times))
 
     def _placement_in(
         self, start: FloatArray, choice: Mapping[int, int]

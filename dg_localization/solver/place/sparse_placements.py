@@ -112,6 +112,7 @@ def sought(
     lower: FloatArray,
     upper: FloatArray,
     stopped: Callable[[], bool],
+    most_unfolded: int = MOST_UNFOLDED,
 ) -> FloatArray:
     """
     Seek a placement that meets the bounds of many pairs.
@@ -126,6 +127,8 @@ def sought(
         Bounds of their squared distances in m^2.
     stopped : callable
         Whether to stop early.
+    most_unfolded : int, optional
+        How often it may be unfolded.
 
     Returns
     -------
@@ -139,7 +142,7 @@ def sought(
     for margin in MARGINS:
         best = refined(best, *known, margin, stopped)
     misfit_m = _largest_misfit_m(best, *known)
-    for x in range(MOST_UNFOLDED):
+    for x in range(most_unfolded):
         if misfit_m <= MOST_MISFIT * scale_m or stopped():
             break
         heights = LIFTS[x % 2] * scale_m * np.random.default_rng(x).standard_normal(len(best))
