@@ -71,11 +71,12 @@ def settled(
     if agrees(problem, positions):
         return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
     known, exact = problem.pairs, _exact(problem)
-    pairs, targets = known.pairs[exact], 0.5 * (known.lower[exact] + known.upper[exact])
+    pairs = known.pairs[exact]
     most = min(positions.size - positions.shape[1], MOST_EXACT)
     if not (0 < len(pairs) <= most and np.isfinite(positions).all()):
         return positions, False
     with np.errstate(all='ignore'):
+        targets = 0.5 * (known.lower[exact] + known.upper[exact])
         moved = _newton(positions, pairs, targets)
         if moved is None:
             return positions, False
