@@ -24,9 +24,20 @@ def stamp_from_message(stamp: Any) -> float:
     Returns
     -------
     float
-        Seconds since the epoch of the clock; 0.0 for a header nobody filled in.
+        Seconds since the epoch of the clock; 0.0 for a header nobody filled in. Seconds below zero
+        are as the message states them: they are before any measurement that counts.
+
+    Raises
+    ------
+    ValueError
+        If its nanoseconds make a second or more: the other seconds cannot be relied on either.
 
     """
+    if not 0 <= stamp.nanosec < _NS_PER_S:
+        raise ValueError(
+            f'nanosec {stamp.nanosec} of the stamp (sec {stamp.sec}) is not allowed, it must be '
+            f'at least 0 and below {_NS_PER_S}'
+        )
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 

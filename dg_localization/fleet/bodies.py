@@ -14,14 +14,26 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.interval.arrays import Interval, cross, determinant, squared_norm
-from dg_localization.interval.bounds import squared_distance, sum_down, sum_up
+from dg_localization.interval.bounds import (
+    sqrt_down,
+    sqrt_up,
+    squared_distance,
+    sum_down,
+    sum_up,
+)
 from dg_localization.solver.problem import Chirality
+
+FloatArray = NDArray[np.float64]
 
 MAX_CORES = 6
 """How many sets of q anchors are kept as axes of the fixed frame."""
+
+MOST_COMPARED = 24
+"""Of how many anchors all sets are compared: 10,626 sets of four in space."""
 
 
 @dataclass(frozen=True)
@@ -50,65 +62,121 @@ class AnchorGeometry:
 
 def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     """Return what the coordinates of the anchors say."""
+    if not config.anchors:
+        return AnchorGeometry({}, (), (), ())
     index = {point: i for i, point in enumerate(config.points)}
-    boxes = {
-        index[name]: Interval.around(np.array(anchor.coordinates_m), anchor.bound_m)
-        if anchor.bound_m > 0.0
-        else Interval.point(anchor.coordinates_m)
-        for name, anchor in config.anchors.items()
-    }
-    bounds_m = {index[name]: anchor.bound_m for name, anchor in config.anchors.items()}
-    centers = {
-        index[name]: Interval.point(anchor.coordinates_m)
-        for name, anchor in config.anchors.items()
-    }
+    rows = [index[name] for name in config.anchors]
+    centers = np.array([anchor.coordinates_m for anchor in config.anchors.values()])
+    bounds_m = np.array([anchor.bound_m for anchor in config.anchors.values()])
+    around = Interval.around(centers, bounds_m[:, None])
+    is_exact = bounds_m[:, None] == 0.0
+    boxes = Interval(
+        np.where(is_exact, centers, around.lower), np.where(is_exact, centers, around.upper)
+    )
+    compared = _well_spread(centers, bounds_m)
     return AnchorGeometry(
-        boxes=boxes,
-        distances=tuple(
-            (a, b, *bounded_squared_distance(centers[a] - centers[b], bounds_m[a], bounds_m[b]))
-            for a, b in combinations(boxes, 2)
-        ),
-        chiralities=_chiralities(boxes, config.dimension),
-        cores=_cores(boxes, config.dimension),
+        boxes={row: boxes[x] for x, row in enumerate(rows)},
+        distances=_distances(rows, Interval.point(centers), bounds_m),
+        chiralities=_chiralities(rows, boxes, compared),
+        cores=_cores(rows, boxes, compared),
     )
 
 
 def bounded_squared_distance(
-    difference: Interval, first_bound_m: float, second_bound_m: float
+    s_lower_m2: float, s_upper_m2: float, first_bound_m: float, second_bound_m: float
 ) -> tuple[float, float]:
-    """Return bounds in m^2 of the squared distance of two points within bounds of two centers."""
-    squared = squared_norm(difference)
+    """
+    Return bounds in m^2 of the squared distance of two points within bounds of two centers.
+
+    Parameters
+    ----------
+    s_lower_m2, s_upper_m2 : float
+        Bounds of the squared distance of the centers.
+    first_bound_m, second_bound_m : float
+
+    """
     if first_bound_m == second_bound_m == 0.0:
-        return max(0.0, float(squared.lower)), float(squared.upper)
-    distance = squared.sqrt()
+        return max(0.0, s_lower_m2), s_upper_m2
     return squared_distance(
-        sum_down(float(distance.lower), -first_bound_m, -second_bound_m),
-        sum_up(float(distance.upper), first_bound_m, second_bound_m),
+        sum_down(sqrt_down(s_lower_m2), -first_bound_m, -second_bound_m),
+        sum_up(sqrt_up(s_upper_m2), first_bound_m, second_bound_m),
     )
 
 
-def _chiralities(boxes: dict[int, Interval], dimension: int) -> tuple[Chirality, ...]:
+def _distances(
+    rows: list[int], centers: Interval, bounds_m: FloatArray
+) -> tuple[tuple[int, int, float, float], ...]:
+    """Return all pairs of anchors with bounds of their squared distance in m^2."""
+    first, second = np.triu_indices(len(rows), 1)
+    squared = squared_norm(centers[first] - centers[second])
+    return tuple(
+        (rows[i], rows[j], *bounded_squared_distance(low, high, bounds_m[i], bounds_m[j]))
+        for i, j, low, high in zip(
+            first, second, squared.lower.tolist(), squared.upper.tolist(), strict=True
+        )
+    )
+
+
+def _well_spread(centers: FloatArray, bounds_m: FloatArray) -> list[int]:
+    """
+    Return the anchors whose sets are compared, at most `MOST_COMPARED`, in their order.
+
+    The first q + 1 span most: each is the farthest from the line or the plane through those
+    before it. Each of the others is the farthest from the nearest of those before it. How far an
+    anchor may be from its coordinates counts against it.
+
+    Parameters
+    ----------
+    centers : numpy.ndarray, shape (n, q)
+    bounds_m : numpy.ndarray, shape (n,)
+
+    """
+    if len(centers) <= MOST_COMPARED:
+        return list(range(len(centers)))
+    chosen = [_farthest(np.linalg.norm(centers - centers.mean(axis=0), axis=1) - bounds_m, [])]
+    apart_m = np.linalg.norm(centers - centers[chosen[0]], axis=1)
+    off_span = centers - centers[chosen[0]]
+    while len(chosen) < MOST_COMPARED:
+        spans = len(chosen) <= centers.shape[1]
+        far_m = np.linalg.norm(off_span, axis=1) if spans else apart_m
+        chosen.append(_farthest(far_m - bounds_m, chosen))
+        apart_m = np.minimum(apart_m, np.linalg.norm(centers - centers[chosen[-1]], axis=1))
+        axis = off_span[chosen[-1]]
+        if spans and axis.any():
+            axis = axis / np.linalg.norm(axis)
+            off_span = off_span - np.outer(off_span @ axis, axis)
+    return sorted(chosen)
+
+
+def _farthest(far_m: FloatArray, chosen: list[int]) -> int:
+    """Return which of those that are not chosen is the farthest."""
+    far_m[chosen] = -np.inf
+    return int(np.argmax(far_m))
+
+
+def _chiralities(rows: list[int], boxes: Interval, compared: list[int]) -> tuple[Chirality, ...]:
     """Return the chirality of the q + 1 anchors that span most, when it is certain."""
-    best, found = 0.0, None
-    for points in combinations(boxes, dimension + 1):
-        edges = [boxes[point] - boxes[points[0]] for point in points[1:]]
-        volume = determinant(Interval.stack(edges, axis=0))
-        margin = max(float(volume.lower), -float(volume.upper))
-        if margin > best:
-            best, found = margin, Chirality(points, volume.sign())
-    return () if found is None else (found,)
+    dimension = boxes.lower.shape[1]
+    if len(compared) <= dimension:
+        return ()
+    sets = np.array(list(combinations(compared, dimension + 1)))
+    volumes = determinant(boxes[sets[:, 1:]] - boxes[sets[:, :1]])
+    best = int(np.argmax(np.maximum(volumes.lower, -volumes.upper)))
+    sign = volumes[best].sign()
+    return (Chirality(tuple(rows[x] for x in sets[best]), sign),) if sign else ()
 
 
-def _cores(boxes: dict[int, Interval], dimension: int) -> tuple[tuple[int, ...], ...]:
+def _cores(rows: list[int], boxes: Interval, compared: list[int]) -> tuple[tuple[int, ...], ...]:
     """Return sets of q anchors that certainly span a hyperplane, the largest first."""
-    sizes = {}
-    for core in combinations(boxes, dimension):
-        edges = [boxes[point] - boxes[core[0]] for point in core[1:]]
-        normal = edges[0] if dimension == 2 else cross(edges[0], edges[1])
-        size = float(np.maximum(normal.lower, -normal.upper).max())
-        if size > 0.0:
-            sizes[core] = size
-    return tuple(sorted(sizes, key=lambda core: -sizes[core])[:MAX_CORES])
+    dimension = boxes.lower.shape[1]
+    if len(compared) < dimension:
+        return ()
+    sets = np.array(list(combinations(compared, dimension)))
+    edges = boxes[sets[:, 1:]] - boxes[sets[:, :1]]
+    normals = edges[:, 0] if dimension == 2 else cross(edges[:, 0], edges[:, 1])
+    sizes = np.maximum(normals.lower, -normals.upper).max(axis=1)
+    largest = np.argsort(-sizes, kind='stable')[:MAX_CORES]
+    return tuple(tuple(rows[x] for x in sets[k]) for k in largest if sizes[k] > 0.0)
 
 
 def squared_rise_m2(config: FleetConfig, first: str, second: str) -> tuple[float, float]:

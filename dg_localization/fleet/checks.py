@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 
+FARTHEST_M = 1e9
+"""Farther from the origin coordinates have too few digits, and their squares may overflow."""
+
 
 class ConfigError(ValueError):
     """A setting has a value it cannot have."""
@@ -32,6 +35,11 @@ def require_number(
         limits.append(f'<= {at_most:g}')
     wanted = ' '.join([kind, ' and '.join(limits)]).strip()
     raise ConfigError(f'{name}: {value!r} is not allowed, it must be {wanted}')
+
+
+def require_coordinate(name: str, value: float) -> None:
+    """Raise `ConfigError` unless `value` is a coordinate in m within `FARTHEST_M`."""
+    require_number(name, value, at_least=-FARTHEST_M, at_most=FARTHEST_M)
 
 
 def require_integer(name: str, value: int, at_least: int) -> None:

@@ -29,6 +29,9 @@ from dg_localization.fleet.sensors import (
 )
 from dg_localization.solver.options import SolverOptions
 
+LEAST_MEMORY_S = 0.001
+"""A shorter memory remembers nothing, and its time slots are shorter than a stamp resolves."""
+
 
 @dataclass(frozen=True)
 class FleetConfig:
@@ -224,6 +227,11 @@ class FleetConfig:
             require_number(name, getattr(self, name), at_least=0.0)
         for name in ('max_conflict_seconds', 'memory_max_seconds'):
             require_number(name, getattr(self, name), at_least=0.0, finite=False)
+        if 0.0 < self.memory_s < LEAST_MEMORY_S:
+            raise ConfigError(
+                f'memory_s: {self.memory_s!r} is not allowed, it must be 0, which remembers '
+                f'nothing, or >= {LEAST_MEMORY_S:g}'
+            )
         require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
         for robot, speed in self.robot_max_speed_m_s.items():
             require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)

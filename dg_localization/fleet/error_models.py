@@ -10,9 +10,10 @@ Bounds are rounded outward. The reading itself counts as an exact number.
 from __future__ import annotations
 
 import math
+from typing import SupportsFloat, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.fleet.sensors import RangeErrorModel
 from dg_localization.fleet.vocabulary import Rejection, RejectionReason
@@ -25,6 +26,51 @@ from dg_localization.interval.bounds import (
     sum_down,
     sum_up,
 )
+
+FloatArray = NDArray[np.float64]
+
+
+MOST_QUOTED = 100
+"""Characters of a malformed value that a message quotes."""
+
+
+def real_number(value: object) -> float | None:
+    """Return a number of Python or NumPy, or an array without axes, in double precision."""
+    if isinstance(value, float):
+        return float(value)
+    if isinstance(value, (str, bytes)) or not is_single(value):
+        return None
+    try:
+        return float(cast(SupportsFloat, value))
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def is_single(value: object) -> bool:
+    """Return whether a measurement is one value, such as a range, and no ray."""
+    try:
+        return isinstance(value, float) or np.ndim(cast(ArrayLike, value)) == 0
+    except ValueError:
+        # Lists of different lengths are no array.
+        return False
+
+
+def real_numbers(values: ArrayLike) -> FloatArray | None:
+    """Return numbers as a new array of one axis; None where some are none."""
+    try:
+        return np.array(values, dtype=float).reshape(-1)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def quoted(value: object) -> str:
+    """Return a malformed value as it is written, cut to a length that people read."""
+    try:
+        text = repr(value)
+    except ValueError:
+        # Python writes no integer of more than 4,300 digits.
+        text = f'of type {type(value).__name__}'
+    return text if len(text) <= MOST_QUOTED else f'{text[:MOST_QUOTED]} ...'
 
 
 def distance_bounds_m(
@@ -100,11 +146,18 @@ def interpret_range(
         Lower and upper distance in m.
 
     """
-    minimum = 0.0 if min_range_m is None or math.isnan(min_range_m) else float(min_range_m)
-    maximum = math.inf if not max_range_m or math.isnan(max_range_m) else float(max_range_m)
-    variance = 0.0 if variance_m2 is None else float(variance_m2)
-    if model.sigma_factor > 0.0 and not variance >= 0.0:
-        text = f'variance {variance_m2} m^2 is not allowed, it must be >= 0'
+    limits = []
+    for name, limit_m in (('min_range', min_range_m), ('max_range', max_range_m)):
+        limit = math.nan if limit_m is None else real_number(limit_m)
+        if limit is None:
+            text = f'{name} {quoted(limit_m)} is not allowed, it must be a number of meters'
+            return Rejection(RejectionReason.INVALID_RANGE, text)
+        limits.append(limit)
+    minimum = 0.0 if math.isnan(limits[0]) else limits[0]
+    maximum = math.inf if not limits[1] or math.isnan(limits[1]) else limits[1]
+    variance = 0.0 if variance_m2 is None else real_number(variance_m2)
+    if variance is None or (model.sigma_factor > 0.0 and not variance >= 0.0):
+        text = f'variance {quoted(variance_m2)} m^2 is not allowed, it must be a number >= 0'
         return Rejection(RejectionReason.INVALID_VARIANCE, text)
     is_vague = math.isinf(variance) and model.sigma_factor > 0.0
     if is_vague:
@@ -164,10 +217,11 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
     numpy.ndarray, shape (3,), or Rejection
 
     """
+    components = real_numbers(ray_xyz)
     # Plain numbers: arrays of three cost several times as much, and every ray comes through here.
-    ray = np.asarray(ray_xyz, dtype=float).reshape(-1).tolist()
+    ray = [] if components is None else components.tolist()
     if len(ray) != 3 or not all(map(math.isfinite, ray)):
-        text = f'ray {ray} is not allowed, it must have three finite components'
+        text = f'ray {quoted(ray or ray_xyz)} is not allowed, it must have three finite components'
         return Rejection(RejectionReason.INVALID_RAY, text)
     # Scaled first: the squares of tiny and of huge components would leave the number range.
     largest = max(map(abs, ray)) or 1.0

@@ -98,9 +98,9 @@ class Localizer:
             Why it was not accepted.
 
         """
-        key = LinkKey(LinkKind.RANGE, observer, target)
+        key = LinkKey(LinkKind.RANGE, str(observer), str(target))
         return self._store.add_range(
-            key, float(range_m), float(stamp_s), now_s, min_range_m, max_range_m, variance_m2
+            key, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2
         )
 
     @default_environment()
@@ -125,8 +125,8 @@ class Localizer:
             Why it was not accepted.
 
         """
-        key = LinkKey(LinkKind.BEARING, observer, target)
-        return self._store.add_bearing(key, ray_xyz, float(stamp_s), now_s)
+        key = LinkKey(LinkKind.BEARING, str(observer), str(target))
+        return self._store.add_bearing(key, ray_xyz, stamp_s, now_s)
 
     @default_environment()
     def add_odometry(
@@ -160,10 +160,8 @@ class Localizer:
             Why it was not accepted.
 
         """
-        key = LinkKey(LinkKind.ODOMETRY, robot, '')
-        return self._store.add_odometry(
-            key, position_xyz, orientation_xyzw, float(stamp_s), now_s, frame
-        )
+        key = LinkKey(LinkKind.ODOMETRY, str(robot), '')
+        return self._store.add_odometry(key, position_xyz, orientation_xyzw, stamp_s, now_s, frame)
 
     @default_environment()
     def add_peers(
@@ -188,7 +186,7 @@ class Localizer:
             Why some of the measurements, or all, were not accepted.
 
         """
-        return self._store.add_peers(observer, readings, float(stamp_s), now_s)
+        return self._store.add_peers(str(observer), readings, stamp_s, now_s)
 
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered since the start or the last reset."""

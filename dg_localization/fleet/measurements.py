@@ -27,8 +27,12 @@ from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.error_models import (
     interpret_range,
     interpret_ray,
+    is_single,
     likeliest_distance_m,
     projected_half_width_rad,
+    quoted,
+    real_number,
+    real_numbers,
 )
 from dg_localization.fleet.motion import OdometryTrack
 from dg_localization.fleet.rotations import rotation_of_quaternion
@@ -95,7 +99,7 @@ class MeasurementStore:
     def add_range(
         self,
         key: LinkKey,
-        range_m: float,
+        range_m: float | ArrayLike,
         stamp_s: float,
         now_s: float,
         min_range_m: float | None,
@@ -106,14 +110,18 @@ class MeasurementStore:
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
+        reading_m, stamp_s = real_number(range_m), float(stamp_s)
+        if reading_m is None:
+            text = f'range {quoted(range_m)} is not allowed, it must be a number of meters'
+            return self._reject(key, Rejection(RejectionReason.INVALID_RANGE, text))
         model = self._config.range_error_of(key.observer, key.target)
-        bounds = interpret_range(model, range_m, min_range_m, max_range_m, variance_m2)
+        bounds = interpret_range(model, reading_m, min_range_m, max_range_m, variance_m2)
         if isinstance(bounds, Rejection):
             return self._reject(key, bounds)
-        stuck = self._check_stuck(key, (range_m,), stamp_s)
+        stuck = self._check_stuck(key, (reading_m,), stamp_s)
         if stuck:
             return self._reject(key, stuck)
-        likeliest_m = likeliest_distance_m(model, range_m)
+        likeliest_m = likeliest_distance_m(model, reading_m)
         self._keep(DistanceReading(key, stamp_s, *bounds, likeliest_m), now_s)
         return None
 
@@ -125,6 +133,7 @@ class MeasurementStore:
         rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
+        stamp_s = float(stamp_s)
         ray = self._in_body_frame(key.observer, ray_xyz)
         if isinstance(ray, Rejection):
             return self._reject(key, ray)
@@ -154,10 +163,17 @@ class MeasurementStore:
         rejection = self._check_robot(key.observer) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        # The position is kept, and the caller may use its array again.
-        position = np.array(position_xyz, dtype=float).reshape(-1)
-        quaternion = np.asarray(orientation_xyzw, dtype=float).reshape(-1)
-        rejection = _check_pose(position, quaternion) or self._check_order(key, stamp_s)
+        stamp_s = float(stamp_s)
+        # New arrays: they are kept, and the caller may use its own again.
+        position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
+        if position is None or quaternion is None or not _is_pose(position, quaternion):
+            text = (
+                f'position {_written(position, position_xyz)}, orientation '
+                f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
+                'unit quaternion'
+            )
+            return self._reject(key, Rejection(RejectionReason.INVALID_ODOMETRY, text))
+        rejection = self._check_order(key, stamp_s)
         if rejection:
             return self._reject(key, rejection)
         rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
@@ -173,16 +189,16 @@ class MeasurementStore:
         rejection = self._check_names(observer) or self._check_stamp(stamp_s, now_s)
         if rejection:
             return [self._reject(together, rejection)]
-        source = self._input(together)
+        source, stamp_s = self._input(together), float(stamp_s)
         # A robot that measures nobody still delivers.
         source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         rejections = []
         for target, value in readings:
-            if isinstance(value, (int, float, np.floating)):
-                key = LinkKey(LinkKind.RANGE, observer, target)
-                rejection = self.add_range(key, float(value), stamp_s, now_s, None, None, None)
+            if is_single(value):
+                key = LinkKey(LinkKind.RANGE, observer, str(target))
+                rejection = self.add_range(key, value, stamp_s, now_s, None, None, None)
             else:
-                key = LinkKey(LinkKind.BEARING, observer, target)
+                key = LinkKey(LinkKind.BEARING, observer, str(target))
                 rejection = self.add_bearing(key, value, stamp_s, now_s)
             if rejection:
                 rejections.append(self._reject(together, rejection))
@@ -301,19 +317,20 @@ class MeasurementStore:
 
     def _check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
         """Return a rejection when a stamp is not a time, or too far from now."""
-        if not math.isfinite(stamp_s):
-            text = f'stamp {stamp_s} s is not a finite number'
+        stamp = real_number(stamp_s)
+        if stamp is None or not math.isfinite(stamp):
+            text = f'stamp {quoted(stamp_s)} s is not a finite number'
             return Rejection(RejectionReason.INVALID_STAMP, text)
-        if stamp_s == 0.0:
+        if stamp == 0.0:
             text = 'stamp 0 s: the source does not fill it in'
             return Rejection(RejectionReason.ZERO_STAMP, text)
-        age_s = now_s - stamp_s
+        age_s = now_s - stamp
         if age_s > self._config.max_age_s:
-            text = f'stamp {stamp_s} s is {age_s:.3f} s old, max_age is {self._config.max_age_s} s'
+            text = f'stamp {stamp} s is {age_s:.3f} s old, max_age is {self._config.max_age_s} s'
             return Rejection(RejectionReason.TOO_OLD, text)
         if -age_s > self._config.max_future_s:
             text = (
-                f'stamp {stamp_s} s is {-age_s:.3f} s in the future, '
+                f'stamp {stamp} s is {-age_s:.3f} s in the future, '
                 f'max_future is {self._config.max_future_s} s'
             )
             return Rejection(RejectionReason.FUTURE, text)
@@ -338,14 +355,13 @@ class MeasurementStore:
         return Rejection(RejectionReason.TOO_OLD, text)
 
 
-def _check_pose(position: np.ndarray, quaternion: np.ndarray) -> Rejection | None:
-    """Return a rejection when a pose is not made of a position and a unit quaternion."""
+def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
+    """Return whether numbers are a position and a unit quaternion."""
     values_ok = position.shape == (3,) and quaternion.shape == (4,)
     values_ok = values_ok and bool(np.isfinite(position).all() and (abs(quaternion) < 2.0).all())
-    if values_ok and abs(float(np.linalg.norm(quaternion)) - 1.0) < 0.01:
-        return None
-    text = (
-        f'position {position.tolist()}, orientation {quaternion.tolist()}: it must be three '
-        'finite numbers and a unit quaternion'
-    )
-    return Rejection(RejectionReason.INVALID_ODOMETRY, text)
+    return values_ok and abs(float(np.linalg.norm(quaternion)) - 1.0) < 0.01
+
+
+def _written(numbers: np.ndarray | None, given: ArrayLike) -> str:
+    """Return what was given in place of a position or an orientation, for a message."""
+    return quoted(given if numbers is None else numbers.tolist())

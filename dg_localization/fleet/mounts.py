@@ -23,7 +23,7 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.sensors import Mount
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.angles import angle_up, arcsine_up
-from dg_localization.interval.arrays import Interval
+from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.bounds import (
     quotient_up,
     sqrt_down,
@@ -80,8 +80,11 @@ def mount_geometry(config: FleetConfig) -> MountGeometry:
         for first, second in combinations(points, 2):
             pair = config.sensors.get(first, origin), config.sensors.get(second, origin)
             places = [Interval.point(mount.position_m) for mount in pair]
+            squared = squared_norm(places[0] - places[1])
             bounds_m = [mount.bound_m for mount in pair]
-            s_lower_m2, s_upper_m2 = bounded_squared_distance(places[0] - places[1], *bounds_m)
+            s_lower_m2, s_upper_m2 = bounded_squared_distance(
+                float(squared.lower), float(squared.upper), *bounds_m
+            )
             distances.append((first, second, s_lower_m2, s_upper_m2))
             if first == points[0]:
                 reach_m[second] = sqrt_up(s_upper_m2)

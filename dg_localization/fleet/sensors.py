@@ -14,7 +14,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 import math
 
-from dg_localization.fleet.checks import ConfigError, require_number
+from dg_localization.fleet.checks import (
+    FARTHEST_M,
+    ConfigError,
+    require_coordinate,
+    require_number,
+)
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,7 @@ class Anchor:
     Raises
     ------
     ConfigError
-        If a coordinate is not finite or the bound is negative.
+        If a coordinate or the bound is beyond 1e9 m or not finite, or the bound is negative.
 
     """
 
@@ -143,9 +148,9 @@ class Anchor:
 
     def __post_init__(self) -> None:
         for value in self.coordinates_m:
-            require_number('anchor.coordinates_m', value)
+            require_coordinate('anchor.coordinates_m', value)
         object.__setattr__(self, 'coordinates_m', tuple(float(v) for v in self.coordinates_m))
-        require_number('anchor.bound_m', self.bound_m, at_least=0.0)
+        require_number('anchor.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
 
 
 @dataclass(frozen=True)
@@ -166,7 +171,8 @@ class Mount:
     Raises
     ------
     ConfigError
-        If a number is not finite, the bound is negative, or the quaternion is not a unit one.
+        If a coordinate or the bound is beyond 1e9 m or not finite, the bound is negative, or the
+        quaternion is not a unit one.
 
     """
 
@@ -175,11 +181,13 @@ class Mount:
     rotation_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
+        for value in self.position_m:
+            require_coordinate('mount.position_m', value)
+        for value in self.rotation_xyzw:
+            require_number('mount.rotation_xyzw', value)
         for name in ('position_m', 'rotation_xyzw'):
-            for value in getattr(self, name):
-                require_number(f'mount.{name}', value)
             object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
-        require_number('mount.bound_m', self.bound_m, at_least=0.0)
+        require_number('mount.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
         is_unit = (
             len(self.rotation_xyzw) == 4 and abs(math.hypot(*self.rotation_xyzw) - 1.0) < 0.01
         )
@@ -226,7 +234,7 @@ def check_elevations(
                 wanted = f'one of {list(points)}'
             raise ConfigError(f'elevations_m: {point!r} is not allowed, it must be {wanted}')
         for value in bounds_m:
-            require_number(f'elevations_m[{point}]', value)
+            require_coordinate(f'elevations_m[{point}]', value)
         if len(bounds_m) != 2 or bounds_m[0] > bounds_m[1]:
             raise ConfigError(
                 f'elevations_m[{point}]: {bounds_m!r} is not allowed, it must be the least and '

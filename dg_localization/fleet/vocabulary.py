@@ -151,6 +151,7 @@ class RejectionReason(Enum):
     BELOW_MIN = 'below_min'
     NOTHING_IN_RANGE = 'nothing_in_range'
     TOO_CLOSE = 'too_close'
+    INVALID_RANGE = 'invalid_range'
     INVALID_VARIANCE = 'invalid_variance'
     UNKNOWN_ROBOT = 'unknown_robot'
     SAME_ROBOT = 'same_robot'

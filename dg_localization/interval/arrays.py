@@ -30,7 +30,7 @@ def down(values: ArrayLike) -> np.ndarray:
     return np.asarray(values - (np.abs(values) * UNIT + TINIEST))
 
 
-def sum_up(values: np.ndarray) -> np.ndarray:
+def total_up(values: np.ndarray) -> np.ndarray:
     """Return upper bounds of the sums of non-negative numbers along the last axis."""
     total = values.sum(axis=-1)
     return np.asarray(total + values.shape[-1] * (total * UNIT + TINIEST))

@@ -9,7 +9,15 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet import Anchor, ConfigError, FleetConfig, LinkOverride, RangeErrorModel
+from dg_localization.fleet import (
+    Anchor,
+    ConfigError,
+    FleetConfig,
+    LinkOverride,
+    Localizer,
+    Mount,
+    RangeErrorModel,
+)
 
 WRONG = [
     ({'robots': ()}, 'robots', 'at least one'),
@@ -80,6 +88,55 @@ def test_bounds_of_a_link_within_one_robot_are_refused_by_name(pair):
     mounts = {'a': {'cam': (0.3, 0.2), 'left': (0.3, -0.2)}}
     with pytest.raises(ConfigError, match=f"{'->'.join(pair)} is not allowed, .* robot 'a'"):
         FleetConfig(robots=('a', 'b'), mounts=mounts, links=(LinkOverride(*pair),))
+
+
+@pytest.mark.parametrize('far_m', [1.1e9, -1e155, 1.7e308, math.inf, math.nan])
+def test_coordinates_beyond_those_that_have_enough_digits_are_refused(far_m):
+    for make, what in (
+        (lambda: Anchor((0.0, far_m)), 'anchor.coordinates_m'),
+        (lambda: Anchor((0.0, 0.0), abs(far_m)), 'anchor.bound_m'),
+        (lambda: Mount((far_m, 0.0)), 'mount.position_m'),
+        (lambda: Mount((0.0, 0.0), abs(far_m)), 'mount.bound_m'),
+        (lambda: FleetConfig(('a',), elevations_m={'a': (far_m, far_m)}), r'elevations_m\[a\]'),
+    ):
+        with pytest.raises(ConfigError, match=rf'{what}: .* <= 1e\+09'):
+            make()
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_the_farthest_coordinates_give_an_answer(dimension):
+    pad = (0.0,) * (dimension - 2)
+    config = FleetConfig(
+        robots=('a', 'b'),
+        dimension=dimension,
+        anchors={
+            'p': Anchor((0.0, 0.0, *pad)),
+            'q': Anchor((1e9, 0.0, *pad), 1e9),
+            'r': Anchor((0.0, -1e9, *pad)),
+            's': Anchor((5.0, 5.0, *pad)),
+        },
+        mounts={'a': {'far': Mount((1e9, 1e9, *pad), 1e9), 'near': Mount((0.5, 0.0, *pad))}},
+    )
+    localizer = Localizer(config)
+    for observer, target, range_m in (
+        ('a', 'p', 3.0),
+        ('a', 's', 5.0),
+        ('a/far', 'r', 1e9),
+        ('a/near', 'q', 1e9),
+        ('b', 'a/near', 2.0),
+    ):
+        assert localizer.add_range(observer, target, range_m, 10.0, 10.0) is None
+    assert localizer.step(10.0).reason
+
+
+@pytest.mark.parametrize('memory_s', [1e-310, 1e-300, 1e-9, 0.0009])
+def test_a_memory_shorter_than_stamps_resolve_is_refused(memory_s):
+    with pytest.raises(ConfigError, match='memory_s: .* 0, which remembers nothing, or >= 0.001'):
+        FleetConfig(('a', 'b'), memory_s=memory_s)
+    for allowed_s in (0.0, 0.001):
+        localizer = Localizer(FleetConfig(('a', 'b'), memory_s=allowed_s))
+        assert localizer.add_range('a', 'b', 3.0, 1.7e9, 1.7e9) is None
+        assert localizer.step(1.7e9).placements
 
 
 def test_points_are_the_robots_then_the_landmarks():

@@ -3,6 +3,7 @@
 
 """What arrives is checked, counted by reason, aged, and forgotten when stale."""
 
+from fractions import Fraction
 import math
 
 import numpy as np
@@ -119,6 +120,64 @@ def test_points_of_one_robot_measure_nothing_of_each_other(observer, target):
 def test_odometry_that_is_no_pose_is_rejected(localizer, position, orientation):
     rejection = localizer.add_odometry('a', position, orientation, NOW_S, NOW_S)
     assert rejection.reason is RejectionReason.INVALID_ODOMETRY
+
+
+NO_NUMBERS = ['far', None, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()]
+
+
+@pytest.mark.parametrize('value', NO_NUMBERS, ids=lambda value: type(value).__name__)
+def test_what_is_no_reading_is_rejected_by_name_and_never_raises(localizer, value):
+    reasons = RejectionReason
+    for rejection, reason, what in (
+        (localizer.add_range('a', 'b', value, NOW_S, NOW_S), reasons.INVALID_RANGE, 'range'),
+        (
+            localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S, max_range_m=value),
+            None if value is None else reasons.INVALID_RANGE,
+            'max_range',
+        ),
+        (
+            localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S, variance_m2=value),
+            None if value is None else reasons.INVALID_VARIANCE,
+            'variance',
+        ),
+        (localizer.add_range('a', 'b', 3.0, value, NOW_S), reasons.INVALID_STAMP, 'stamp'),
+        (localizer.add_bearing('a', 'b', value, NOW_S, NOW_S), reasons.INVALID_RAY, 'ray'),
+        (
+            localizer.add_odometry('a', value, UPRIGHT, NOW_S, NOW_S),
+            reasons.INVALID_ODOMETRY,
+            'position',
+        ),
+        (
+            localizer.add_odometry('a', [0.0] * 3, value, NOW_S, NOW_S),
+            reasons.INVALID_ODOMETRY,
+            'orientation',
+        ),
+    ):
+        assert (rejection and rejection.reason) is reason
+        if rejection:
+            assert what in rejection.text and len(rejection.text) < 400
+    (rejection,) = localizer.add_peers('a', [('b', value), ('c', 3.0)], NOW_S, NOW_S)
+    assert rejection.reason in (reasons.INVALID_RANGE, reasons.INVALID_RAY)
+    assert localizer.step(NOW_S).placements
+
+
+def test_a_name_that_is_no_text_is_unknown(localizer):
+    for name in (None, 3, ['a'], b'a'):
+        rejection = localizer.add_range('a', name, 3.0, NOW_S, NOW_S)
+        assert rejection.reason is RejectionReason.UNKNOWN_ROBOT
+        (rejection,) = localizer.add_peers('a', [(name, 3.0)], NOW_S, NOW_S)
+        assert rejection.reason is RejectionReason.UNKNOWN_ROBOT
+    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    assert localizer.step(NOW_S).placements
+
+
+@pytest.mark.parametrize(
+    'number', [3, np.int64(3), np.float32(3.0), np.array(3.0), np.longdouble(3.0), Fraction(3)]
+)
+def test_numbers_of_every_kind_are_ranges(localizer, number):
+    assert localizer.add_peers('a', [('b', number)], NOW_S, NOW_S) == []
+    assert localizer.add_range('a', 'c', number, NOW_S, NOW_S) is None
+    assert {key.kind for key in localizer.snapshot(NOW_S).keys} == {LinkKind.RANGE}
 
 
 def test_every_reason_is_counted_on_its_own_input(localizer):

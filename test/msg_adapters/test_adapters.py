@@ -245,6 +245,16 @@ def test_stamp_is_rounded_and_normalized(stamp_s, sec, nanosec):
     assert stamp_from_message(stamp) == pytest.approx(stamp_s, abs=1e-9)
 
 
+@pytest.mark.parametrize('nanosec', [1_000_000_000, 4_000_000_000, 2**32 - 1])
+@pytest.mark.parametrize('type_name', [RANGE, BEARING, ODOMETRY])
+def test_a_second_of_nanoseconds_is_refused_by_name(type_name, nanosec):
+    adapter = adapter_for(type_name)
+    message = adapter.message_class()()
+    message.header.stamp.nanosec = nanosec
+    with pytest.raises(ValueError, match=f'nanosec {nanosec} of the stamp .* below 1000000000'):
+        adapter.from_message(message)
+
+
 @pytest.mark.parametrize('stamp_s', [math.nan, math.inf])
 def test_stamp_that_is_no_time_is_refused(stamp_s):
     with pytest.raises(ValueError, match='not finite'):

@@ -408,9 +408,32 @@ def test_trouble_and_failure_come_before_the_estimate():
 
 
 def test_robot_status_lists_a_few_placements_only():
-    values = status('robot b', estimate(*[placement(k) for k in range(20)])).values
-    assert values['hypothesis_0'] == 'at 3.000 1.000 m, enclosure 0.300 0.300 m wide'
+    made = estimate(*[placement(k, number=k + 5) for k in range(20)])
+    values = status('robot b', made).values
+    assert values['hypothesis_5'] == 'at 3.000 1.000 m, enclosure 0.300 0.300 m wide'
     assert len(values) == 8
+
+
+def test_a_hypothesis_can_be_followed_although_the_order_changes():
+    first = placement(number=7)
+    second = placement(1.0, number=3, proved=False)
+    third = placement(2.0, number=12, enclosure_m=UNBOUNDED)
+    for order in ((first, second, third), (third, first, second)):
+        values = status('fleet', estimate(*order)).values
+        numbers = [str(one.number) for one in order]
+        assert values['hypothesis_numbers'].split() == numbers
+        assert values['proved_numbers'].split() == [n for n in numbers if n != '3']
+        assert values['hypothesis_7'] == 'proved, 0.30 m wide'
+        assert values['hypothesis_3'] == 'not proved, 0.30 m wide'
+        assert values['hypothesis_12'] == 'proved, not bounded'
+        poses = feasible_poses(estimate(*order), 'map').positions_m.reshape(3, 2, 3)
+        at = status('robot b', estimate(*order)).values['hypothesis_3']
+        assert at.startswith('at 4.000 1.000 m')
+        assert poses[numbers.index('3'), 1, 0] == 4.0
+    many = estimate(*[placement(k, number=k + 1) for k in range(64)])
+    values = status('fleet', many).values
+    assert values['hypothesis_numbers'].split() == [str(k + 1) for k in range(64)]
+    assert sum(name.startswith('hypothesis_') for name in values) == 9
 
 
 def test_conflicts_are_named():

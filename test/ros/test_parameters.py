@@ -346,6 +346,34 @@ def test_bounds_of_links_join_points_of_two_robots():
         settings(links=['/own sensor_msgs/msg/Range a/camera a max_error=0.7'], **mounts)
 
 
+@pytest.mark.parametrize(
+    ('name', 'value', 'wanted'),
+    [
+        ('anchors.p.position', [0.0, 1e155], 'numbers >= -1e+09 and <= 1e+09 (m)'),
+        ('anchors.p.bound', 1e10, '<= 1e+09 (m)'),
+        ('anchors.bound', 1e10, '>= 0 and <= 1e+09 (m)'),
+        ('mounts.a.left.position', [1e200, 0.0], 'numbers >= -1e+09 and <= 1e+09 (m)'),
+        ('mounts.a.left.bound', 1e200, '>= 0 and <= 1e+09 (m)'),
+        ('elevations.a', [0.0, 1e12], 'numbers >= -1e+09 and <= 1e+09 (m)'),
+        ('memory.seconds', 1e-300, '0 or >= 0.001 (s)'),
+    ],
+)
+def test_extremes_that_no_answer_stands_are_refused(name, value, wanted):
+    given = {
+        'anchors.names': ['p'],
+        'anchors.p.position': [0.0, 0.0],
+        'mounts.names': ['a/left'],
+        'mounts.a.left.position': [0.3, 0.2],
+        'elevations.names': ['a'],
+        'elevations.a': [0.0, 0.0],
+    }
+    assert settings(**given, **{'memory.seconds': 0.0}).fleet.memory_s == 0.0
+    with pytest.raises(
+        WrongParameterError, match=re.escape(f"'{name}'") + '.*' + re.escape(wanted)
+    ):
+        settings(**{**given, name: value})
+
+
 def test_empty_template_means_no_topics():
     found = settings(**dict.fromkeys(TEMPLATE_TYPES, ''))
     assert found.links == () and found.templates == ()

@@ -29,6 +29,7 @@ from dg_localization.fleet.best_point.terms import (
     Term,
 )
 from dg_localization.fleet.directions import best_rotation, unit_vectors
+from dg_localization.fleet.rotations import rotations_about_z
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem
@@ -242,7 +243,7 @@ class BestPointFinder:
                 x, y, yaw = past.guesses[row]
                 guess_m = np.clip([x, y, 0.0], bodies.lower_m[row], bodies.upper_m[row])
                 positions_m[row] = np.where(free[row, :3], guess_m, positions_m[row])
-                rotations[row] = _yaw_rotation(yaw)
+                rotations[row] = rotations_about_z(np.array([yaw]))[0]
         turns = rotations[past.rows]
         arms_m = np.pad(past.poses[:, :2], ((0, 0), (0, 1)))
         unbounded = np.full((len(arms_m), 3), math.inf)
@@ -250,7 +251,7 @@ class BestPointFinder:
             np.vstack(
                 [positions_m, positions_m[past.rows] + np.einsum('kij,kj->ki', turns, arms_m)]
             ),
-            np.vstack([rotations, turns @ np.array([_yaw_rotation(p[2]) for p in past.poses])]),
+            np.vstack([rotations, turns @ rotations_about_z(past.poses[:, 2])]),
             np.vstack([bodies.lower_m, -unbounded]),
             np.vstack([bodies.upper_m, unbounded]),
             np.vstack([free, np.tile([True, True, False, False, False, True], (len(arms_m), 1))]),
@@ -281,12 +282,6 @@ class BestPointFinder:
             np.pad(enclosure.upper, missing),
             free,
         )
-
-
-def _yaw_rotation(yaw_rad: float) -> FloatArray:
-    """Return the rotation about the vertical axis."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _further_starts(start_m: FloatArray, enclosure: Interval) -> Iterator[FloatArray]:

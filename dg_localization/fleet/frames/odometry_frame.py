@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.rotations import level_rotations, quaternion_of, rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
@@ -27,9 +28,6 @@ FloatArray = NDArray[np.float64]
 
 MOST_TILT_RAD = 0.2
 """An odometry frame that is tilted more than this is not that of a robot in the plane."""
-
-FARTHEST_M = 1e9
-"""Farther from the origin coordinates have too few digits."""
 
 
 @dataclass(frozen=True)

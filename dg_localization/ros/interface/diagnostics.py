@@ -17,13 +17,12 @@ from dg_localization.ros.interface.doubts import (
     doubts_of_placements,
     doubts_of_width,
 )
+from dg_localization.ros.interface.hypotheses import hypothesis_values, robot_values
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.suspects import doubts_of_sensors, suspect_values
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
-# The topics hold every placement; the diagnostics show a person the first few.
-LISTED_HYPOTHESES = 8
 LISTED_GROUPS = 8
 # What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
 MOST_CHARACTERS = 300
@@ -182,6 +181,7 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         'hypotheses_proved': str(sum(placement.proved for placement in estimate.placements)),
         'frame': str(estimate.frame) if estimate.frame else '',
     }
+    values.update(hypothesis_values(estimate.placements))
     if estimate.rigid_groups:
         texts = (', '.join(group) for group in estimate.rigid_groups)
         values['rigid_groups'] = shortened('; '.join(texts))
@@ -215,10 +215,7 @@ def _robot_status(report: Report, row: int) -> Status:
     if report.estimate is not None and not report.trouble:
         group = _group_of(report.estimate, robot)
         placements = report.estimate.placements if group is None else group.placements
-        for number, placement in enumerate(placements[:LISTED_HYPOTHESES]):
-            position = ' '.join(f'{x:.3f}' for x in placement.positions_m[row])
-            width = ' '.join(f'{x:.3f}' for x in np.ptp(placement.enclosure_m[row], axis=0))
-            values[f'hypothesis_{number}'] = f'at {position} m, enclosure {width} m wide'
+        values = robot_values(placements, row)
     return Status(level, f'{report.node}: robot {robot}', message, robot, values)
 
 

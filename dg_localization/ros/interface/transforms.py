@@ -16,6 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, FrameKind
+from dg_localization.fleet.rotations import (
+    inverse_quaternion,
+    quaternion_product,
+    rotation_of_quaternion,
+)
 from dg_localization.ros.interface.frames import BODY_FRAME, frame_id
 from dg_localization.ros.interface.poses import unique_pose
 from msg_adapters import OdometryReading, UncertainPose
@@ -28,7 +33,6 @@ MOST_POSES = 512
 MOST_CARRIED_S = 0.2
 # Between poses that are farther apart a robot may have been anywhere.
 MOST_GAP_S = 0.5
-CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,36 +44,25 @@ class RigidPose:
 
     def inverse(self) -> 'RigidPose':
         """Return the pose of the other frame in this one."""
-        back = self.xyzw * CONJUGATE
-        return RigidPose(-_turned(back, self.position_m), back)
+        back = inverse_quaternion(self.xyzw)
+        return RigidPose(-rotation_of_quaternion(back) @ self.position_m, back)
 
     def times(self, other: 'RigidPose') -> 'RigidPose':
         """Return the pose of a frame that has the pose `other` in this one."""
-        position_m = self.position_m + _turned(self.xyzw, other.position_m)
-        return RigidPose(position_m, _product(self.xyzw, other.xyzw))
-
-
-def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product of two quaternions."""
-    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.array([*vector, a[3] * b[3] - a[:3] @ b[:3]])
-
-
-def _turned(xyzw: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a vector turned by a unit quaternion."""
-    return _product(_product(xyzw, np.array([*vector, 0.0])), xyzw * CONJUGATE)[:3]
+        position_m = self.position_m + rotation_of_quaternion(self.xyzw) @ other.position_m
+        return RigidPose(position_m, quaternion_product(self.xyzw, other.xyzw))
 
 
 def _between(a: RigidPose, b: RigidPose, fraction: float) -> RigidPose:
     """Return the pose on the way from a to b, by slerp; beyond them where it is not in 0 to 1."""
-    turn = _product(a.xyzw * CONJUGATE, b.xyzw)
+    turn = quaternion_product(inverse_quaternion(a.xyzw), b.xyzw)
     turn = turn if turn[3] >= 0.0 else -turn
     sine = float(np.linalg.norm(turn[:3]))
     angle = fraction * np.arctan2(sine, turn[3])
     axis = turn[:3] / sine if sine > 0.0 else np.zeros(3)
     part = np.array([*(np.sin(angle) * axis), np.cos(angle)])
     return RigidPose(
-        a.position_m + fraction * (b.position_m - a.position_m), _product(a.xyzw, part)
+        a.position_m + fraction * (b.position_m - a.position_m), quaternion_product(a.xyzw, part)
     )
 
 

@@ -17,8 +17,6 @@ from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.problem import Problem
 
-SEED_POINTS = 4
-
 MOST_SEEDS = 2000
 """So many of the best seeds are looked at."""
 

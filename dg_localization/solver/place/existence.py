@@ -26,7 +26,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.interval.arrays import Interval, determinant, squared_norm, sum_up, up
+from dg_localization.interval.arrays import Interval, determinant, squared_norm, total_up, up
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
@@ -71,11 +71,12 @@ def settled(
     if agrees(problem, positions):
         return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
     known, exact = problem.pairs, _exact(problem)
-    pairs, targets = known.pairs[exact], 0.5 * (known.lower[exact] + known.upper[exact])
+    pairs = known.pairs[exact]
     most = min(positions.size - positions.shape[1], MOST_EXACT)
     if not (0 < len(pairs) <= most and np.isfinite(positions).all()):
         return positions, False
     with np.errstate(all='ignore'):
+        targets = 0.5 * (known.lower[exact] + known.upper[exact])
         moved = _newton(positions, pairs, targets)
         if moved is None:
             return positions, False
@@ -156,8 +157,8 @@ def _radii(
         product = product + slopes[:, axis, None] * relative
     half = Interval.point(np.array(0.5))
     residuals = _magnitude((Interval.point(targets) - squared) * weights * half).max()
-    contraction = sum_up(_magnitude(product)).max()
-    reach = sum_up(np.abs(rows_of.lower))
+    contraction = total_up(_magnitude(product)).max()
+    reach = total_up(np.abs(rows_of.lower))
     spread = Interval.point(reach[first]) + Interval.point(reach[second])
     curvature = (squared_norm(spread) * weights * half).upper.max()
     # Twice what the residuals take leaves room for the other two terms.

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dg_localization.fleet import Mount
+from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.rotations import quaternion_of_euler
 from dg_localization.ros.interface.parameters.spec import (
     DOUBLE,
@@ -22,8 +23,16 @@ def mount_specs(name: str) -> tuple[Spec, ...]:
     """Return the parameters of one sensor, ``ROBOT/SENSOR``."""
     prefix = f'mounts.{name.replace("/", ".")}'
     return (
-        Spec(f'{prefix}.position', DOUBLES, [], 'place of the sensor in the body frame', 'm'),
-        Spec(f'{prefix}.bound', DOUBLE, 0.0, 'how far it may be from there', 'm', 0.0),
+        Spec(
+            f'{prefix}.position',
+            DOUBLES,
+            [],
+            'place of the sensor in the body frame',
+            'm',
+            -FARTHEST_M,
+            FARTHEST_M,
+        ),
+        Spec(f'{prefix}.bound', DOUBLE, 0.0, 'how far it may be from there', 'm', 0.0, FARTHEST_M),
         Spec(
             f'{prefix}.rotation',
             DOUBLES,
@@ -37,7 +46,13 @@ def mount_specs(name: str) -> tuple[Spec, ...]:
 def elevation_spec(name: str) -> Spec:
     """Return the parameter of the elevation of one point."""
     return Spec(
-        f'elevations.{name.replace("/", ".")}', DOUBLES, [], 'least and greatest elevation', 'm'
+        f'elevations.{name.replace("/", ".")}',
+        DOUBLES,
+        [],
+        'least and greatest elevation',
+        'm',
+        -FARTHEST_M,
+        FARTHEST_M,
     )
 
 

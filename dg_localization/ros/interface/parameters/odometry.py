@@ -8,6 +8,7 @@ import math
 from typing import Any
 
 from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet.config import LEAST_MEMORY_S
 from dg_localization.ros.interface.parameters.spec import DOUBLE, INTEGER, STRING, Section, Spec
 
 ODOMETRY = Section(
@@ -106,7 +107,8 @@ MEMORY = Section(
             30.0,
             'how long measurements are remembered; 0 remembers nothing',
             's',
-            0.0,
+            LEAST_MEMORY_S,
+            may_be_zero=True,
         ),
         Spec(
             'memory.max_seconds',

@@ -54,11 +54,13 @@ class Spec:
     unit : str
         Unit; empty for what has none.
     at_least, at_most : float
-        Limits of a number, both included; infinite for none.
+        Limits of a number, or of each number of a list, both included; infinite for none.
     finite : bool
         Whether a number may not be infinite.
     may_be_nan : bool
         Whether NaN is allowed, for a number that is not known.
+    may_be_zero : bool
+        Whether 0 is allowed, too, for what is then off.
     choices : tuple of str
         The allowed strings; empty for any.
     details : str
@@ -79,6 +81,7 @@ class Spec:
     at_most: float = math.inf
     finite: bool = True
     may_be_nan: bool = False
+    may_be_zero: bool = False
     choices: tuple[str, ...] = ()
     details: str = ''
     examples: tuple[str, ...] = ()
@@ -103,6 +106,8 @@ class Spec:
         if self.at_most < math.inf:
             limits.append(f'<= {self.at_most:g}')
         text = ' and '.join(limits)
+        if self.may_be_zero:
+            text = f'0 or {text}'
         return f'{text or "any number"} or .nan' if self.may_be_nan else text
 
     def _in_unit(self) -> str:
@@ -138,7 +143,8 @@ class Spec:
             return type(value) is list and all(type(item) is str for item in value)
         if self.type is DOUBLES:
             return type(value) is list and all(
-                type(item) is float and math.isfinite(item) for item in value
+                type(item) is float and math.isfinite(item) and self._is_within(item)
+                for item in value
             )
         if self.type in (DOUBLE, INTEGER):
             number = float if self.type is DOUBLE else int
@@ -146,11 +152,16 @@ class Spec:
                 return False
             if math.isnan(value):
                 return self.may_be_nan
-            within = self.at_least <= value <= self.at_most
-            return within and (math.isfinite(value) or not self.finite)
+            return self._is_within(value) and (math.isfinite(value) or not self.finite)
         if self.type is BOOL:
             return type(value) is bool
         return type(value) is str and (not self.choices or value in self.choices)
+
+    def _is_within(self, number: float) -> bool:
+        """Return whether a number is within the limits."""
+        if number == 0.0 and self.may_be_zero:
+            return True
+        return self.at_least <= number <= self.at_most
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor that `ros2 param describe` shows; all are read-only."""
@@ -163,7 +174,8 @@ class Spec:
         bounded = math.isfinite(self.at_least) or math.isfinite(self.at_most)
         # ROS takes .nan to be out of every range; `check` knows better.
         if self.type is DOUBLE and bounded and not self.may_be_nan:
-            limits = FloatingPointRange(from_value=self.at_least, to_value=self.at_most)
+            at_least = 0.0 if self.may_be_zero else self.at_least
+            limits = FloatingPointRange(from_value=at_least, to_value=self.at_most)
             descriptor.floating_point_range = [limits]
         if self.type is INTEGER and bounded:
             at_most = int(min(self.at_most, LARGEST_INTEGER))

@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator
 import math
 
+from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.contradictions import CONTRADICTIONS
 from dg_localization.ros.interface.parameters.links import LINKS
@@ -259,13 +260,22 @@ PEERS = Section(
 def anchor_specs(name: str) -> tuple[Spec, Spec]:
     """Return the parameters of one anchor; a negative bound stands for `anchors.bound`."""
     return (
-        Spec(f'anchors.{name}.position', DOUBLES, [], 'coordinates in the fixed frame', 'm'),
+        Spec(
+            f'anchors.{name}.position',
+            DOUBLES,
+            [],
+            'coordinates in the fixed frame',
+            'm',
+            -FARTHEST_M,
+            FARTHEST_M,
+        ),
         Spec(
             f'anchors.{name}.bound',
             DOUBLE,
             -1.0,
             'how far it may be from there; negative for anchors.bound',
             'm',
+            at_most=FARTHEST_M,
         ),
     )
 
@@ -287,7 +297,13 @@ ANCHORS = Section(
             ),
         ),
         Spec(
-            'anchors.bound', DOUBLE, 0.0, 'how far an anchor may be from its coordinates', 'm', 0.0
+            'anchors.bound',
+            DOUBLE,
+            0.0,
+            'how far an anchor may be from its coordinates',
+            'm',
+            0.0,
+            FARTHEST_M,
         ),
     ),
 )
