@@ -72,8 +72,11 @@ def estimate_snapshot(
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
-    if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.covers:
+    if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:
         recalled = recalled.without_pose_sets()
+        if not snapshot.keys:
+            nothing = _without_placements(snapshot, None, _no_data_reason(snapshot))
+            return replace(nothing, forgotten=recalled.forgotten), ()
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:

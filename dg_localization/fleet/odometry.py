@@ -48,12 +48,8 @@ class MotionLimits:
     turn_rate_rad_s: float = math.inf
 
 
-CENTERED = 0.5
-CENTERED_IN_SPACE = 0.613
-"""
-Numbers that differ by 1 at most lie within a half of one number, and points that are 1 apart at
-most within sqrt(3 / 8) of one point (Jung 1901).
-"""
+CENTERED = 0.613
+"""Points that are 1 apart at most lie within sqrt(3 / 8) of one point (Jung 1901)."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +175,9 @@ class OdometryPath:
         Parameters are those of `past_poses`.
         """
         then, now, position, yaw = self._samples(times_s, now_s)
-        end_m = up(CENTERED_IN_SPACE * self._error.constant_m)
-        end_rad = up(CENTERED * self._error.constant_rad)
+        end_m = up(CENTERED * self._error.constant_m)
+        # A track that is shifted is a track, one whose headings alone are turned is none.
+        end_rad = self._error.constant_rad
         then_rad = angle_up(up(then.offset_rad + end_rad))
         now_rad = angle_up(up(now.offset_rad + end_rad))
         past = PastPoses(
@@ -283,7 +280,7 @@ class OdometryPath:
         if math.isfinite(self._limits.speed_m_s) and math.isfinite(self._limits.turn_rate_rad_s):
             # Equal numbers need not be equal times (`elapsed_up`).
             largest_s = max(np.abs(stamps).max(), np.abs(times_s).max(initial=0.0))
-            slack_s = 4.0 * math.ulp(largest_s)
+            slack_s = 4.0 * elapsed_up(largest_s, largest_s)
         index = np.empty(len(times_s), np.int64)
         spans = np.empty((3, len(times_s)))
         find_nearest(

@@ -28,8 +28,8 @@ class OdometryErrorModel:
         Error of a turn, in rad per m travelled and in rad per rad turned.
     constant_m, constant_rad : float
         What does not add up along the way. The stated poses are those of a track that errs by the
-        other terms alone, each with an error of its own, and any two of these errors differ by at
-        most this. So they lie around one error, which makes another track (`CENTERED`).
+        other terms alone, each with an error of its own. Any two errors of positions differ by
+        `constant_m` at most, and each error of a heading is `constant_rad` at most.
     latency_s : float
         The pose stamped t was the true one at some time within this of t.
     tilt_rad : float, optional

@@ -182,14 +182,15 @@ def test_the_constant_turns_the_whole_way():
     assert poses.position_m.upper[1] == pytest.approx([0.0448, 0.0448, 0.0], rel=2e-2)
 
 
+@pytest.mark.parametrize('turns_rad', [(-0.06, 0.06), (0.0, 0.12), (-0.12, 0.0)])
 @pytest.mark.parametrize('seed', range(5))
-def test_the_constant_of_now_is_that_of_its_track(seed):
+def test_the_constant_of_now_is_that_of_its_track(seed, turns_rad):
     rng = np.random.default_rng(seed)
     count, error = 40, OdometryErrorModel(constant_m=0.04, constant_rad=0.12)
     yaws = np.cumsum(rng.uniform(-0.3, 0.3, count))
     steps = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(count)], axis=-1)
     positions = np.cumsum(0.1 * steps, axis=0)
-    turns = rng.choice([-0.06, 0.06], count)
+    turns = rng.choice(turns_rad, count)
     angles = rng.uniform(-math.pi, math.pi, count)
     ends = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=-1)
     offsets = 0.04 / math.sqrt(3.0) * ends
@@ -202,10 +203,10 @@ def test_the_constant_of_now_is_that_of_its_track(seed):
     assert_inside(found.past, (robots - positions[-1]) @ back.T, yaws + turns - yaws[-1])
     seen = rotation(-yaws[-1] - turns[-1]) @ (positions[-1] - robots[-1])
     assert_inside(found.track, seen[None], -turns[-1:])
-    # Seen from the robot, the way of all times swings by the whole constant.
-    whole = path.past_poses(stamps, count - 1.0)
-    narrower = np.ptp(np.stack([found.past.yaw_rad.lower, found.past.yaw_rad.upper]), axis=0)
-    assert np.all(narrower < 0.51 * (whole.yaw_rad.upper - whole.yaw_rad.lower))
+    # Seen from the robot, the way of all times swings by the constant; on its track it does not.
+    whole = path.past_poses(stamps, count - 1.0).position_m
+    narrower = np.linalg.norm(found.past.position_m.upper - found.past.position_m.lower, axis=1)
+    assert np.all(narrower < np.linalg.norm(whole.upper - whole.lower, axis=1))
 
 
 @pytest.mark.parametrize('lag_s', [-0.2, -0.07, 0.13, 0.2])

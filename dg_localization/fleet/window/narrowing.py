@@ -99,7 +99,10 @@ def _what_is_proved(
     found: Answer, frame: FixedFrame, recalled: Recollection, oldest: Left
 ) -> Iterator[Proved]:
     """
-    Yield what an answer proves of later ones: nothing where measurements contradict.
+    Yield what an answer proves of later ones.
+
+    Nothing where measurements contradict, or where it rests on all of the memory: later ones may
+    not rest on what is older.
 
     Parameters
     ----------
@@ -115,6 +118,8 @@ def _what_is_proved(
     listed = found.placements
     complete = len(listed) == found.n_hypotheses and not any(p.dropped for p in listed)
     if not complete or recalled.forgotten or recalled.config.dimension != 2:
+        return
+    if recalled.pose_sets.of_whole_memory:
         return
     for chain, carried in enumerate(recalled.chains):
         left = recalled.narrow(listed, frame, chain) if chain else oldest

@@ -33,6 +33,9 @@ from dg_localization.pairs import (
     Stated,
 )
 
+LEAST_MEMORY_S = 45.0
+"""In a shorter memory all readings, seen from now, tell as much in less time."""
+
 KNOTS = 36
 """In a memory: fewer see readings from farther away, more widen the cover more often."""
 
@@ -119,6 +122,8 @@ class PoseFilters:
             None where all readings of the window together tell more than a filter.
 
         """
+        if snapshot.config.memory_s < LEAST_MEMORY_S:
+            return None
         walk = _Walk(snapshot, robot, stopped)
         filters = [walk.settled(c) for c in self._filters.get(robot, ()) if walk.goes_on(c)]
         kept = [pose_filter for pose_filter in filters if pose_filter is not None]

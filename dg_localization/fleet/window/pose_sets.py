@@ -35,11 +35,14 @@ class PoseSets:
         By robot, in the frame of the anchors; those that bound its position.
     relative : mapping of (int, int) to Cover
         By pair of robots, in the frame of the first.
+    of_whole_memory : bool
+        Whether some know all that is remembered, and not its younger part alone.
 
     """
 
     covers: Mapping[int, Cover] = field(default_factory=dict)
     relative: Mapping[Pair, Cover] = field(default_factory=dict)
+    of_whole_memory: bool = False
 
     @property
     def any(self) -> bool:
@@ -129,6 +132,7 @@ def place_robots(
     pose_sets = PoseSets(
         {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
         {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},
+        of_whole_memory=not covers.keys() <= {*apart},
     )
     return pose_sets, tuple(forgotten)
 

@@ -304,7 +304,7 @@ class PieceSolver:
         solved = PieceSolver(problem, parts, budget, within, share, self._finished).run()
         if solved.contradiction is not None:
             return _Search(problem, [], [])
-        if any(piece.pending for piece in solved.pieces):
+        if not all(piece.is_finished for piece in solved.pieces):
             return None
         together = PartsTogether(problem, solved, budget, within).boxes()
         if together is None or not budget.keep(len(together[0])):

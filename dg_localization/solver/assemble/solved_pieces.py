@@ -23,6 +23,11 @@ class SolvedPiece:
     pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
     in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
 
+    @property
+    def is_finished(self) -> bool:
+        """Whether nothing was left that was not examined."""
+        return not self.pending and not any(solved.n_pending() for solved in self.in_patches)
+
     def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
         """Return how many boxes some of its hypotheses have, and how many were not examined."""
         if self.in_patches:
