@@ -23,21 +23,12 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
-from dg_localization.fleet.rotations import level_rotations, rotations_about_z
-from dg_localization.interval.angles import angle_up, chord_up, cosine
+from dg_localization.fleet.rotations import level_rotations, rotations_about_z, steepness
+from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, up
 from dg_localization.interval.bounds import elapsed_up
 from dg_localization.pairs import PastPoses
 from dg_localization.pairs.turns import turned
-
-STEEPEST_RAD = 1.5
-"""Where the body pitches more than this, roll and yaw are not told apart."""
-
-UNBOUNDED = 1e300
-"""
-How many times faster than the body they can change then. It is finite, so that a body that does
-not turn keeps both.
-"""
 
 
 @dataclass(frozen=True)
@@ -308,31 +299,16 @@ class OdometryPath:
 
         turn_rate = self._limits.turn_rate_rad_s
         rotation_rad = offset(spans[2], turn_rate)
-        steepness = self._steepness(index, rotation_rad)
+        within_rad = up(rotation_rad + self._error.least_tilt_rad)
+        level = np.ones(len(index))
+        steep = level if self._level else steepness(self._rotations[index], within_rad)
         return _Nearest(
             index,
             offset(spans[0], self._limits.speed_m_s),
-            offset(spans[1], up(turn_rate * steepness)),
+            offset(spans[1], up(turn_rate * steep)),
             rotation_rad,
-            steepness,
+            steep,
         )
-
-    def _steepness(self, index: np.ndarray, rotation_rad: np.ndarray) -> np.ndarray:
-        """
-        Return how many times faster yaw and tilt can change than the body turns.
-
-        One over the cosine of the greatest pitch within a rotation from a sample: the rates of the
-        angles of Euler.
-        """
-        if self._level:
-            return np.ones(len(index))
-        rotations = self._rotations[index]
-        cosines = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])
-        pitch_rad = np.abs(np.arctan2(rotations[:, 2, 0], cosines))
-        steepest_rad = angle_up(up(pitch_rad + rotation_rad + self._error.least_tilt_rad))
-        below = steepest_rad < STEEPEST_RAD
-        cosines = cosine(Interval.point(np.where(below, steepest_rad, 0.0))).lower
-        return np.where(below, up(1.0 / cosines), UNBOUNDED)
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
         """Return the poses of samples seen from sample `last`, with the errors of the way."""

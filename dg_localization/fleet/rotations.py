@@ -10,7 +10,19 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.interval.angles import angle_up, cosine
+from dg_localization.interval.arrays import Interval, up
+
 FloatArray = NDArray[np.float64]
+
+STEEPEST_RAD = 1.5
+"""Where the body pitches more than this, roll and yaw are not told apart."""
+
+UNBOUNDED = 1e300
+"""
+How many times faster than the body they can change then. It is finite, so that a body that does
+not turn keeps both.
+"""
 
 
 def rotation_of_quaternion(quaternion_xyzw: ArrayLike) -> FloatArray:
@@ -111,3 +123,30 @@ def rotations_about_z(yaws_rad: FloatArray) -> FloatArray:
     turns[:, 1, 0], turns[:, 0, 1] = np.sin(yaws_rad), -np.sin(yaws_rad)
     turns[:, 2, 2] = 1.0
     return turns
+
+
+def steepness(rotations: FloatArray, within_rad: FloatArray) -> FloatArray:
+    """
+    Return how many times faster yaw and tilt can change than a body turns.
+
+    One over the cosine of the greatest pitch near a rotation: the rates of the angles of Euler.
+
+    Parameters
+    ----------
+    rotations : numpy.ndarray, shape (n, 3, 3)
+        From body to a frame whose z axis is upright.
+    within_rad : numpy.ndarray, shape (n,)
+        How far the body may be turned from them.
+
+    Returns
+    -------
+    numpy.ndarray, shape (n,)
+        Upper bounds, `UNBOUNDED` where the body may stand upright.
+
+    """
+    cosines = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])
+    pitch_rad = np.abs(np.arctan2(rotations[:, 2, 0], cosines))
+    steepest_rad = angle_up(up(pitch_rad + within_rad))
+    below = steepest_rad < STEEPEST_RAD
+    cosines = cosine(Interval.point(np.where(below, steepest_rad, 0.0))).lower
+    return np.where(below, up(1.0 / cosines), UNBOUNDED)

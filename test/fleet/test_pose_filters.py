@@ -22,7 +22,6 @@ def _even_in_short_memories(monkeypatch):
     monkeypatch.setattr('dg_localization.fleet.window.pose_filters.LEAST_MEMORY_S', 0.0)
 
 
-
 def draw(seed, seconds, **settings):
     settings = {'memory_s': MEMORY_S, **settings}
     return History.draw(seed, 2, 3, seconds, **settings)
