@@ -119,6 +119,16 @@ BACK = ('test/solver/test_back_projection.py',)
 
 CONTRACT = [
     *_in(
+        'solver/contract',
+        'turns',
+        ('test/solver/test_turns.py',),
+        (
+            'an angle of unknown sign is positive',
+            'return -high, high',
+            'return low, high',
+        ),
+    ),
+    *_in(
         'solver',
         'contract/line',
         LINE,
@@ -320,6 +330,16 @@ BOX = ('test/solver/test_box.py',)
 SEARCH = ('test/solver/test_branch_and_prune.py',)
 
 SEARCHING = [
+    *_in(
+        'solver/place',
+        'existence',
+        ('test/solver/test_proved.py',),
+        (
+            'a placement of another hypothesis is proved',
+            'return positions, boxes is None or any(lies_in(box, positions) for box in boxes)',
+            'return positions, True',
+        ),
+    ),
     *_in(
         'solver',
         'box',
@@ -653,18 +673,73 @@ FLEET = [
         ),
         (
             'beyond the last sample a robot stands still',
-            'return np.where(beyond, up(limit * reach_s), np.minimum(spans, up(limit * reach_s)))',
-            'return np.minimum(spans, up(limit * reach_s))',
+            'return np.where(by_limit, limited, np.minimum(spans, limited))',
+            'return np.minimum(spans, limited)',
         ),
         (
-            'the yaw of a steep body changes no faster than the body turns',
-            'return np.where(below, up(1.0 / cosines), UNBOUNDED)',
-            'return np.ones(len(index))',
+            'headings err by half of their constant on tracks',
+            'end_rad = self._error.constant_rad\n',
+            'end_rad = 0.5 * self._error.constant_rad\n',
         ),
         (
             'the latency of the odometry is ignored',
             'reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)',
             'reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]))',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'rotations',
+        ('test/fleet/test_odometry.py',),
+        (
+            'the yaw of a steep body changes no faster than the body turns',
+            'return np.where(below, up(1.0 / cosines), UNBOUNDED)',
+            'return np.ones(len(below))',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry_kernels',
+        ('test/fleet/test_between_samples.py',),
+        (
+            'between two samples a robot is as near as the nearer one',
+            'span = up(min(before[kind], after[kind]) + step[kind])',
+            'span = min(before[kind], after[kind])',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'pose_filters',
+        ('test/fleet/test_pose_filters.py',),
+        (
+            'a filter outlives the memory',
+            'in_memory = self._oldest_s <= pose_filter.since_s and pose_filter',
+            'in_memory = pose_filter',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'narrowing',
+        ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
+        (
+            'what rests on all of the memory is carried on',
+            'if recalled.pose_sets.of_whole_memory:',
+            'if False:',
+        ),
+        (
+            'placements that are not listed are impossible',
+            'if any(len(part.placements) < part.n_hypotheses for part in emptied):',
+            'if False:',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'estimation',
+        ('test/fleet/test_memory_ends.py',),
+        (
+            'a memory that contradicts itself contradicts the moment',
+            'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:',
+            'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.covers:',
         ),
     ),
 ]
@@ -678,6 +753,16 @@ COVERS = (
 )
 
 PAIRS = [
+    *_in(
+        'pairs',
+        'counted_kernels',
+        ('test/pairs/test_counted.py',),
+        (
+            'the error of a step does not turn with the box',
+            'half_x += abs(y) * half_yaw + beyond + swing',
+            'half_x += abs(y) * half_yaw + beyond',
+        ),
+    ),
     *_in(
         'pairs',
         'half_spaces',

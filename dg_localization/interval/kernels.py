@@ -253,6 +253,6 @@ if COMPILED:
     try:
         _folder = open_folder()
     except CacheRefusedError as error:
-        _cache_refusal = f'{error}. Every process compiles the solver anew, for about a minute'
+        _cache_refusal = f'{error}. Every process compiles the solver anew, for about two minutes'
         warnings.warn(_cache_refusal, RuntimeWarning, stacklevel=2)
     _keep = _make_keeper()

@@ -114,7 +114,7 @@ def _boxes(
 @default_environment()
 def load_kernels() -> float:
     """
-    Load the compiled kernels, or compile them the first time on a machine (most of a minute).
+    Load the compiled kernels, or compile them the first time on a machine (about a minute).
 
     `solve` does so when it has to; a program that must answer in time calls this first. Without
     numba there is nothing to load.

@@ -176,7 +176,7 @@ def _spin_until(
 def _state(spectator: Spectator) -> str:
     """Return the newest answer in a few words."""
     if not spectator.compared:
-        return 'waiting for the first answer (the first run may compile the solver for a minute)'
+        return 'waiting for the first answer (the first run compiles the solver for two minutes)'
     held = sum(len(compared.held_by) > 0 for compared in spectator.compared)
     return (
         f'{count_text(spectator.compared[-1].answer)}; '

@@ -181,7 +181,7 @@ def exit_code_despite_worker(code: int) -> int:
     Return `code`, or end the process with it when a worker's thread is still running.
 
     The interpreter waits for all threads at its end. The first warm-up of an installation
-    compiles the kernels for up to a minute, longer than anybody waits after a signal.
+    compiles the kernels for minutes, longer than anybody waits after a signal.
     """
     if any(thread.name.startswith(THREAD_NAME) for thread in running_threads()):
         sys.stdout.flush()
