@@ -64,7 +64,7 @@ def estimate_snapshot(
 
     """
     recalled = recall(snapshot, proved, cancel, filters)
-    if not snapshot.keys and not recalled.pose_sets.any:
+    if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
         return _without_placements(snapshot, None, _no_data_reason(snapshot)), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     # The solver comes next, whose time is limited on its own.

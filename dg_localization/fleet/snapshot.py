@@ -82,6 +82,12 @@ class Snapshot:
         return CarriedWindow(self.config, self.stamp_s, self.window, self.motion, self.anchors)
 
     @property
+    def odometry_is_young(self) -> bool:
+        """Whether any odometry is no older than a measurement in use may be."""
+        newest_s = (readings[-1].stamp_s for readings in self.motion.odometry.values() if readings)
+        return any(self.stamp_s - stamp_s <= self.config.max_age_s for stamp_s in newest_s)
+
+    @property
     def keys(self) -> tuple[LinkKey, ...]:
         """The links in use."""
         return (*(d.key for d in self.distances), *(r.key for r in self.rays))

@@ -95,3 +95,18 @@ def test_a_memory_alone_that_contradicts_itself_is_forgotten():
     estimates = triangle_that_cannot_be(measured_now=False)
     assert all(estimate.verdict is None for estimate in estimates)
     assert estimates[0].forgotten and not estimates[-1].forgotten
+
+
+@pytest.mark.parametrize('odometry_goes_on', [True, False])
+def test_memory_answers_while_odometry_says_where_the_robots_go(odometry_goes_on):
+    """Nothing is measured any more; where odometry is silent, too, no answer looks new."""
+    localizer = localizer_of(('r', 's'), range_error=RangeErrorModel(-0.05, 0.05, 0.0, 0.0))
+    for step in range(20):
+        now_s = START_S + step * STEP_S
+        if step < 10 or odometry_goes_on:
+            for x_m, robot in enumerate('rs'):
+                place_m = (float(x_m), 0.1 * step, 0.0)
+                localizer.add_odometry(robot, place_m, UNTURNED, now_s, now_s, f'{robot}/odom')
+        if step < 10:
+            localizer.add_range('r', 's', 1.0, now_s, now_s)
+    assert bool(localizer.step(now_s).placements) is odometry_goes_on

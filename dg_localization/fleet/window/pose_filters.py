@@ -45,8 +45,9 @@ FILTERS = 4
 START_SHARE = 1.0 / 9.0
 """Of the memory, for the readings that a filter starts from."""
 
-YOUNG_SHARE = 0.5
-"""A filter that knows less than this share of what is remembered tells less than all of that."""
+YOUNG_SHARE, LEAST_SHARE = 0.7, 0.5
+"""A filter that knows less than this share of what is remembered, or has lived for less than that
+share of the memory, tells less than all readings."""
 
 MOST_BOXES = 1000
 """Of the cover that a filter starts from."""
@@ -199,7 +200,8 @@ class _Walk:
         if any(pose_filter.cover.empty for pose_filter in filters):
             return Place(NOWHERE, agreeing_s)
         span_s = self._carried.span_s((WORLD, self._robot))
-        if self._now_s - oldest.since_s < YOUNG_SHARE * span_s:
+        least_s = max(YOUNG_SHARE * span_s, LEAST_SHARE * self._config.memory_s)
+        if self._now_s - oldest.since_s < least_s:
             return None
         cover = self._arrived(oldest)
         return None if cover is None else Place(cover, agreeing_s)
