@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.solver.contract.turns import bound_angle
+from dg_localization.solver.contract.turns import _signed_angle, bound_angle
 
 
 def angle_at(x, i, j, k):
@@ -44,3 +44,13 @@ def test_a_side_that_may_vanish_bounds_no_angle():
     box[1] = [[0.0, 0.2, 1.1], [0.2, 0.0, 1.1], [1.1, 1.1, 0.0]]
     assert bound_angle(box, 0, 1, 2)[0] == 0.0
     assert bound_angle(box, 0, 1, 2)[1] >= math.pi
+
+
+def test_an_angle_of_unknown_sign_has_both():
+    assert _signed_angle(0.1, 0.5, 1, True) == (0.1, 0.5)
+    assert _signed_angle(0.1, 0.5, -1, True) == (-0.5, -0.1)
+    assert _signed_angle(0.1, 0.5, 0, True) == (-0.5, 0.5)
+    low, high = _signed_angle(3.0, 3.1, 0, True)
+    assert low == 3.0 and 2.0 * math.pi - 3.0 <= high < 3.3
+    low, high = _signed_angle(3.0, 3.1, 0, False)
+    assert high == -3.0 and -3.3 < low <= 3.0 - 2.0 * math.pi
