@@ -186,7 +186,7 @@ class OdometryPath:
 
     def stated(self, time_s: float) -> tuple[float, float, float]:
         """Return x, y and yaw of the sample nearest to a time, in the odometry frame."""
-        (index,) = self._nearest(np.array([time_s])).index
+        index = self._index_at(time_s)
         return (*self._positions_m[index, :2].tolist(), float(self._yaws_rad[index]))
 
     def track_step(self, first_s: float, last_s: float) -> PastPoses:
@@ -199,8 +199,7 @@ class OdometryPath:
             The second is not earlier. The pose at `last_s` is seen from that at `first_s`.
 
         """
-        first, last = self._nearest(np.array([first_s, last_s])).index
-        return PastPoses(*self._walk_ahead(int(first), int(last)))
+        return PastPoses(*self._walk_ahead(self._index_at(first_s), self._index_at(last_s)))
 
     def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
         """
@@ -263,6 +262,10 @@ class OdometryPath:
             up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles)),
             up(up(error.rotation_per_m * lengths) + up(error.rotation_per_rad * angles)),
         )
+
+    def _index_at(self, time_s: float) -> int:
+        """Return the sample nearest to a time."""
+        return int(np.argmin(np.abs(self._stamps_s - time_s)))
 
     def _nearest(self, times_s: np.ndarray) -> _Nearest:
         """Return the samples nearest to some times."""

@@ -198,6 +198,22 @@ def _place(value: float, start: float, side: float, count: int) -> int:
 
 
 @kernel(borrows=True)
+def _clip(
+    box: np.ndarray,
+    axis: int,
+    start: float,
+    side: float,
+    number: int,
+    count: int,
+    part: np.ndarray,
+) -> bool:
+    """Write what a box has of a cell along an axis; return whether that is anything."""
+    part[LOW, axis] = max(box[LOW, axis], _edge(start, side, number, count))
+    part[HIGH, axis] = min(box[HIGH, axis], _edge(start, side, number + 1, count))
+    return not part[LOW, axis] > part[HIGH, axis]
+
+
+@kernel(borrows=True)
 def _add_to_slice(
     box: np.ndarray,
     level: int,
@@ -217,14 +233,10 @@ def _add_to_slice(
     first_y = max(0, _place(box[LOW, Y], start_y, side, n_y) - 1)
     last_y = min(n_y - 1, _place(box[HIGH, Y], start_y, side, n_y) + 1)
     for i in range(first_x, last_x + 1):
-        part[LOW, X] = max(box[LOW, X], _edge(start_x, side, i, n_x))
-        part[HIGH, X] = min(box[HIGH, X], _edge(start_x, side, i + 1, n_x))
-        if part[LOW, X] > part[HIGH, X]:
+        if not _clip(box, X, start_x, side, i, n_x, part):
             continue
         for j in range(first_y, last_y + 1):
-            part[LOW, Y] = max(box[LOW, Y], _edge(start_y, side, j, n_y))
-            part[HIGH, Y] = min(box[HIGH, Y], _edge(start_y, side, j + 1, n_y))
-            if part[LOW, Y] > part[HIGH, Y]:
+            if not _clip(box, Y, start_y, side, j, n_y, part):
                 continue
             place = (number * n_x + i) * n_y + j
             if slots[place] < 0:
@@ -280,9 +292,7 @@ def move_cells(
             first = max(0, _place(box[LOW, YAW], start, side, slices) - 1)
             last = min(slices - 1, _place(box[HIGH, YAW], start, side, slices) + 1)
             for m in range(first, last + 1):
-                part[LOW, YAW] = max(box[LOW, YAW], _edge(start, side, m, slices))
-                part[HIGH, YAW] = min(box[HIGH, YAW], _edge(start, side, m + 1, slices))
-                if part[LOW, YAW] > part[HIGH, YAW]:
+                if not _clip(box, YAW, start, side, m, slices, part):
                     continue
                 count = _add_to_slice(box, level, m, grid, starts, slots, part, moved, count)
                 if count > moved.shape[0]:

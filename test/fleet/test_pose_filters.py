@@ -19,7 +19,7 @@ MEMORY_S = 6.0
 
 @pytest.fixture(autouse=True)
 def _even_in_short_memories(monkeypatch):
-    monkeypatch.setattr('dg_localization.fleet.window.pose_filters.LEAST_MEMORY_S', 0.0)
+    monkeypatch.setattr('dg_localization.fleet.window.pose_filters.LEAST_FOLLOWED_S', 0.0)
 
 
 def draw(seed, seconds, **settings):

@@ -49,19 +49,23 @@ def assert_in_its_hypothesis(hypothesis, lower, upper):
         assert (low - slack_m2 <= squared_m2).all() and (squared_m2 <= high + slack_m2).all()
 
 
+def n_proved_in_their_hypotheses(problem, lower, upper, max_boxes, within=None):
+    """Solve a problem; return how many hypotheses are proved, all of them rightly."""
+    options = SolverOptions(resolution=0.05, max_boxes=max_boxes, max_seconds=2.0)
+    proved = [h for h in solve(problem, options, within=within).hypotheses if h.proved]
+    for hypothesis in proved:
+        assert_in_its_hypothesis(hypothesis, lower, upper)
+    return len(proved)
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_what_is_proved_lies_in_its_hypothesis(seed):
     rng = np.random.default_rng(seed)
     n_proved = 0
     for _ in range(N_PROBLEMS):
         problem, _ = drawn_problem(rng)
-        options = SolverOptions(
-            resolution=0.05, max_boxes=int(rng.choice([10, 60, 400])), max_seconds=2.0
-        )
-        for hypothesis in solve(problem, options).hypotheses:
-            if hypothesis.proved:
-                n_proved += 1
-                assert_in_its_hypothesis(hypothesis, problem.lower, problem.upper)
+        bounds = problem.lower, problem.upper
+        n_proved += n_proved_in_their_hypotheses(problem, *bounds, int(rng.choice([10, 60, 400])))
     assert n_proved > 50
 
 
@@ -71,12 +75,8 @@ def test_what_is_proved_lies_within_the_boxes_that_are_asked_for(seed):
     n_proved = 0
     for _ in range(N_PROBLEMS):
         problem, squared_m2 = drawn_problem(rng)
-        lower, upper = drawn_within(rng, problem, squared_m2)
-        options = SolverOptions(resolution=0.05, max_boxes=60, max_seconds=2.0)
-        for hypothesis in solve(problem, options, within=[(lower, upper)]).hypotheses:
-            if hypothesis.proved:
-                n_proved += 1
-                assert_in_its_hypothesis(hypothesis, lower, upper)
+        box = drawn_within(rng, problem, squared_m2)
+        n_proved += n_proved_in_their_hypotheses(problem, *box, 60, [box])
     assert n_proved > 50
 
 

@@ -34,3 +34,14 @@ def connected_to(joined: BoolArray, start: int) -> set[int]:
         reached |= new
         pending.extend(new)
     return reached
+
+
+def components_of(joined: BoolArray) -> list[tuple[int, ...]]:
+    """Return the points that chains of joined pairs connect, in the order of their first ones."""
+    components: list[tuple[int, ...]] = []
+    waiting = list(range(len(joined)))
+    while waiting:
+        together = connected_to(joined, waiting[0])
+        components.append(tuple(sorted(together)))
+        waiting = [point for point in waiting if point not in together]
+    return components

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.constraints.graph import connected_to
+from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath, TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
@@ -150,11 +150,16 @@ class CarriedWindow:
         joined = np.zeros((len(robots) + 1, len(robots) + 1), bool)
         for first, second in [*linked, *(pair for pair in self.pairs if pair[0] == WORLD)]:
             joined[first, second] = joined[second, first] = True
+        component_of = {
+            robot: number
+            for number, together in enumerate(components_of(joined))
+            for robot in together
+        }
         return tuple(
             pair
             for pair in self.pairs
             if pair[0] != WORLD
-            and pair[1] not in connected_to(joined, pair[0])
+            and component_of[pair[0]] != component_of[pair[1]]
             and self._now_s - self._stamps_of(pair)[0] <= newest_s
         )
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.constraints.graph import connected_to
+from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.estimate import Placement
 from dg_localization.fleet.window.proved import heading_arcs, intersect_arcs
 from dg_localization.fleet.window.shape_headings import with_headings
@@ -40,14 +40,8 @@ def join_meeting(placements: Sequence[Placement]) -> tuple[Placement, ...]:
     """
     if len(placements) < 2:
         return tuple(placements)
-    meets = _which_meet(placements)
-    joined = []
-    waiting = list(range(len(placements)))
-    while waiting:
-        together = sorted(connected_to(meets, waiting[0]))
-        waiting = [number for number in waiting if number not in together]
-        joined.append(_join([placements[number] for number in together]))
-    return tuple(joined)
+    components = components_of(_which_meet(placements))
+    return tuple(_join([placements[number] for number in together]) for together in components)
 
 
 def _which_meet(placements: Sequence[Placement]) -> NDArray[np.bool_]:

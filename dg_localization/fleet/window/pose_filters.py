@@ -33,7 +33,7 @@ from dg_localization.pairs import (
     Stated,
 )
 
-LEAST_MEMORY_S = 45.0
+LEAST_FOLLOWED_S = 45.0
 """In a shorter memory all readings, seen from now, tell as much in less time."""
 
 KNOTS = 36
@@ -123,7 +123,7 @@ class PoseFilters:
             None where all readings of the window together tell more than a filter.
 
         """
-        if snapshot.config.memory_s < LEAST_MEMORY_S:
+        if snapshot.config.memory_s < LEAST_FOLLOWED_S:
             return None
         walk = _Walk(snapshot, robot, stopped)
         filters = [walk.settled(c) for c in self._filters.get(robot, ()) if walk.goes_on(c)]

@@ -228,7 +228,8 @@ class Product:
     ) -> tuple[FloatArray | None, bool]:
         """Return a placement of a combination, and whether it is proved to agree."""
         box = np.stack(bounds)
-        if problem.n_points <= MOST_AT_ONCE and not self._turns:
+        begins_at_once = problem.n_points <= MOST_AT_ONCE and not self._turns
+        if begins_at_once:
             positions, proved = settled(self._problem, self._at_once(problem, bounds), [box])
             if proved:
                 return positions, True
@@ -259,7 +260,7 @@ class Product:
                     return positions, True
             if first is None:
                 first = positions
-        if problem.n_points <= MOST_CONTRACTED:
+        if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
             positions, proved = settled(self._problem, self._at_once(problem, bounds), [box])
             if proved:
                 return positions, True

@@ -66,7 +66,7 @@ class SolvedPart:
     hypotheses: Sequence[Hypothesis]
 
 
-class _Hope:
+class _BoxLimit:
     """
     Stops a search that has more boxes to examine than it may.
 
@@ -113,7 +113,7 @@ def solve_part(
     if part.problem is None:
         return SolvedPart(Cover(), Statistics(), ())
     if part.all_or_nothing:
-        cancel = progress = _Hope(options.max_boxes, cancel, progress)
+        cancel = progress = _BoxLimit(options.max_boxes, cancel, progress)
     # One box at a time, so that no answer depends on the processors of a worker.
     args = part.problem, options, cancel, progress, part.within
     cover, statistics = search(*args, at_once=1)

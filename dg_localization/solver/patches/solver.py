@@ -229,7 +229,9 @@ class PatchSolver:
         for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
             self._tried.update(new)
-            for patch in self._solved([*filter(None, new)], known, most_boxes, True):
+            for patch in self._solved(
+                [*filter(None, new)], known, most_boxes, all_or_nothing=True
+            ):
                 # One that takes many boxes is worth nothing, and nothing depends on it.
                 if not patch.pending:
                     yield patch

@@ -78,8 +78,15 @@ def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
         return False
     if problem.is_sparse:
         return pairs_lie_within(problem.pairs, positions)
-    answer = _compare_distances(positions, problem.lower, problem.upper)
-    return answer > 0 if answer else _agree_exactly(positions, problem.pairs)
+    return _lie_between(problem.lower, problem.upper, positions)
+
+
+def _lie_between(lower: FloatArray, upper: FloatArray, positions: FloatArray) -> bool:
+    """Prove that all squared distances of a finite placement lie in their bounds, (n, n)."""
+    answer = _compare_distances(positions, lower, upper)
+    return (
+        answer > 0 if answer else _agree_exactly(positions, PairBounds.from_matrices(lower, upper))
+    )
 
 
 def pairs_lie_within(bounded: PairBounds, positions: FloatArray) -> bool:
@@ -117,12 +124,7 @@ def lies_in(box: FloatArray, positions: FloatArray) -> bool:
         True is a proof, as that of `agrees`.
 
     """
-    if not np.isfinite(positions).all():
-        return False
-    answer = _compare_distances(positions, box[LOWER], box[UPPER])
-    if answer:
-        return bool(answer > 0)
-    return _agree_exactly(positions, PairBounds.from_matrices(box[LOWER], box[UPPER]))
+    return bool(np.isfinite(positions).all()) and _lie_between(box[LOWER], box[UPPER], positions)
 
 
 @kernel
