@@ -319,6 +319,8 @@ class Runs:
     settled_before: int = 0
     runs: int = 0
     widths_rad: list[float] = field(default_factory=list)
+    off_m: list[float] = field(default_factory=list)
+    wide_m: list[float] = field(default_factory=list)
     milliseconds: list[float] = field(default_factory=list)
 
     def run(self, fleet: SimulatedFleet, seconds: float, tick_s: float) -> None:
@@ -337,6 +339,10 @@ class Runs:
             self.answers += 1
             self.inside += any(holds(place, *truth) for place in estimate.placements)
             single, arcs = estimate.n_hypotheses == 1, _arcs_rad(estimate)
+            if single:
+                (place,) = estimate.placements
+                self.off_m.append(np.linalg.norm(place.positions_m - truth[0], axis=1).max())
+                self.wide_m.append(np.ptp(place.enclosure_m, axis=1).max())
             bounded |= single and bool(np.all(arcs < math.pi))
             settled |= single and bool(np.median(arcs) < ARC_RAD)
         assert estimate is not None
@@ -359,8 +365,14 @@ class Runs:
         return (
             f'| {robots} | {seconds:.0f} | {self.inside} of {self.answers} | '
             f'{" | ".join(counts)} | {middle:.2f} ({low:.2f} to {high:.2f}) | '
+            f'{_median_and_95(self.off_m)} | {_median_and_95(self.wide_m)} | '
             f'{fast:.0f} ({slow:.0f}) |'
         )
+
+
+def _median_and_95(values: Sequence[float]) -> str:
+    """Return two percentiles as a cell of a table."""
+    return '{:.2f} (95 %: {:.2f})'.format(*np.percentile(values, [50, 95]))
 
 
 def _arcs_rad(estimate: Estimate) -> FloatArray:
@@ -373,7 +385,7 @@ def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: flo
     print(
         '| robots | seconds | truth inside | one hypothesis | with all headings '
         '| and below 1 rad in the median | all headings, before | below 1 rad, before '
-        '| heading width (rad) | ms (95 %) |'
+        '| heading width (rad) | farthest point off by (m) | widest enclosure (m) | ms (95 %) |'
     )
     for count in robots:
         figures = Runs()

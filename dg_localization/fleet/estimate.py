@@ -14,6 +14,7 @@ import numpy as np
 
 from dg_localization.fleet.contradictions.offenders import Offender
 from dg_localization.fleet.contradictions.suspects import Suspect
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.interval.angles import angle_up
@@ -170,8 +171,7 @@ class Placement:
         if self.fitted_yaws_rad is None:
             return orientations, half_widths
         for robot in np.flatnonzero(self.heading_known & np.isfinite(self.fitted_yaws_rad)):
-            z, w = orientations[robot, 2:]
-            middle_rad, half_rad = 2.0 * math.atan2(z, w), float(half_widths[robot])
+            middle_rad, half_rad = yaw_of(orientations[robot]), float(half_widths[robot])
             off_rad = math.remainder(float(self.fitted_yaws_rad[robot]) - middle_rad, math.tau)
             off_rad = min(max(off_rad, -half_rad), half_rad)
             half_yaw = 0.5 * (middle_rad + off_rad)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from dg_localization import SolverOptions
 from dg_localization.fleet.answers import Answer, answer, shared_time
@@ -21,6 +22,7 @@ from dg_localization.fleet.contradictions.explanation import (
 )
 from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
 from dg_localization.fleet.estimate import Estimate, Group
+from dg_localization.fleet.frames.best_points import fit_headed
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
@@ -82,7 +84,8 @@ def estimate_snapshot(
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
         return replace(estimate, suspects_in_window=in_window), ()
-    narrowed = narrow_answer(found, plans, recalled)
+    refit = partial(fit_headed, snapshot, constraints)
+    narrowed = narrow_answer(found, plans, recalled, refit)
     estimate = _answered(snapshot, narrowed.answer, plans)
     estimate = replace(
         estimate,

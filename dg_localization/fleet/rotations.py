@@ -73,6 +73,11 @@ def rotation_angle_rad(rotation: np.ndarray) -> float:
     return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
 
 
+def yaw_of(xyzw: FloatArray) -> float:
+    """Return the angle in rad of a rotation about z, a unit quaternion, shape (4,)."""
+    return 2.0 * math.atan2(float(xyzw[2]), float(xyzw[3]))
+
+
 def quaternion_of(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion xyzw of a rotation matrix."""
     m = rotation

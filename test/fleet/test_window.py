@@ -20,7 +20,10 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
+from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.frames.best_points import FittedPlacement, fit_headed
+from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
 from dg_localization.fleet.window.proved import PoseBounds
@@ -211,27 +214,116 @@ def test_robots_are_connected_for_half_the_memory():
     assert 'stale' in estimate.reason
 
 
-def test_mirror_images_that_meet_are_one_hypothesis():
+def images_that_meet():
+    """Return a placement and its mirror image, both of which reach the line of two robots."""
     fleet = Circling(3)
     *_, estimate = fleet.drive(1.0)
     image = estimate.placements[0]
     robot = int(np.argmax(np.abs(image.positions_m[:, 1])))
-    low, high = image.enclosure_m.copy(), image.enclosure_m.copy()
-    low[robot, :, 1], high[robot, :, 1] = [-0.3, 0.01], [-0.01, 0.2]
-    arcs = np.array([[0.0, 1.0]] * 3), np.array([[0.5, 1.5]] * 3)
-    below, above = (
-        within_bounds(replace(image, enclosure_m=box, covariances=None), PoseBounds(box, arc))
-        for box, arc in zip((low, high), arcs, strict=True)
-    )
-    (joined,) = join_meeting((below, above))
-    assert joined.enclosure_m[robot, :, 1].tolist() == [-0.3, 0.2]
-    assert joined.heading_known.all()
-    assert np.all(np.abs(joined.heading_half_width_rad - 0.75) < 1e-9)
-    apart = np.array(high)
+    images = []
+    for side, span_m, arcs in ((-1, [-0.3, 0.01], [0.0, 1.0]), (1, [-0.01, 0.2], [0.5, 1.5])):
+        box_m, points_m = image.enclosure_m.copy(), image.positions_m.copy()
+        box_m[robot, :, 1] = span_m
+        points_m[robot, 1] = side * 0.1
+        near = replace(image, positions_m=points_m, enclosure_m=box_m, lower_m=np.zeros((3, 3)))
+        bounds = PoseBounds(box_m, np.array([arcs] * 3))
+        images.append(within_bounds(replace(near, covariances=None), bounds))
+    return robot, *images
+
+
+def joined(*placements, costs=(1.0, 2.0)):
+    fitted = [FittedPlacement(*one) for one in zip(placements, costs, strict=True)]
+    return join_meeting(fitted)
+
+
+def test_mirror_images_that_meet_are_one_hypothesis():
+    robot, below, above = images_that_meet()
+    (one,) = joined(below, above)
+    assert one.enclosure_m[robot, :, 1].tolist() == [-0.3, 0.2]
+    assert one.heading_known.all()
+    assert np.all(np.abs(one.heading_half_width_rad - 0.75) < 1e-9)
+    apart = above.enclosure_m.copy()
     apart[robot, :, 1] = [0.02, 0.2]
-    assert len(join_meeting((below, replace(above, enclosure_m=apart)))) == 2
+    assert len(joined(below, replace(above, enclosure_m=apart))) == 2
     turned = replace(above, orientations_xyzw=-above.orientations_xyzw[:, [0, 1, 3, 2]])
-    assert len(join_meeting((below, turned))) == 2
+    assert len(joined(below, turned)) == 2
+
+
+def test_the_point_of_what_is_joined_is_the_one_that_fits_best():
+    _, below, above = images_that_meet()
+    for costs, expected in (((1.0, 2.0), below), ((2.0, 1.0), above)):
+        (one,) = joined(below, above, costs=costs)
+        assert np.array_equal(one.positions_m, expected.positions_m)
+
+
+def test_hypotheses_with_other_distances_are_not_joined():
+    _, below, above = images_that_meet()
+    lower_m, upper_m = above.lower_m.copy(), above.upper_m.copy()
+    lower_m[0, 1] = lower_m[1, 0] = below.upper_m[0, 1] + 0.01
+    upper_m[0, 1] = upper_m[1, 0] = below.upper_m[0, 1] + 0.5
+    assert len(joined(below, replace(above, lower_m=lower_m, upper_m=upper_m))) == 2
+
+
+def test_mirror_images_that_do_not_come_in_line_are_not_joined():
+    robot, below, above = images_that_meet()
+    off_the_line_m = np.full((3, 3), 4.0) - 4.0 * np.eye(3)
+    apart = {'lower_m': 0.9 * off_the_line_m, 'upper_m': 1.1 * off_the_line_m}
+    assert len(joined(replace(below, **apart), replace(above, **apart))) == 2
+    # Mirror images are those that lie on different sides.
+    assert len(joined(replace(below, **apart), replace(below, **apart))) == 1
+
+
+class Noisy(Circling):
+    """Robots whose ranges err anywhere in their bounds."""
+
+    def __init__(self, robots, **settings):
+        super().__init__(robots, **settings)
+        self._rng = np.random.default_rng(0)
+
+    def _range(self, observer, target, gap):
+        super()._range(observer, target, gap / (1.0 + self._rng.uniform(-0.02, 0.02)))
+
+
+@pytest.mark.parametrize('anchors', [{}, {'a': Anchor((-4.0, -3.0)), 'b': Anchor((5.0, -3.0))}])
+def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors):
+    fleet = Noisy(3, anchors=anchors)
+    off_m, off_of_the_moment_m, off_rad = [], [], []
+    for estimate in fleet.drive(15.0):
+        if estimate.n_hypotheses > 1 or not estimate.placements[0].heading_known.all():
+            continue
+        (placement,) = estimate.placements
+        assert fleet.holds(placement, estimate)
+        low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+        assert np.all((low <= placement.positions_m) & (placement.positions_m <= high))
+        places, yaws = fleet.truth(estimate)
+        off_m.append(np.linalg.norm(placement.positions_m - places, axis=1).max())
+        off_rad += list(2.0 * np.arcsin(np.abs(np.sin(0.5 * (placement.fitted_yaws_rad - yaws)))))
+        forgetful = replace(fleet.localizer.snapshot(fleet.now_s), window=NO_WINDOW)
+        images = estimate_snapshot(forgetful)[0].placements
+        off_of_the_moment_m.append(
+            min(np.linalg.norm(image.positions_m - places, axis=1).max() for image in images)
+        )
+    assert len(off_m) >= 5
+    assert np.mean(off_m) < 0.6 * np.mean(off_of_the_moment_m)
+    assert np.mean(off_rad) < 0.1
+
+
+def test_a_point_that_the_window_pulls_into_another_hypothesis_stays():
+    fleet = Circling(3)
+    *_, estimate = fleet.drive(10.0)
+    (placement,) = estimate.placements
+    snapshot = fleet.localizer.snapshot(fleet.now_s)
+    constraints = constrain(snapshot)
+    (plans,) = plan_frames(snapshot, constraints, [constraints])
+    bare = replace(placement, fitted_yaws_rad=np.full(3, np.nan))
+    fitted = fit_headed(snapshot, constraints, plans.main, bare)
+    assert math.isfinite(fitted.cost)
+    assert np.isfinite(fitted.placement.fitted_yaws_rad).all()
+    for share in (1.0 - 1e-9, 1.5):
+        elsewhere = replace(bare, lower_m=share * placement.upper_m)
+        left = fit_headed(snapshot, constraints, plans.main, elsewhere)
+        assert left.cost == math.inf
+        assert left.placement is elsewhere
 
 
 def test_distances_of_a_placement_are_bounded():

@@ -12,9 +12,10 @@ the start that does.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,9 @@ class BestPoint:
         readings whose errors are independent and anywhere in their bounds; those of one target
         within a few seconds of the past count as one. Zero for what the frame fixes, and for
         rotations that are not fitted; NaN where nothing was fitted.
+    cost : float
+        What the fit leaves of the squared residuals, in half widths; infinite where nothing was
+        fitted.
 
     """
 
@@ -83,6 +87,7 @@ class BestPoint:
     proved: bool
     rotations: FloatArray
     covariances: FloatArray
+    cost: float
 
     def fitted_yaws_rad(self) -> FloatArray:
         """Return the headings in the plane, shape (n,); NaN where none was fitted."""
@@ -138,6 +143,8 @@ class BestPointFinder:
         What is remembered.
     beside_past : sequence of Term
         What was measured but is not in `past`.
+    yaws_rad : mapping of int to float
+        Where the fit of bodies without rays starts, whose headings are known otherwise.
 
     """
 
@@ -149,6 +156,7 @@ class BestPointFinder:
         sensors: Sequence[Sensor] = (),
         past: Past | None = None,
         beside_past: Sequence[Term] = (),
+        yaws_rad: Mapping[int, float] = MappingProxyType({}),
     ) -> None:
         self._problem = problem
         self._terms = PackedTerms.of(terms)
@@ -161,9 +169,10 @@ class BestPointFinder:
         for sensor in sensors:
             if sensor.body not in held:
                 self._rays_of.setdefault(sensor.body, []).extend(sensor.ray())
+        self._yaws_rad = yaws_rad
         self._past = None
         if past is not None:
-            past = past.of_robots({*held, *self._rays_of, *past.guesses})
+            past = past.of_robots({*held, *self._rays_of, *past.guesses, *yaws_rad})
             self._past = replace(
                 past, terms=PackedTerms.joined([PackedTerms.of(beside_past), past.terms])
             )
@@ -199,7 +208,7 @@ class BestPointFinder:
         if not np.isfinite(start_m).all() or self._effort >= MOST_EFFORT:
             rotations = np.tile(np.eye(3), (len(start_m), 1, 1))
             unknown = np.full((len(start_m), 6, 6), np.nan)
-            return BestPoint(start_m, agrees(problem, start_m), rotations, unknown)
+            return BestPoint(start_m, agrees(problem, start_m), rotations, unknown, math.inf)
         bodies = self._bodies(start_m, enclosure)
         self._effort += int(bodies.free.sum()) ** 3
         fit = fit_terms(self._terms, bodies)
@@ -219,7 +228,7 @@ class BestPointFinder:
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
         covariances = _covariances(fit, bodies, information, n_points)
-        return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances)
+        return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances, fit.cost)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
         """Return the positions of a fit, with the sensors where their bodies have them."""
@@ -237,6 +246,9 @@ class BestPointFinder:
         for row in {*past.rows.tolist()} - {*self._held}:
             if row in self._rays_of:
                 free[row, 5] = True
+            elif row in self._yaws_rad:
+                free[row, 5] = True
+                rotations[row] = rotations_about_z(np.array([self._yaws_rad[row]]))[0]
             elif row in past.guesses:
                 # It has seen nothing lately.
                 free[row, 5] = True

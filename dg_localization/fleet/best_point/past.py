@@ -96,7 +96,7 @@ class Past:
         return replace(self, terms=self.terms.chosen(kept))
 
 
-def past_of(snapshot: Snapshot, solved: Constraints) -> Past | None:
+def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = ()) -> Past | None:
     """
     Return what a window says of the points that are placed together; None when nothing.
 
@@ -105,12 +105,14 @@ def past_of(snapshot: Snapshot, solved: Constraints) -> Past | None:
     snapshot : Snapshot
     solved : Constraints
         Of the points that are placed together; a body is one of them.
+    headed : collection of str
+        Robots without cameras whose headings are known.
 
     """
     config, observations = snapshot.config, snapshot.window.observations
     if config.dimension != 2 or not observations:
         return None
-    moving = _moving(snapshot, solved)
+    moving = _moving(snapshot, solved, headed)
     if not 0 < len(moving) <= MOST_POSES // LEAST_POSES:
         return None
     times_s = _times_s(snapshot, len(moving))
@@ -152,7 +154,7 @@ def past_of(snapshot: Snapshot, solved: Constraints) -> Past | None:
     )
 
 
-def _moving(snapshot: Snapshot, solved: Constraints) -> list[str]:
+def _moving(snapshot: Snapshot, solved: Constraints, headed: Collection[str]) -> list[str]:
     """Return the robots with odometry up to now that have seen others: their rotation is known."""
     config, odometry = snapshot.config, snapshot.motion.odometry
     since_s = snapshot.stamp_s - min(LONGEST_S, config.memory_s)
@@ -164,7 +166,7 @@ def _moving(snapshot: Snapshot, solved: Constraints) -> list[str]:
     return [
         robot
         for robot in config.robots
-        if robot in cameras & odometry.keys() & solved.rows.keys()
+        if robot in cameras.union(headed) & odometry.keys() & solved.rows.keys()
         and robot not in config.anchors
         and odometry[robot][-1].stamp_s >= snapshot.stamp_s - config.max_age_s
     ]

@@ -17,12 +17,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder, Sensor
-from dg_localization.fleet.best_point.past import past_of
-from dg_localization.fleet.best_point.readings import terms_of
+from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.assembly import PlacedPoints, assemble
+from dg_localization.fleet.frames.best_points import best_points
 from dg_localization.fleet.frames.body_poses import BodyPoses, heading_within
 from dg_localization.fleet.frames.enclosure import Encloser
 from dg_localization.fleet.frames.headings import (
@@ -192,22 +191,9 @@ class Placer:
     @cached_property
     def _best_points(self) -> BestPointFinder:
         """What finds the best points, by all readings; a contradiction does not need it."""
-        snapshot = self._snapshot
-        by_anchors = self._plan.frame.kind == FrameKind.ANCHORS
-        anchors = self._registration.anchors if by_anchors else {}
-        terms = list(terms_of(snapshot, self._solved, self._dropped, anchors))
-        # What contradicts the rest now may have been wrong before.
-        past = None if self._dropped else past_of(snapshot, self._solved)
-        covered = past.ends if past is not None else frozenset()
-        in_past = frozenset(key for key in snapshot.keys if key.ends in covered)
-        beside_past = list(terms_of(snapshot, self._solved, self._dropped | in_past, anchors))
-        rows = self._solved.rows
-        sensors = [
-            Sensor(rows[point], rows[self._config.robot_of(point)], arm_m)
-            for point, arm_m in snapshot.mounts.arms_m.items()
-            if point in rows
-        ]
-        return BestPointFinder(self.problem, terms, self._held, sensors, past, beside_past)
+        return best_points(
+            self._snapshot, self._solved, self._plan.frame.kind, self._held, self._dropped
+        )
 
     @property
     def _reference(self) -> int | None:

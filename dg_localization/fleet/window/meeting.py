@@ -12,24 +12,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.estimate import Placement
+from dg_localization.fleet.frames.best_points import FittedPlacement
 from dg_localization.fleet.window.proved import heading_arcs, intersect_arcs
 from dg_localization.fleet.window.shape_headings import with_headings
 from dg_localization.pairs.cover import arc_around
 
 
-def join_meeting(placements: Sequence[Placement]) -> tuple[Placement, ...]:
+def join_meeting(fitted: Sequence[FittedPlacement]) -> tuple[Placement, ...]:
     """
-    Return placements, those of which the bounds of all poses meet as one.
+    Return placements, those that meet as one.
 
     Parameters
     ----------
-    placements : sequence of Placement
+    fitted : sequence of FittedPlacement
         In one frame, in the plane.
 
     Returns
@@ -38,39 +40,80 @@ def join_meeting(placements: Sequence[Placement]) -> tuple[Placement, ...]:
         In the order of the first of each.
 
     """
-    if len(placements) < 2:
-        return tuple(placements)
-    components = components_of(_which_meet(placements))
-    return tuple(_join([placements[number] for number in together]) for together in components)
+    if len(fitted) < 2:
+        return tuple(one.placement for one in fitted)
+    components = components_of(_which_meet([one.placement for one in fitted]))
+    return tuple(_join([fitted[number] for number in together]) for together in components)
 
 
 def _which_meet(placements: Sequence[Placement]) -> NDArray[np.bool_]:
-    """Return which placements, (k, k), have bounds of all poses that meet."""
+    """Return which placements, (k, k), may be one and the same: bounds and sides allow it."""
     enclosures = np.stack([placement.enclosure_m for placement in placements])
     arcs = np.stack([heading_arcs(placement) for placement in placements])
     lower, upper = enclosures[:, :, 0], enclosures[:, :, 1]
     boxes_meet = (lower[:, None] <= upper[None]) & (lower[None] <= upper[:, None])
     _, arcs_meet = intersect_arcs(arcs[:, None], arcs[None])
-    return np.asarray(boxes_meet.all(axis=(2, 3)) & arcs_meet.all(axis=2))
+    meets = np.asarray(boxes_meet.all(axis=(2, 3)) & arcs_meet.all(axis=2))
+    for first, second in np.argwhere(np.triu(meets, 1)):
+        shared = _shapes_meet(placements[first], placements[second])
+        meets[first, second] = meets[second, first] = shared
+    return meets
 
 
-def _join(placements: Sequence[Placement]) -> Placement:
-    """Return one placement around some: its best point is that of the first."""
-    first = placements[0]
-    if len(placements) == 1:
-        return first
+def _shapes_meet(first: Placement, second: Placement) -> bool:
+    """
+    Return whether one shape may turn into the other within the bounds of both.
+
+    Boxes around robots far from the origin of a frame meet easily. Distances depend on no frame:
+    those of both must meet, and three robots that lie the other way round must come in line.
+    """
+    least_m = np.maximum(first.lower_m, second.lower_m)
+    most_m = np.minimum(first.upper_m, second.upper_m)
+    if np.any(least_m > most_m):
+        return False
+    triples = np.array([*combinations(range(len(least_m)), 3)], int).reshape(-1, 3)
+    turned = _areas_m2(first, triples) * _areas_m2(second, triples) < 0.0
+    return bool(_may_be_in_line(least_m, most_m, triples[turned]).all())
+
+
+def _areas_m2(placement: Placement, triples: NDArray[np.int_]) -> NDArray[np.float64]:
+    """Return twice the signed areas of triangles; NaN where a robot is not placed."""
+    corners_m = placement.positions_m[triples]
+    first, second = corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+
+def _may_be_in_line(
+    least_m: NDArray[np.float64], most_m: NDArray[np.float64], triples: NDArray[np.int_]
+) -> NDArray[np.bool_]:
+    """Return which triples may be in line, by bounds of all distances."""
+    may = np.zeros(len(triples), bool)
+    for turn in range(3):
+        end, middle, other = np.roll(triples, turn, axis=1).T
+        shortest_m = least_m[end, middle] + least_m[middle, other]
+        longest_m = most_m[end, middle] + most_m[middle, other]
+        may |= (least_m[end, other] <= longest_m) & (shortest_m <= most_m[end, other])
+    return may
+
+
+def _join(fitted: Sequence[FittedPlacement]) -> Placement:
+    """Return one placement around some: its best point is the one that fits best."""
+    best = min(fitted, key=lambda one: one.cost).placement
+    if len(fitted) == 1:
+        return best
+    placements = [one.placement for one in fitted]
     enclosures = np.stack([placement.enclosure_m for placement in placements])
     landmarks = np.stack([placement.landmark_enclosure_m for placement in placements])
     arcs = np.stack([heading_arcs(placement) for placement in placements])
     around = [arc_around(arcs[:, robot, 0], arcs[:, robot, 1]) for robot in range(arcs.shape[1])]
     unknown = replace(
-        first,
+        best,
         enclosure_m=_around(enclosures),
         landmark_enclosure_m=_around(landmarks),
         lower_m=np.min([placement.lower_m for placement in placements], axis=0),
         upper_m=np.max([placement.upper_m for placement in placements], axis=0),
-        orientations_xyzw=np.full_like(first.orientations_xyzw, np.nan),
-        heading_half_width_rad=np.full_like(first.heading_half_width_rad, np.pi),
+        orientations_xyzw=np.full_like(best.orientations_xyzw, np.nan),
+        heading_half_width_rad=np.full_like(best.heading_half_width_rad, np.pi),
         flexible=any(placement.flexible for placement in placements),
         mirrored=False,
     )

@@ -5,16 +5,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from dg_localization.fleet.answers import Answer
 from dg_localization.fleet.estimate import FixedFrame, Group, Placement
-from dg_localization.fleet.frames.plan import Plans
+from dg_localization.fleet.frames.best_points import FittedPlacement
+from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import Left, Recollection
+
+Refit = Callable[[FramePlan, Placement], FittedPlacement]
+
+MOST_REFITTED = 4
+"""Of more placements than these the best points stay those of the moment."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +45,15 @@ class NarrowedAnswer:
     proved: tuple[Proved, ...] = ()
 
 
-def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> NarrowedAnswer:
+def narrow_answer(
+    found: Answer, plans: Plans, recalled: Recollection, refit: Refit
+) -> NarrowedAnswer:
     """
     Return what a window leaves of an answer.
 
-    Where it leaves no placement at all, it contradicts the moment: the answer stays as it is. The
-    same holds where none is left of those listed, and there are others: that is no contradiction.
+    `refit` finds best points by the headings that the window tells. Where the window leaves no
+    placement at all, it contradicts the moment: the answer stays as it is. The same holds where
+    none is left of those listed, and there are others: that is no contradiction.
     """
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
@@ -55,23 +64,24 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
         main = recalled.narrow(found.placements, plans.main.frame)
         ruled_out += main.ruled_out
     parts: list[tuple[Answer | Group, Left]] = [(found, main)]
-    for group in found.groups:
+    for group, plan in zip(found.groups, plans.others, strict=True):
         left = recalled.narrow(group.placements, group.frame)
         parts.append((group, left))
-        groups.append(_narrowed_group(group, _hypotheses(recalled, left)))
+        groups.append(_narrowed_group(group, _hypotheses(left, plan, recalled, refit)))
         ruled_out += left.ruled_out
     emptied = [part for part, left in parts if part.placements and not left.placements]
     if any(len(part.placements) < part.n_hypotheses for part in emptied):
         return NarrowedAnswer(found, (), recalled.forgotten)
     if emptied and any(recalled.chains):
         recalled.allowance.pause()
-        return narrow_answer(found, plans, recalled.without_chains())
+        return narrow_answer(found, plans, recalled.without_chains(), refit)
     if emptied:
         return NarrowedAnswer(found, (), recalled.without_anything())
     proved: tuple[Proved, ...] = ()
+    placements = main.placements
     if plans.main is not None:
         proved = tuple(_what_is_proved(found, plans.main.frame, recalled, main))
-    placements = _hypotheses(recalled, main)
+        placements = _hypotheses(main, plans.main, recalled, refit)
     answer = replace(
         found,
         placements=placements,
@@ -81,9 +91,16 @@ def narrow_answer(found: Answer, plans: Plans, recalled: Recollection) -> Narrow
     return NarrowedAnswer(answer, tuple(ruled_out), recalled.forgotten, proved)
 
 
-def _hypotheses(recalled: Recollection, left: Left) -> tuple[Placement, ...]:
-    """Return the placements that are left, those that meet joined in the plane."""
-    return join_meeting(left.placements) if recalled.config.dimension == 2 else left.placements
+def _hypotheses(
+    left: Left, plan: FramePlan, recalled: Recollection, refit: Refit
+) -> tuple[Placement, ...]:
+    """Return the placements that are left; in the plane with new best points, and joined."""
+    if recalled.config.dimension != 2:
+        return left.placements
+    # With more there is no time for it, and none of them is the answer yet.
+    if len(left.placements) > MOST_REFITTED:
+        return join_meeting([FittedPlacement(placement) for placement in left.placements])
+    return join_meeting([refit(plan, placement) for placement in left.placements])
 
 
 def _narrowed_group(group: Group, placements: tuple[Placement, ...]) -> Group:

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.arrays import Interval
@@ -147,8 +147,7 @@ def heading_arcs(placement: Placement) -> FloatArray:
     """Return bounds of all headings of a placement, shape (n, 2)."""
     arcs = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (len(placement.heading_known), 1))
     for robot in np.flatnonzero(placement.heading_known):
-        z, w = placement.orientations_xyzw[robot, 2:]
-        yaw = 2.0 * math.atan2(float(z), float(w))
+        yaw = yaw_of(placement.orientations_xyzw[robot])
         half = angle_up(float(placement.heading_half_width_rad[robot]))
         arcs[robot] = yaw - half, yaw + half
     return arcs

@@ -1,0 +1,184 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What finds the best points of a plan: when it is placed, and when a window has told headings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
+from dg_localization.fleet.best_point.past import past_of
+from dg_localization.fleet.best_point.readings import terms_of
+from dg_localization.fleet.constraints.constrain import Constraints
+from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.frames.plan import FramePlan
+from dg_localization.fleet.rotations import yaw_of
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import LinkKey
+from dg_localization.interval.arrays import Interval
+from dg_localization.solver.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+
+def best_points(
+    snapshot: Snapshot,
+    solved: Constraints,
+    frame: FrameKind,
+    held: Collection[int],
+    dropped: frozenset[LinkKey] = frozenset(),
+    yaws_rad: Mapping[int, float] = MappingProxyType({}),
+) -> BestPointFinder:
+    """
+    Return what finds the best points of the placements of a plan, by all readings.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    solved : Constraints
+        Of the points of the plan.
+    frame : FrameKind
+    held : collection of int
+        Rows of the robots that do not turn in the frame.
+    dropped : frozenset of LinkKey
+        What does not count.
+    yaws_rad : mapping of int to float
+        Headings, by row, that no ray tells.
+
+    """
+    rows, config = solved.rows, snapshot.config
+    robots = config.robots
+    boxes = snapshot.anchors.boxes if frame is FrameKind.ANCHORS else {}
+    anchors = {
+        rows[config.points[point]]: box
+        for point, box in boxes.items()
+        if config.points[point] in rows
+    }
+    terms = list(terms_of(snapshot, solved, dropped, anchors))
+    headed = {robot for robot in robots if rows.get(robot) in yaws_rad}
+    # What contradicts the rest now may have been wrong before.
+    past = None if dropped else past_of(snapshot, solved, headed)
+    covered = past.ends if past is not None else frozenset()
+    in_past = frozenset(key for key in snapshot.keys if key.ends in covered)
+    beside_past = list(terms_of(snapshot, solved, dropped | in_past, anchors))
+    sensors = [
+        Sensor(rows[point], rows[config.robot_of(point)], arm_m)
+        for point, arm_m in snapshot.mounts.arms_m.items()
+        if point in rows
+    ]
+    return BestPointFinder(solved.problem(), terms, held, sensors, past, beside_past, yaws_rad)
+
+
+@dataclass(frozen=True)
+class FittedPlacement:
+    """
+    A placement, and how well its best point fits.
+
+    Parameters
+    ----------
+    placement : Placement
+    cost : float
+        What is left of the squared residuals, in half widths; infinite where nothing was fitted.
+
+    """
+
+    placement: Placement
+    cost: float = math.inf
+
+
+def fit_headed(
+    snapshot: Snapshot, constraints: Constraints, plan: FramePlan, placement: Placement
+) -> FittedPlacement:
+    """
+    Return a placement with the best point by headings that a window has told.
+
+    The heading of a robot without cameras is not known when it is placed. With it, what the robot
+    measured before counts, too.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        In the plane.
+    constraints : Constraints
+        Of all points of the fleet.
+    plan : FramePlan
+    placement : Placement
+
+    Returns
+    -------
+    FittedPlacement
+        The placement as it is where no robot turns that did not turn before.
+
+    """
+    solved, points = constraints.of(plan.points), list(plan.points)
+    robots, n_robots = snapshot.config.robots, len(snapshot.config.robots)
+    held: list[int] = []
+    if plan.frame.kind is FrameKind.HEADING:
+        held.append(points.index(robots.index(plan.frame.points[0])))
+    yaws_rad = {
+        points.index(robot): yaw_of(placement.orientations_xyzw[robot])
+        for robot in _headed_since(placement)
+        if robot in points and points.index(robot) not in held
+    }
+    places_m = np.concatenate([placement.positions_m, placement.landmarks_m])
+    # Points beyond these are sensors, whose places go with those of their robots.
+    if not yaws_rad or max(points) >= len(places_m):
+        return FittedPlacement(placement)
+    boxes_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])[points]
+    bounds_m2 = _squared_bounds(solved.problem(), points, placement)
+    if np.any(bounds_m2[0] > bounds_m2[1]):
+        return FittedPlacement(placement)
+    finder = best_points(snapshot, solved, plan.frame.kind, held, yaws_rad=yaws_rad)
+    best = finder.find(places_m[points], Interval(boxes_m[:, 0], boxes_m[:, 1]), bounds_m2)
+    if not (best.proved or _within(bounds_m2, best.positions_m)):
+        # The enclosure of a hypothesis may hold points of another one.
+        return FittedPlacement(placement)
+    places_m[points] = best.positions_m
+    covariances = np.full((len(places_m), 6, 6), np.nan)
+    covariances[points] = best.covariances
+    fitted_yaws_rad = np.full(len(places_m), np.nan)
+    fitted_yaws_rad[points] = best.fitted_yaws_rad()
+    fitted = replace(
+        placement,
+        positions_m=places_m[:n_robots],
+        landmarks_m=places_m[n_robots:],
+        proved=best.proved,
+        covariances=covariances[:n_robots],
+        fitted_yaws_rad=fitted_yaws_rad[:n_robots],
+    )
+    return FittedPlacement(fitted, best.cost)
+
+
+def _headed_since(placement: Placement) -> list[int]:
+    """Return the robots whose headings were found after the placement."""
+    turned = placement.heading_known
+    if placement.fitted_yaws_rad is not None:
+        turned = turned & np.isnan(placement.fitted_yaws_rad)
+    return np.flatnonzero(turned).tolist()
+
+
+def _within(bounds_m2: tuple[FloatArray, FloatArray], positions_m: FloatArray) -> bool:
+    """Return whether squared distances lie in their bounds, which proves nothing."""
+    steps_m = positions_m[:, None] - positions_m[None]
+    squared_m2 = (steps_m**2).sum(axis=-1)
+    return bool(np.all((bounds_m2[0] <= squared_m2) & (squared_m2 <= bounds_m2[1])))
+
+
+def _squared_bounds(
+    problem: Problem, points: Sequence[int], placement: Placement
+) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds of a problem, those between robots as narrow as in a placement."""
+    lower_m2, upper_m2 = problem.lower.copy(), problem.upper.copy()
+    rows = [row for row, point in enumerate(points) if point < len(placement.lower_m)]
+    here, there = np.ix_(rows, rows), np.ix_(*[[points[row] for row in rows]] * 2)
+    apart = Interval(placement.lower_m[there], placement.upper_m[there]).square()
+    lower_m2[here] = np.maximum(lower_m2[here], apart.lower)
+    upper_m2[here] = np.minimum(upper_m2[here], apart.upper)
+    return lower_m2, upper_m2
