@@ -73,14 +73,14 @@ def estimate_snapshot(
     recalled.allowance.pause()
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
-    found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
+    found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:
         recalled = recalled.without_pose_sets()
         if not snapshot.keys:
             nothing = _without_placements(snapshot, None, _no_data_reason(snapshot))
             return replace(nothing, forgotten=recalled.forgotten), ()
         constraints = constrain(snapshot)
-        found, plans = _solve(snapshot, constraints, snapshot.config.solver, cancel=cancel)
+        found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
         return replace(estimate, suspects_in_window=in_window), ()
@@ -263,7 +263,7 @@ def _explained(
             conflicts,
         )
     else:
-        shares = shared_time(config.solver, len(corrections))
+        shares = shared_time(snapshot.solver, len(corrections))
         answers = [
             answer(snapshot, alternative, planned, options, dropped, cancel)
             for alternative, planned, dropped, options in zip(

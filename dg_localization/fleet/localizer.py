@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import chain
+import math
 
 from numpy.typing import ArrayLike
 
@@ -193,11 +194,30 @@ class Localizer:
         return self._store.input_states(now_s)
 
     @default_environment()
-    def snapshot(self, now_s: float) -> Snapshot:
-        """Return what the measurements say at `now_s`; later ones do not change it."""
-        forgotten = self._follower.forgotten
+    def snapshot(self, now_s: float, tighten_seconds: float = math.inf) -> Snapshot:
+        """
+        Return what the measurements say at a time; later ones do not change it.
+
+        Parameters
+        ----------
+        now_s : float
+        tighten_seconds : float, optional
+            As of the options of the solver, for the estimate of this snapshot; the smaller one
+            counts. A caller in a hurry gets wider bounds.
+
+        Returns
+        -------
+        Snapshot
+
+        """
         return take_snapshot(
-            self._store, self._config, self._anchors, self._mounts, float(now_s), forgotten
+            self._store,
+            self._config,
+            self._anchors,
+            self._mounts,
+            float(now_s),
+            self._follower.forgotten,
+            tighten_seconds,
         )
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:

@@ -21,6 +21,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dg_localization.fleet.admission import Admission
 from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
@@ -90,7 +91,7 @@ class MeasurementStore:
 
     def __init__(self, config: FleetConfig) -> None:
         self._config = config
-        self._points = frozenset(config.points)
+        self._admission = Admission(config)
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
         self._stuck = StuckWatch(config)
@@ -107,10 +108,25 @@ class MeasurementStore:
         variance_m2: float | None,
     ) -> Rejection | None:
         """Accept a range, or return why not."""
-        rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
+        rejection = self._admission.check_link(key) or self._admission.check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        reading_m, stamp_s = real_number(range_m), float(stamp_s)
+        return self._take_range(
+            key, range_m, float(stamp_s), now_s, min_range_m, max_range_m, variance_m2
+        )
+
+    def _take_range(
+        self,
+        key: LinkKey,
+        range_m: float | ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        min_range_m: float | None = None,
+        max_range_m: float | None = None,
+        variance_m2: float | None = None,
+    ) -> Rejection | None:
+        """Accept a range of a link and a stamp that were checked, or return why not."""
+        reading_m = real_number(range_m)
         if reading_m is None:
             text = f'range {quoted(range_m)} is not allowed, it must be a number of meters'
             return self._reject(key, Rejection(RejectionReason.INVALID_RANGE, text))
@@ -129,11 +145,16 @@ class MeasurementStore:
         self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
     ) -> Rejection | None:
         """Accept a ray, or return why not."""
-        config = self._config
-        rejection = self._check_link(key) or self._check_stamp(stamp_s, now_s)
+        rejection = self._admission.check_link(key) or self._admission.check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        stamp_s = float(stamp_s)
+        return self._take_bearing(key, ray_xyz, float(stamp_s), now_s)
+
+    def _take_bearing(
+        self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """Accept a ray of a link and a stamp that were checked, or return why not."""
+        config = self._config
         ray = self._in_body_frame(key.observer, ray_xyz)
         if isinstance(ray, Rejection):
             return self._reject(key, ray)
@@ -160,7 +181,9 @@ class MeasurementStore:
         frame: str,
     ) -> Rejection | None:
         """Accept an odometry pose, or return why not."""
-        rejection = self._check_robot(key.observer) or self._check_stamp(stamp_s, now_s)
+        rejection = self._admission.check_robot(key.observer) or self._admission.check_stamp(
+            stamp_s, now_s
+        )
         if rejection:
             return self._reject(key, rejection)
         stamp_s = float(stamp_s)
@@ -186,25 +209,50 @@ class MeasurementStore:
     ) -> list[Rejection]:
         """Accept ranges and rays that one robot measured at one time; return why not."""
         together = LinkKey(LinkKind.PEERS, observer, '')
-        rejection = self._check_names(observer) or self._check_stamp(stamp_s, now_s)
+        rejection = self._admission.check_names(observer) or self._admission.check_stamp(
+            stamp_s, now_s
+        )
         if rejection:
             return [self._reject(together, rejection)]
+        try:
+            readings = iter(readings)
+        except TypeError:
+            text = (
+                f'peers {quoted(readings)} are not allowed, they must be pairs of a target, and '
+                'its distance in m or the ray to it'
+            )
+            return [self._reject(together, Rejection(RejectionReason.INVALID_PEER, text))]
         source, stamp_s = self._input(together), float(stamp_s)
         # A robot that measures nobody still delivers.
         source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         rejections = []
-        for target, value in readings:
-            if is_single(value):
-                key = LinkKey(LinkKind.RANGE, observer, str(target))
-                rejection = self.add_range(key, value, stamp_s, now_s, None, None, None)
-            else:
-                key = LinkKey(LinkKind.BEARING, observer, str(target))
-                rejection = self.add_bearing(key, value, stamp_s, now_s)
+        for row in readings:
+            rejection = self._take_peer(observer, row, stamp_s, now_s)
             if rejection:
                 rejections.append(self._reject(together, rejection))
             else:
                 source.count_accepted(stamp_s)
         return rejections
+
+    def _take_peer(
+        self, observer: str, row: PeerMeasurement, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """Accept what a robot measured of another at a checked stamp, or return why not."""
+        try:
+            target, value = row
+        except (TypeError, ValueError):
+            text = (
+                f'peer {quoted(row)} is not allowed, it must be a target, and its distance in m '
+                'or the ray to it'
+            )
+            return Rejection(RejectionReason.INVALID_PEER, text)
+        kind = LinkKind.RANGE if is_single(value) else LinkKind.BEARING
+        key = LinkKey(kind, observer, str(target))
+        rejection = self._admission.check_link(key)
+        if rejection:
+            return self._reject(key, rejection)
+        take = self._take_range if kind is LinkKind.RANGE else self._take_bearing
+        return take(key, value, stamp_s, now_s)
 
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
         """Return what counts at `now_s` of every range and bearing, in the order of the keys."""
@@ -286,62 +334,14 @@ class MeasurementStore:
         source.last_reason_text = rejection.text
         return rejection
 
-    def _check_names(self, *names: str) -> Rejection | None:
-        """Return a rejection when a name is not one of the fleet."""
-        for name in names:
-            if name not in self._points:
-                text = f'{name!r} is not one of the robots and anchors {sorted(self._points)}'
-                return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
-        return None
-
-    def _check_robot(self, name: str) -> Rejection | None:
-        """Return a rejection when a name is not that of a robot or anchor."""
-        if name in self._config.sensors:
-            text = f'{name!r} is a sensor, and odometry is that of a robot'
-            return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
-        return self._check_names(name)
-
-    def _check_link(self, key: LinkKey) -> Rejection | None:
-        """Return a rejection when a link does not join points of two robots or anchors."""
-        if key.observer == key.target:
-            text = f'{key.observer!r} is both observer and target'
-            return Rejection(RejectionReason.SAME_ROBOT, text)
-        robot = self._config.robot_of(key.observer)
-        if robot == self._config.robot_of(key.target):
-            text = (
-                f'{key.observer!r} and {key.target!r} are both on robot {robot!r}: where they are '
-                'on it is known from its mounts'
-            )
-            return Rejection(RejectionReason.SAME_ROBOT, text)
-        return self._check_names(key.observer, key.target)
-
-    def _check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
-        """Return a rejection when a stamp is not a time, or too far from now."""
-        stamp = real_number(stamp_s)
-        if stamp is None or not math.isfinite(stamp):
-            text = f'stamp {quoted(stamp_s)} s is not a finite number'
-            return Rejection(RejectionReason.INVALID_STAMP, text)
-        if stamp == 0.0:
-            text = 'stamp 0 s: the source does not fill it in'
-            return Rejection(RejectionReason.ZERO_STAMP, text)
-        age_s = now_s - stamp
-        if age_s > self._config.max_age_s:
-            text = f'stamp {stamp} s is {age_s:.3f} s old, max_age is {self._config.max_age_s} s'
-            return Rejection(RejectionReason.TOO_OLD, text)
-        if -age_s > self._config.max_future_s:
-            text = (
-                f'stamp {stamp} s is {-age_s:.3f} s in the future, '
-                f'max_future is {self._config.max_future_s} s'
-            )
-            return Rejection(RejectionReason.FUTURE, text)
-        return None
-
     def _check_stuck(
         self, key: LinkKey, value: tuple[float, ...], stamp_s: float
     ) -> Rejection | None:
         """Note a reading; return a rejection when it is stuck and such readings are dropped."""
-        robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
-        newest = {robot: self._tracks[robot].newest for robot in robots}
+        newest = {}
+        if self._tracks:
+            robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
+            newest = {robot: self._tracks[robot].newest for robot in robots}
         self._stuck.add(key, value, stamp_s, newest)
         sentence = self._stuck.sentence(key) if self._config.drop_stuck else ''
         return Rejection(RejectionReason.STUCK, sentence) if sentence else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -125,7 +126,7 @@ class Motion:
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of how far `point` moved between two times."""
         speed_m_s = self.max_speed_m_s[point]
-        by_speed_m = product_up(speed_m_s, elapsed_up(first_s, second_s))
+        by_speed_m = _most_between(speed_m_s, first_s, second_s)
         track = self.odometry.get(point)
         if not track:
             return by_speed_m
@@ -156,7 +157,7 @@ class Motion:
 
         """
         rate_rad_s = self.max_turn_rate_rad_s
-        by_rate_rad = product_up(rate_rad_s, elapsed_up(first_s, second_s))
+        by_rate_rad = _most_between(rate_rad_s, first_s, second_s)
         track = self.odometry.get(point)
         if track:
             start, end = _nearest(track, first_s), _nearest(track, second_s)
@@ -189,6 +190,13 @@ class Motion:
             elapsed_up(end.stamp_s, second_s),
             2.0 * self.error.latency_s,
         )
+
+
+# What a robot measured at one time is asked for all that it measured.
+@lru_cache(maxsize=4096)
+def _most_between(rate: float, first_s: float, second_s: float) -> float:
+    """Return an upper bound of what a rate adds up to between two times."""
+    return product_up(rate, elapsed_up(first_s, second_s))
 
 
 def greatest_errors(

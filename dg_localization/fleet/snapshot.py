@@ -31,6 +31,7 @@ from dg_localization.fleet.vocabulary import (
 from dg_localization.fleet.window.carry import CarriedWindow
 from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Window
 from dg_localization.interval.bounds import product_up, sum_down, sum_up
+from dg_localization.solver.options import SolverOptions
 
 LEAST_HALF_WIDTH_M = 1e-6
 """A reading without error must not outweigh all others beyond the digits of a number."""
@@ -62,6 +63,8 @@ class Snapshot:
     detections : frozenset of (str, str)
         The observers and targets whose ray in use shares its stamp with one of their ranges: both
         are of one detection, and wrong together or not at all.
+    tighten_seconds : float
+        As of the options of the solver; the smaller one counts.
 
     """
 
@@ -75,11 +78,19 @@ class Snapshot:
     window: Window = NO_WINDOW
     mounts: MountGeometry = NO_MOUNTS
     detections: frozenset[Ends] = frozenset()
+    tighten_seconds: float = math.inf
 
     @cached_property
     def carried(self) -> CarriedWindow:
         """What is remembered, seen from where the robots are now; made when it is asked for."""
         return CarriedWindow(self.config, self.stamp_s, self.window, self.motion, self.anchors)
+
+    @property
+    def solver(self) -> SolverOptions:
+        """The options of the solver."""
+        options = self.config.solver
+        seconds = min(options.tighten_seconds, self.tighten_seconds)
+        return replace(options, tighten_seconds=seconds)
 
     @property
     def odometry_is_young(self) -> bool:
@@ -100,6 +111,7 @@ def take_snapshot(
     mounts: MountGeometry,
     now_s: float,
     forgotten: Mapping[Ends, float],
+    tighten_seconds: float = math.inf,
 ) -> Snapshot:
     """Return what the measurements of `store` say at `now_s`; see `Memory.view`."""
     odometry = store.odometry_readings()
@@ -148,6 +160,7 @@ def take_snapshot(
         store.memory.view(now_s, forgotten),
         mounts,
         _detections(rays, young),
+        tighten_seconds,
     )
 
 
@@ -159,7 +172,7 @@ def _detections(
     return frozenset(
         ray.key.ends
         for ray in rays
-        for reading in young.get(replace(ray.key, kind=LinkKind.RANGE), ())
+        for reading in young.get(ray.key._replace(kind=LinkKind.RANGE), ())
         if reading.stamp_s == ray.stamp_s
     )
 

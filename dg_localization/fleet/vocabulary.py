@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 import math
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,12 +33,12 @@ class LinkKind(StrEnum):
     CAMERA = 'camera'
 
 
-@dataclass(frozen=True, order=True)
-class LinkKey:
+class LinkKey(NamedTuple):
     """
     One source of measurements: who measures what of whom.
 
-    `target` is empty for odometry, which a robot measures of itself, and for peers.
+    `target` is empty for odometry, which a robot measures of itself, and for peers. Every reading
+    is looked up by its key several times, and tuples are compared and hashed fast.
     """
 
     kind: LinkKind
@@ -162,6 +162,7 @@ class RejectionReason(Enum):
     ZERO_RAY = 'zero_ray'
     INVALID_RAY = 'invalid_ray'
     INVALID_ODOMETRY = 'invalid_odometry'
+    INVALID_PEER = 'invalid_peer'
     STUCK = 'stuck'
 
 

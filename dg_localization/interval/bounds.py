@@ -20,15 +20,20 @@ def sum_up(*terms: float) -> float:
     """Return an upper bound of a sum; infinite where a term is."""
     if math.inf in terms:
         return math.inf
-    total, *others = terms
-    for term in others:
+    total = terms[0]
+    for term in terms[1:]:
         total = step_up(total + term)
     return total
 
 
 def sum_down(*terms: float) -> float:
     """Return a lower bound of a sum; minus infinity where a term is."""
-    return -sum_up(*(-term for term in terms))
+    if -math.inf in terms:
+        return -math.inf
+    total = terms[0]
+    for term in terms[1:]:
+        total = step_down(total + term)
+    return total
 
 
 def product_up(x: float, y: float) -> float:

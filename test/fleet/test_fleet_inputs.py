@@ -161,6 +161,26 @@ def test_what_is_no_reading_is_rejected_by_name_and_never_raises(localizer, valu
     assert localizer.step(NOW_S).placements
 
 
+@pytest.mark.parametrize(
+    'row', [None, 3.0, 'b', ('b',), ('b', 3.0, 4.0), object()], ids=lambda row: type(row).__name__
+)
+def test_a_peer_that_is_no_pair_is_rejected_and_the_others_are_not(localizer, row):
+    (rejection,) = localizer.add_peers('a', [row, ('c', 3.0)], NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_PEER
+    assert repr(row) in rejection.text and 'a target, and its distance' in rejection.text
+    (together,) = [s for s in localizer.input_states(NOW_S) if s.key.kind is LinkKind.PEERS]
+    assert together.rejected == {RejectionReason.INVALID_PEER: 1}
+    assert together.accepted == 1
+    assert [key.target for key in localizer.snapshot(NOW_S).keys] == ['c']
+
+
+@pytest.mark.parametrize('readings', [None, 3.0, object()], ids=lambda row: type(row).__name__)
+def test_peers_that_are_no_rows_are_rejected(localizer, readings):
+    (rejection,) = localizer.add_peers('a', readings, NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_PEER
+    assert repr(readings) in rejection.text
+
+
 def test_a_name_that_is_no_text_is_unknown(localizer):
     for name in (None, 3, ['a'], b'a'):
         rejection = localizer.add_range('a', name, 3.0, NOW_S, NOW_S)

@@ -469,6 +469,17 @@ def test_the_memory_is_bounded():
     assert all(now_s - 2.0 < item.stamp_s <= now_s for item in seen)
 
 
+def test_what_arrives_late_is_remembered_in_order():
+    localizer = Localizer(FleetConfig(robots=('r0', 'r1'), memory_s=10.0, max_age_s=5.0))
+    stamps_s = [101.0, 103.0, 102.0, 100.5, 104.0]
+    for stamp_s in stamps_s:
+        assert localizer.add_range('r0', 'r1', 3.0, stamp_s, 104.0) is None
+        assert localizer.add_bearing('r0', 'r1', [1.0, 0.0, 0.0], stamp_s, 104.0) is None
+    (seen,) = localizer.snapshot(103.5).window.observations.values()
+    assert [observation.stamp_s for observation in seen] == [100.5, 101.0, 102.0, 103.0]
+    assert all(one.has_distance and one.direction is not None for one in seen)
+
+
 def test_later_measurements_do_not_change_a_snapshot():
     fleet = Circling(2)
     list(fleet.drive(2.0))

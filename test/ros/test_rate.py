@@ -5,7 +5,7 @@
 
 import pytest
 
-from dg_localization.ros.interface.rate import RateMeter
+from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD, Pace, RateMeter
 
 
 def meter(period_s, until_s, wanted_hz=5.0):
@@ -50,3 +50,38 @@ def test_cleared_meter_knows_nothing():
     one = meter(0.2, 20.0)
     one.clear()
     assert one.rate_hz(120.1) is None
+
+
+def follow(pace, base_s, number=30):
+    """Let estimates take some time, and besides all that they may spend; return the last one's."""
+    for _ in range(number):
+        took_s = base_s + pace.tighten_s
+        pace.note(took_s)
+    return took_s
+
+
+def test_bounds_are_tightened_for_as_long_as_the_rate_allows():
+    pace = Pace(5.0)
+    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2)
+    assert follow(pace, base_s=0.05) == pytest.approx(SHARE_OF_PERIOD * 0.2)
+    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2 - 0.05)
+
+
+def test_estimates_that_are_late_in_any_case_are_not_tightened_until_they_are_fast_again():
+    pace = Pace(5.0)
+    follow(pace, base_s=1.0)
+    assert pace.tighten_s == LEAST_TIGHTEN_S
+    for _ in range(10):
+        pace.note(0.02)
+    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2)
+
+
+def test_one_late_estimate_costs_the_next_ones_little():
+    pace = Pace(5.0)
+    pace.note(10.0)
+    follow(pace, base_s=0.02)
+    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2 - 0.02)
+
+
+def test_a_very_high_rate_leaves_the_least_time():
+    assert Pace(1000.0).tighten_s == LEAST_TIGHTEN_S

@@ -3,14 +3,19 @@
 
 """How the executables spin: what is ready together is run together."""
 
+import time
+
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
+from rclpy.event_handler import PublisherEventCallbacks  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
+from dg_localization.ros.interface.patient_group import PERIOD_S, PatientGroup  # noqa: E402
 from dg_localization.ros.spinning import BATCH_S, BatchExecutor  # noqa: E402
 
 NUMBER = 20
@@ -80,4 +85,41 @@ def test_without_anything_ready_it_waits(node):
     executor.spin_batch()
     assert called == [1]
     node.destroy_timer(timer)
+    executor.shutdown()
+
+
+def publisher_with_event(node, callback):
+    return node.create_publisher(
+        String,
+        'topic',
+        1,
+        callback_group=PatientGroup(node.default_callback_group),
+        event_callbacks=PublisherEventCallbacks(matched=callback, use_default_callbacks=False),
+    )
+
+
+def test_events_are_looked_for_once_in_a_while(node, monkeypatch):
+    """Each look would take a time that grows with the square of their number."""
+    (event,) = publisher_with_event(node, print).event_handlers
+    now_s = 100.0
+    monkeypatch.setattr('dg_localization.ros.interface.patient_group.monotonic', lambda: now_s)
+    found = []
+    for _ in range(300):
+        found.append(event.callback_group.can_execute(event))
+        now_s += 0.01 * PERIOD_S
+    assert found[0] and not any(found[5:95])
+    assert 3 <= sum(found) <= 9
+
+
+def test_no_event_is_missed(node):
+    seen = []
+    publisher = publisher_with_event(node, seen.append)
+    executor = BatchExecutor(context=node.context)
+    executor.add_node(node)
+    node.create_timer(0.02, lambda: None)
+    node.create_subscription(String, publisher.topic_name, lambda _: None, 1)
+    began_s = time.monotonic()
+    while not seen and time.monotonic() - began_s < 20.0:
+        executor.spin_batch()
+    assert seen
     executor.shutdown()

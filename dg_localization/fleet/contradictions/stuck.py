@@ -10,8 +10,8 @@ Equal readings of robots that stand still prove nothing, since many sensors roun
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,14 +31,13 @@ Poses = Mapping[str, OdometryReading]
 """The newest odometry by robot."""
 
 
-@dataclass(frozen=True)
-class _Repetition:
+class _Repetition(NamedTuple):
     """Equal readings in a row: the value, its first stamp, and where the robots were then."""
 
     value: tuple[float, ...]
     since_s: float
     newest_s: float
-    count: int
+    times: int
     poses: Poses
     motion: str = ''
 
@@ -97,21 +96,21 @@ class StuckWatch:
             if _is_same_frame(pose, newest.get(robot, pose))
         }
         self._repetitions[key] = _Repetition(
-            value, before.since_s, stamp_s, before.count + 1, {**newest, **kept}, motion
+            value, before.since_s, stamp_s, before.times + 1, {**newest, **kept}, motion
         )
 
     def sentence(self, key: LinkKey) -> str:
         """Return that the readings of a link are stuck, with value and time; empty if not."""
         least = self._config.stuck_readings
         found = self._repetitions.get(key)
-        if found is None or not 0 < least <= found.count or not found.motion:
+        if found is None or not 0 < least <= found.times or not found.motion:
             return ''
-        if found.motion == UNKNOWN_MOTION and found.count < TIMES_MORE * least:
+        if found.motion == UNKNOWN_MOTION and found.times < TIMES_MORE * least:
             return ''
         numbers = ' '.join(repr(number) for number in found.value)
         value = f'{numbers} m' if key.kind is LinkKind.RANGE else f'the ray ({numbers})'
         return (
-            f'stuck: {found.count} readings in a row are {value}, since {found.since_s:.3f} s, '
+            f'stuck: {found.times} readings in a row are {value}, since {found.since_s:.3f} s, '
             f'{found.motion}'
         )
 

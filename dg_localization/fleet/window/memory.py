@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -18,6 +20,8 @@ from dg_localization.fleet.vocabulary import DistanceReading, RayReading
 
 MOST_OBSERVATIONS = 300
 """Of one observer and one target: more of them tell little more."""
+
+STAMP_S = attrgetter('stamp_s')
 
 Ends: TypeAlias = tuple[str, str]
 """The names of an observer and its target."""
@@ -57,15 +61,24 @@ class Observation:
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
         if isinstance(reading, DistanceReading):
-            return replace(
-                self,
-                lower_m=max(self.lower_m, reading.lower_m),
-                upper_m=min(self.upper_m, reading.upper_m),
-                likeliest_m=reading.likeliest_m,
+            return Observation(
+                self.stamp_s,
+                max(self.lower_m, reading.lower_m),
+                min(self.upper_m, reading.upper_m),
+                self.direction,
+                self.half_width_rad,
+                reading.likeliest_m,
             )
         if reading.half_width_rad >= self.half_width_rad:
             return self
-        return replace(self, direction=reading.direction, half_width_rad=reading.half_width_rad)
+        return Observation(
+            self.stamp_s,
+            self.lower_m,
+            self.upper_m,
+            reading.direction,
+            reading.half_width_rad,
+            self.likeliest_m,
+        )
 
 
 @dataclass(frozen=True)
@@ -104,6 +117,7 @@ class Memory:
         self._memory_s = config.memory_s
         self._max_future_s = config.max_future_s
         self._slot_s = config.memory_s / MOST_OBSERVATIONS
+        # The observations of two points by their time slot, oldest first.
         self._observations: dict[Ends, dict[int, Observation]] = {}
         self._newest_s = -math.inf
 
@@ -119,13 +133,16 @@ class Memory:
         self._newest_s = max(self._newest_s, reading.stamp_s)
         kept = self._observations.setdefault(reading.key.ends, {})
         slot = math.floor(reading.stamp_s / self._slot_s)
-        before = kept.get(slot, Observation(reading.stamp_s))
-        if before.stamp_s == reading.stamp_s:
-            observation = before.joined(reading)
+        before = kept.get(slot)
+        if before is None or before.stamp_s == reading.stamp_s:
+            observation = (before or Observation(reading.stamp_s)).joined(reading)
             if observation.lower_m <= observation.upper_m:
+                is_late = before is None and bool(kept) and slot < next(reversed(kept))
                 kept[slot] = observation
-        oldest = math.floor((now_s - self._memory_s) / self._slot_s)
+                if is_late:
+                    self._observations[reading.key.ends] = kept = dict(sorted(kept.items()))
         if len(kept) > MOST_OBSERVATIONS:
+            oldest = math.floor((now_s - self._memory_s) / self._slot_s)
             for outdated in [slot for slot in kept if slot < oldest]:
                 del kept[outdated]
 
@@ -154,7 +171,9 @@ class Memory:
                 forgotten.get(ends, -math.inf),
                 forgotten.get(ends[::-1], -math.inf),
             )
-            chosen = tuple(seen for seen in kept.values() if after_s < seen.stamp_s <= now_s)
-            if chosen:
-                found[ends] = chosen
+            seen = tuple(kept.values())
+            first = bisect_right(seen, after_s, key=STAMP_S)
+            end = bisect_right(seen, now_s, key=STAMP_S)
+            if first < end:
+                found[ends] = seen[first:end]
         return Window(MappingProxyType(found))

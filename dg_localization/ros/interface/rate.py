@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How often estimates are started lately."""
+"""How often estimates are started lately, and what they may spend to be in time."""
 
 from collections import deque
 
@@ -11,6 +11,41 @@ LEAST_PERIODS = 10
 
 LEAST_SPAN_S = 2.0
 """No rate is known before this time: one late estimate is no rate."""
+
+SHARE_OF_PERIOD = 0.8
+"""An estimate is to take no more of a period: its measurements and messages take time, too."""
+
+GAIN = 0.5
+"""What is spent on bounds follows the time that is left by this fraction, estimate by estimate."""
+
+LEAST_TIGHTEN_S = 0.001
+"""The least time that the solver takes for a limit."""
+
+
+class Pace:
+    """
+    How long estimates may tighten their bounds without being late for the wanted rate.
+
+    Parameters
+    ----------
+    wanted_hz : float
+        The rate that is wanted.
+
+    """
+
+    def __init__(self, wanted_hz: float) -> None:
+        self._most_s = max(LEAST_TIGHTEN_S, SHARE_OF_PERIOD / wanted_hz)
+        self._tighten_s = self._most_s
+
+    @property
+    def tighten_s(self) -> float:
+        """From when on the next estimate is to tighten nothing any more, in s."""
+        return self._tighten_s
+
+    def note(self, took_s: float) -> None:
+        """Note how long an estimate took, in s."""
+        left_s = self._tighten_s + GAIN * (self._most_s - took_s)
+        self._tighten_s = min(self._most_s, max(LEAST_TIGHTEN_S, left_s))
 
 
 class RateMeter:

@@ -13,6 +13,7 @@ from rclpy.subscription import Subscription
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.parameters.settings import Settings
+from dg_localization.ros.interface.patient_group import PatientGroup
 from msg_adapters import adapter_for
 
 # As the profile of that name, which every publisher can serve, with a longer queue: publishing
@@ -45,6 +46,7 @@ class Inputs:
     ) -> None:
         self._node = node
         self._take = take
+        self._group = PatientGroup(node.default_callback_group)
         self._finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
         self._subscriptions: dict[Link, Subscription] = {}
         for link in settings.links:
@@ -79,5 +81,6 @@ class Inputs:
             link.topic,
             partial(self._take, link),
             SENSOR_DATA,
+            callback_group=self._group,
             raw=True,
         )

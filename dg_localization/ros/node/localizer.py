@@ -38,7 +38,7 @@ from dg_localization.ros.interface.outputs import (
     estimate_messages,
 )
 from dg_localization.ros.interface.parameters.settings import declare_settings
-from dg_localization.ros.interface.rate import RateMeter
+from dg_localization.ros.interface.rate import Pace, RateMeter
 from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime, refuse_use_sim_time
 from dg_localization.ros.node.inputs import Inputs
@@ -108,6 +108,7 @@ class LocalizerNode(LifecycleNode):
         self._inputs: Inputs | None = None
         self._transforms: TransformPublisher | None = None
         self._rate = RateMeter(self.settings.rate_hz)
+        self._pace = Pace(self.settings.rate_hz)
         self._time = NodeTime(self._clock_s)
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
@@ -234,7 +235,7 @@ class LocalizerNode(LifecycleNode):
             return
         self._is_due = self._worker.busy
         if not self._is_due:
-            self._worker.submit(self._localizer.snapshot(now_s))
+            self._worker.submit(self._localizer.snapshot(now_s, self._pace.tighten_s))
             self._rate.count(now_s)
 
     def _answer(self, snapshot: Snapshot, cancel: Event) -> Answer:
@@ -260,6 +261,7 @@ class LocalizerNode(LifecycleNode):
 
     def _on_answer(self) -> None:
         """Publish what the worker found."""
+        took_s = self._worker.busy_s
         try:
             answer = self._worker.take()
         except Exception as error:  # a defect of ours: say so instead of showing an old answer
@@ -270,6 +272,7 @@ class LocalizerNode(LifecycleNode):
             self._fail(shortened(f'internal error: {type(error).__name__}: {error}'))
             return
         if answer is not None:
+            self._pace.note(took_s)
             self._failure = ''
             self._publish(answer)
             if self._is_due:

@@ -85,7 +85,8 @@ SOLVER = Section(
             's',
             0.001,
             finite=False,
-            details='When it is over bounds are wider, never wrong.',
+            details='When it is over bounds are wider, never wrong. The node spends less where '
+            'estimates would be late for `rate`.',
         ),
     ),
 )
