@@ -97,8 +97,6 @@ def phases(seconds: float) -> list[Scenario]:
         'odometry.constant_rotation': 0.002,
         'rate': 2.0,
         'memory.max_seconds': 1.0,
-        # What was proved is dropped after half of it, in the middle of the phase otherwise.
-        'memory.seconds': 60.0,
     }
     return [
         Scenario('Ranges', seconds, {'cameras': False}),
