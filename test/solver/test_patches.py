@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from solver_cases import bounds, random_case, squared_distances
 
+from benchmarks.pieces import Row, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import large_pieces, pieces, product
+from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
 
@@ -250,3 +252,23 @@ def test_hypotheses_of_a_cancelled_search_are_listed_without_delay():
     squared = squared_distances(positions)
     if result.n_hypotheses == len(hypotheses):
         assert any(((h.lower <= squared) & (squared <= h.upper)).all() for h in hypotheses)
+
+
+def test_one_box_is_tried_where_it_may_do_and_what_it_leaves_bounds_the_answer(monkeypatch):
+    covers = []
+
+    def search_in_one_box(budget, problem, share=1.0):
+        covers.append(one_box(budget, problem, share))
+        return covers[-1]
+
+    one_box = CallBudget.search_in_one_box
+    monkeypatch.setattr(CallBudget, 'search_in_one_box', search_in_one_box)
+    result = solve(Row(20, 6, 2, 1.0, 0.03).problem(1))
+    (piece,) = (piece for piece in result.pieces if len(piece.points) > 16)
+    (left,) = covers
+    assert left.pending
+    lower, upper = large_pieces.hull_of(left.pending)
+    assert all((h.lower >= lower).all() and (h.upper <= upper).all() for h in piece.hypotheses)
+    # The distances of UWB radios are too wide.
+    solve(uwb_fleet(20, 8, 1), SolverOptions(max_boxes=10**4))
+    assert len(covers) == 1

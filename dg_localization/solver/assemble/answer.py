@@ -112,7 +112,7 @@ def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
 def _solved_in_one_box(problem: Problem, budget: CallBudget) -> SolvedPieces | None:
     """Return a fleet as the one piece that it is where a single box covers it, or None."""
     cover = budget.search_in_one_box(problem)
-    if cover is None:
+    if cover.pending:
         return None
     points = tuple(range(problem.n_points))
     hypotheses = hypotheses_of(problem, cover.kept)

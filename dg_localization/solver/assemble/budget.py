@@ -267,9 +267,9 @@ class CallBudget:
             statistics = replace(statistics, processed=0, empty=0)
         self.spent += statistics
 
-    def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover | None:
+    def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover:
         """
-        Cover the placements of a problem by one box.
+        Cover the placements of a problem by one box where one is enough.
 
         Parameters
         ----------
@@ -280,15 +280,14 @@ class CallBudget:
 
         Returns
         -------
-        Cover or None
-            The cover, empty where there is no placement; None where one box is not enough or the
-            time is over, which counts as no effort.
+        Cover
+            The cover, empty where there is no placement. Where one box is not enough or the time
+            is over, all of it is pending, and counts as no effort.
 
         """
         options = self._limited(1, share * (self.options.max_seconds - self.seconds()))
         cover, statistics = search(problem, options, self._cancel)
-        if cover.pending:
-            return None
-        self.spent += statistics
-        self._report(Statistics())
+        if not cover.pending:
+            self.spent += statistics
+            self._report(Statistics())
         return cover

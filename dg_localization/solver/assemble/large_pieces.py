@@ -15,8 +15,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.patches.answers import PatchAnswers
 from dg_localization.solver.patches.solver import PatchSolver, SolvedPatches
 from dg_localization.solver.problem import Problem
@@ -36,8 +39,15 @@ MOST_WORK = 1_000_000
 """Choices times the cube of the points, up to which each choice is contracted as a whole. Of more
 choices, few would be in time; chains bound those better that are not."""
 
-BOXES_PER_CHOICE = 2
-"""A piece that its patches hold together is split so often for each choice."""
+MOST_SPLIT = 100_000
+"""Choices times the cube of the points, up to which the box of each choice is split once.
+
+The halves of larger boxes are hardly narrower, and take as long again.
+"""
+
+LARGEST_ERROR = 0.1
+"""One box is tried first where half of the measured distances are known to this fraction of their
+length. Others are hardly ever covered by one box."""
 
 
 @dataclass
@@ -59,6 +69,20 @@ class LargePiece:
     patches: SolvedPatches
     cover: Cover | None
     hypotheses: list[Hypothesis]
+
+
+def is_known_well(problem: Problem) -> bool:
+    """Return whether distances are known so well that one box may cover all placements."""
+    measured = np.isfinite(problem.upper) & (problem.upper > 0.0)
+    errors = 1.0 - np.sqrt(problem.lower[measured] / problem.upper[measured])
+    return len(errors) > 0 and bool(np.median(errors) <= LARGEST_ERROR)
+
+
+def hull_of(boxes: Sequence[FloatArray]) -> Bounds:
+    """Return the bounds that hold some boxes."""
+    lower = np.min([box[LOWER] for box in boxes], axis=0)
+    upper = np.max([box[UPPER] for box in boxes], axis=0)
+    return lower, upper
 
 
 def solve_large(
@@ -102,7 +126,8 @@ def solve_large(
     budget.go_on_from(solved.n_boxes())
     if not is_done:
         return LargePiece(solved, budget.search(problem, share, boxes), [])
-    most_boxes = BOXES_PER_CHOICE * len(boxes)
+    is_split = len(boxes) * problem.n_points**3 <= MOST_SPLIT
+    most_boxes = 2 * len(boxes) if is_split else len(boxes)
     cover = budget.search(problem, PATCHES_SHARE * share, boxes, most_boxes)
     # The patches were examined to the end, and so is what they allow.
     budget.accept_pending(cover)

@@ -21,7 +21,13 @@ from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.hidden_parts import MOST_PARTED, PartsTogether, hidden_parts
-from dg_localization.solver.assemble.large_pieces import MOST_TOGETHER, LargePiece, solve_large
+from dg_localization.solver.assemble.large_pieces import (
+    MOST_TOGETHER,
+    LargePiece,
+    hull_of,
+    is_known_well,
+    solve_large,
+)
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
 from dg_localization.solver.assemble.tasks import Part, SolvedPart
@@ -107,10 +113,11 @@ def _searched_together(
     if problem.n_points <= MOST_WHOLE:
         cover = budget.search(problem, share, within)
         return _Search(problem, cover.kept, cover.pending)
-    if within is None and problem.n_points <= MOST_TOGETHER:
+    if within is None and problem.n_points <= MOST_TOGETHER and is_known_well(problem):
         in_one_box = budget.search_in_one_box(problem)
-        if in_one_box is not None:
-            return _Search(problem, in_one_box.kept, in_one_box.pending)
+        if not in_one_box.pending:
+            return _Search(problem, in_one_box.kept, [])
+        within = [hull_of(in_one_box.pending)]
     large = solve_large(problem, budget, share, within)
     if large is None:
         cover = budget.search(problem, share, within)

@@ -75,7 +75,7 @@ def solve_grown(
     is_large = problem.n_points > MOST_CONTRACTED
     if within is None and not is_large:
         in_one_box = budget.search_in_one_box(problem, ONE_BOX_SHARE * share)
-        if in_one_box is not None:
+        if not in_one_box.pending:
             return in_one_box
     left_s = budget.options.max_seconds - budget.seconds()
     growth_share = GROWTH_SHARE_ALONE if is_large else GROWTH_SHARE
