@@ -79,15 +79,19 @@ def best_apexes(
     """Return the candidates that are farthest from the hyperplane of the core, best first."""
     if len(candidates) < 2:
         return list(candidates)
-    edges = None
+    frames = np.array([(*core, apex) for apex in candidates])
+    spans = np.zeros(len(frames))
     if hypothesis.positions is not None:
         edges = hypothesis.positions - hypothesis.positions[core[0]]
+        spans = np.abs(np.linalg.det(edges[frames[:, 1:]]))
     heights = {}
-    for apex in candidates:
-        local = enclose_locally(hypothesis.lower, hypothesis.upper, (*core, apex), len(core))
+    for apex, frame, span in zip(candidates, frames, spans.tolist(), strict=True):
+        # The height of the apex depends on nothing else.
+        among = np.ix_(frame, frame)
+        lower, upper = hypothesis.lower[among], hypothesis.upper[among]
+        local = enclose_locally(lower, upper, range(len(frame)), len(core))
         if local is not None:
-            span = 0.0 if edges is None else abs(float(np.linalg.det(edges[[*core[1:], apex]])))
             # Certainly far ones first; those that may lie in the hyperplane by the placement.
-            heights[apex] = (local.lower[apex, -1], span)
+            heights[apex] = (local.lower[-1, -1], span)
     ranked = sorted(heights, key=lambda apex: heights[apex], reverse=True)
     return ranked[:MAX_APEXES] or list(candidates[:1])

@@ -82,6 +82,7 @@ class Intake:
         self._use_header_stamp = use_header_stamp
         self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
         self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
+        self._message_classes: dict[str, type] = {}
         self.malformed: dict[str, Malformed] = {}
         self.odometry: dict[str, OdometryPoses] = {}
 
@@ -122,7 +123,10 @@ class Intake:
                 'are read'
             )
         adapter = adapter_for(link.type_name)
-        reading: Any = adapter.from_message(deserialize_message(data, adapter.message_class()))
+        message_class = self._message_classes.get(link.type_name)
+        if message_class is None:
+            message_class = self._message_classes[link.type_name] = adapter.message_class()
+        reading: Any = adapter.from_message(deserialize_message(data, message_class))
         if not isinstance(reading, adapter.value_class):
             raise TypeError(
                 f'the adapter of {link.type_name} returned {type(reading).__name__}, '
