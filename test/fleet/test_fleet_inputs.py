@@ -3,6 +3,7 @@
 
 """What arrives is checked, counted by reason, aged, and forgotten when stale."""
 
+from dataclasses import replace
 from fractions import Fraction
 import math
 
@@ -41,6 +42,14 @@ def localizer(config):
 
 def link(localizer, now_s=NOW_S, row=0):
     return localizer.snapshot(now_s).links[row]
+
+
+def test_a_snapshot_may_be_given_less_time_for_bounds_and_never_more(config):
+    options = replace(config.solver, tighten_slices=20, tighten_seconds=0.1)
+    localizer = Localizer(replace(config, solver=options))
+    assert localizer.snapshot(NOW_S).solver == options
+    assert localizer.snapshot(NOW_S, 0.02).solver == replace(options, tighten_seconds=0.02)
+    assert localizer.snapshot(NOW_S, 5.0).solver == options
 
 
 STAMPS = [

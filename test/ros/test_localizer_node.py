@@ -6,6 +6,7 @@
 from functools import partial
 import signal
 from threading import Event
+import time
 
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
@@ -15,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
 from dg_localization.ros.node import localizer
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
@@ -234,6 +236,20 @@ def test_estimate_that_outlasts_a_tick_is_followed_by_the_next_at_once(bench, ma
     bench.until(lambda: len(began) == 2, 'the next estimate')
     bench.until(lambda: not node._worker.busy, 'its answer')
     assert len(began) == 2, 'the ticks that were missed are not made up for'
+
+
+def test_estimates_that_are_late_for_the_rate_tighten_nothing(bench, make_node):
+    allowed_s = []
+
+    class Slow(Localizer):
+        def estimate(self, snapshot, cancel=None):
+            allowed_s.append(snapshot.tighten_seconds)
+            time.sleep(0.1)
+            return super().estimate(snapshot, cancel)
+
+    make_node(make_localizer=Slow, rate=20.0)
+    bench.until(lambda: allowed_s and allowed_s[-1] == LEAST_TIGHTEN_S, 'no time for bounds')
+    assert allowed_s[0] == pytest.approx(SHARE_OF_PERIOD / 20.0)
 
 
 def test_parameters_come_from_a_file(make_node):
