@@ -498,7 +498,7 @@ def test_peers_have_a_status_together_and_one_each():
     together = input_state(key=PEERS, accepted=8)
     changes = {
         'links': (Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),),
-        'inputs': {AB: state, replace(AB, kind=LinkKind.BEARING): input_state(), PEERS: together},
+        'inputs': {AB: state, AB._replace(kind=LinkKind.BEARING): input_state(), PEERS: together},
     }
     found = status('input peers a', estimate(), **changes)
     assert (found.level, found.message, found.values['accepted']) == (Level.OK, 'in use', '8')
