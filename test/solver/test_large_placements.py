@@ -11,7 +11,7 @@ from benchmarks.large import fleet
 from dg_localization import SolverOptions, Verdict, solve
 from dg_localization.solver.assemble.tasks import Part, solve_part
 from dg_localization.solver.patches.chains import ChainGraph
-from dg_localization.solver.place.sparse_placements import scaled_by_pivots
+from dg_localization.solver.place.sparse_placements import scaled, scaled_by_pivots
 from dg_localization.solver.problem import Problem
 
 
@@ -22,6 +22,18 @@ def test_exact_lengths_from_pivots_give_the_placement(dimension):
     pivots = np.array([0, 7, 21, 30, 39])
     found = scaled_by_pivots(np.sqrt(squared[pivots]), pivots, dimension)
     np.testing.assert_allclose(squared_distances(found), squared, rtol=1e-6, atol=1e-6)
+
+
+def test_pivots_at_all_points_give_the_placement_of_classical_scaling():
+    rng = np.random.default_rng(0)
+    squared = squared_distances(rng.random((40, 2)) * [100.0, 40.0])
+    # Chains are longer than the distances of their ends, and some eigenvalues are negative.
+    longer = np.triu(rng.uniform(1.0, 1.7, squared.shape), 1)
+    squared *= longer + longer.T
+    found = scaled_by_pivots(np.sqrt(squared), np.arange(40), 2)
+    np.testing.assert_allclose(
+        squared_distances(found), squared_distances(scaled(squared, 2)), rtol=1e-4, atol=1e-4
+    )
 
 
 def test_pivots_on_a_line_are_no_error():

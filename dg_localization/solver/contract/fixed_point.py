@@ -46,8 +46,9 @@ AXES_BEFORE_SPLIT = (12, 12, 2)
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
 
-MOST_IDLE_TESTS = 4
-"""So many tests of the same sweep without such a gain end it: later axes are known less well."""
+MOST_IDLE_TESTS, MOST_IDLE_TESTS_OF_LARGER = 4, 2
+"""So many tests of the same sweep without such a gain end it: later axes are known less well. One
+of a larger fleet takes many times as long."""
 
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
@@ -114,6 +115,8 @@ class Contractor:
         # What a contraction starts from: the box itself is the first level of the workspace.
         self._box, self._points, self._distance = work.boxes[0], work.points[0], work.distance
         self._n_local = LOCAL_POINTS[dimension - 1]
+        is_larger = n_points > self._n_local
+        self._most_idle = MOST_IDLE_TESTS_OF_LARGER if is_larger else MOST_IDLE_TESTS
         self._widths_of_sweep = np.zeros((n_points, n_points))
         self._widths_of_test = np.zeros((n_points, n_points))
         self._in_order = np.arange(n_points)
@@ -211,7 +214,7 @@ class Contractor:
             if stopped():
                 return Status.UNFINISHED
             n_idle = n_idle + 1 if largest_gain(box, self._widths_of_test) < LEAST_GAIN else 0
-            if n_idle == MOST_IDLE_TESTS:
+            if n_idle == self._most_idle:
                 return Status.CONTRACTED
         return None
 

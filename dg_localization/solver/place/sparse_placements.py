@@ -23,6 +23,9 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.place.placements import MARGIN
 
+MORE_VECTORS, ITERATIONS = 4, 20
+"""Subspace iteration takes so many more vectors than are wanted, and so many iterations."""
+
 MOST_STEPS = 40
 """Most steps of least squares."""
 
@@ -99,11 +102,26 @@ def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) ->
     squared = (lengths_m / longest_m) ** 2
     among = squared[:, pivots]
     centering = np.eye(len(pivots)) - 1.0 / len(pivots)
-    values, vectors = np.linalg.eigh(-0.5 * centering @ among @ centering)
+    values, vectors = _leading_eigenpairs(-0.5 * centering @ among @ centering, dimension)
     # Where the pivots lie on a line, nothing is known across it.
-    roots = np.sqrt(np.maximum(values[-dimension:], np.finfo(float).eps))
-    positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors[:, -dimension:] / roots)
+    roots = np.sqrt(np.maximum(values, np.finfo(float).eps))
+    positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors / roots)
     return np.ascontiguousarray(longest_m * positions)
+
+
+def _leading_eigenpairs(matrix: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the largest eigenvalues of a symmetric matrix and their vectors, nearly.
+
+    This is subspace iteration. LAPACK hands a matrix of 30 rows or more to several threads, and
+    takes a hundred times as long where other processes keep one of them waiting.
+    """
+    size = len(matrix)
+    vectors = np.random.default_rng(0).standard_normal((size, min(size, count + MORE_VECTORS)))
+    for _ in range(ITERATIONS):
+        vectors, _ = np.linalg.qr(matrix @ vectors)
+    values, turned = np.linalg.eigh(vectors.T @ matrix @ vectors)
+    return values[-count:], vectors @ turned[:, -count:]
 
 
 def sought(
