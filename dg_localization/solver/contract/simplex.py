@@ -30,11 +30,8 @@ from dg_localization.solver.contract.reference import SMALLEST_WIDTH
 
 MOST_EXCHANGES = 60
 
-TOLERANCE = 1e-6
-"""A pair violates its bounds when it leaves them by more than this fraction of their width."""
-
 LEAST_VIOLATION = 1e-13
-"""And by more than this fraction of the widest: exact pairs have rounding errors only."""
+"""A smaller violation, as a fraction of the widest bounds, is a rounding error."""
 
 LEAST_ENTRY = 1e-7
 """An entry below this fraction of the largest in its row is no pivot."""
@@ -46,7 +43,7 @@ GOLDEN = 0.6180339887
 
 
 class _Rows(NamedTuple):
-    """The measured pairs once more, each array in the order in which the method runs through it."""
+    """The measured pairs once more, in the order in which the method runs through them."""
 
     ends: IntArray  # (q, 2, m): numbers of the displacements of both ends; the last is always zero
     slopes: FloatArray  # (q, m): the gradients, in m
@@ -154,7 +151,7 @@ def _rows_of(linear: Linearization, n_displacements: int) -> _Rows:
 
 
 @kernel(borrows=True)
-def _leaving_row(rows: _Rows, displaced: FloatArray, widest: float) -> int:
+def _leaving_row(rows: _Rows, displaced: FloatArray, tolerance: float, widest: float) -> int:
     """Return the pair that leaves its bounds farthest, -1 where none does clearly."""
     low, high, values = rows.low, rows.high, rows.values
     values[:] = 0.0
@@ -166,7 +163,7 @@ def _leaving_row(rows: _Rows, displaced: FloatArray, widest: float) -> int:
     for m in range(len(values)):
         excess = max(values[m] - high[m], low[m] - values[m])
         if excess * rows.scales[m] > farthest:
-            least = max(TOLERANCE * (high[m] - low[m]), LEAST_VIOLATION * widest)
+            least = max(tolerance * (high[m] - low[m]), LEAST_VIOLATION * widest)
             if excess > least:
                 row, farthest = m, excess * rows.scales[m]
     return row
@@ -194,9 +191,11 @@ def _entering_column(
         largest = max(largest, abs(entries[c]))
     for c in range(len(entries)):
         entry = side * entries[c]
-        ratio = multipliers[c] / entry
-        changes = ratio > 0.0 or (ratio == 0.0 and entry < 0.0)
-        ratios[c] = ratio if changes and abs(entry) >= LEAST_ENTRY * largest else math.inf
+        ratios[c] = math.inf
+        if abs(entry) > LEAST_ENTRY * largest:
+            ratio = multipliers[c] / entry
+            if ratio > 0.0 or (ratio == 0.0 and entry < 0.0):
+                ratios[c] = ratio
     column = -1
     while slope < 0.0:
         column, nearest = -1, math.inf
@@ -233,7 +232,11 @@ def _move_to_vertex(
 
 @kernel
 def set_multipliers(
-    linear: Linearization, table: FloatArray, active: IntArray, multipliers: FloatArray
+    linear: Linearization,
+    table: FloatArray,
+    active: IntArray,
+    tolerance: float,
+    multipliers: FloatArray,
 ) -> None:
     """
     Write the multipliers that bound the function in the last row but one from above.
@@ -244,6 +247,9 @@ def set_multipliers(
         The measured pairs.
     table, active
         As `set_table` wrote them, and the function in the last row but one.
+    tolerance : float
+        By which fraction of their widths measured pairs may leave their bounds in the end. The
+        bound is rigorous whatever it is, but lacks about a tenth of it.
     multipliers : ndarray, shape (m,)
         Where they are written.
 
@@ -259,7 +265,7 @@ def set_multipliers(
     entries, ratios = np.empty(n_columns), np.empty(n_columns)
     for _ in range(MOST_EXCHANGES):
         _move_to_vertex(table, active, rows, vertex, displaced)
-        row = _leaving_row(rows, displaced, widest)
+        row = _leaving_row(rows, displaced, tolerance, widest)
         if row < 0:
             break
         value = rows.values[row]
