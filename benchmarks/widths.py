@@ -84,7 +84,7 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=4, help='fleets of each kind')
     parser.add_argument('--slices', type=int, default=2000, help='most slices of a box')
     arguments = parser.parse_args()
-    # One slice is as good as none, and the linear programs come before the first.
+    # Linear programs come before slices, and one slice is none.
     ways = (0, 1, arguments.slices)
     print('Ratio: median / largest width over the linearized hull. Time: the median fleet.\n')
     print('| fleet | one pass | time | linear programs | time | and slices | time |')

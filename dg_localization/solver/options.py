@@ -26,6 +26,7 @@ class SolverOptions:
         Most time to spend, in seconds.
     tighten_slices : int
         How many slices of a finished box to examine, to bring its bounds towards the exact hull.
+        Linear programs come first; with 1 to 3 there are only these, with 0 not even they.
     tighten_seconds : float
         From this time of a call on, in seconds, boxes are not tightened any more. Hypotheses of
         the whole fleet, which are built when they are asked for, have as much time again.

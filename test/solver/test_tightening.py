@@ -73,10 +73,11 @@ def test_no_more_slices_than_allowed_are_examined(paper_fleet, monkeypatch):
         Pruner, 'prune_slice', lambda *args: examined.append(1) or prune_slice(*args)
     )
     problem = paper_fleet.noisy_problem(RELATIVE_ERROR, paper_fleet.SIDES)
-    for slices in (1, 7, 150):
+    for slices in (1, 3, 7, 150):
         examined.clear()
         solve(problem, SolverOptions(tighten_slices=slices))
-        assert 0 < len(examined) <= slices
+        assert (len(examined) > 0) == (slices > 3)
+        assert len(examined) <= slices
 
 
 def test_thehalves_of_a_slice_cover_it_and_there_are_none_of_a_point():

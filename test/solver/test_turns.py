@@ -8,7 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.solver.contract.turns import _signed_angle, bound_angle
+from dg_localization.solver.contract.turns import (
+    FARTHEST,
+    _signed_angle,
+    bound_angle,
+    complete,
+    shorten_chains,
+)
 
 
 def angle_at(x, i, j, k):
@@ -54,3 +60,28 @@ def test_an_angle_of_unknown_sign_has_both():
     assert low == 3.0 and 2.0 * math.pi - 3.0 <= high < 3.3
     low, high = _signed_angle(3.0, 3.1, 0, False)
     assert high == -3.0 and -3.3 < low <= 3.0 - 2.0 * math.pi
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_chains_are_as_short_as_they_can_be_and_hold_the_truth(seed):
+    rng = np.random.default_rng(seed)
+    n_pairs = int(rng.integers(3, 14))
+    turns = rng.uniform(-0.4, 0.4, n_pairs)
+    above = turns[:, None] - turns + rng.uniform(0.0, rng.choice([0.1, 1.0, 4.0]), (n_pairs,) * 2)
+    unknown = rng.random((n_pairs, n_pairs)) < 0.4
+    above[(above > FARTHEST) | (above.T > FARTHEST) | unknown | unknown.T] = math.pi
+    np.fill_diagonal(above, 0.0)
+    shortest = above.copy()
+    for hub in range(n_pairs):
+        chains = shortest[:, [hub]] + shortest[[hub]]
+        known = (chains < FARTHEST) & (chains.T < FARTHEST)
+        known &= np.outer(shortest[:, hub] < FARTHEST, shortest[hub] < FARTHEST)
+        shortest = np.where(known, np.minimum(shortest, chains), shortest)
+    below = np.ascontiguousarray(above.T)
+    for hub in range(n_pairs):
+        shorten_chains(above, below, np.array([hub]))
+    complete(above, below, n_pairs)
+    assert above == pytest.approx(shortest, abs=1e-12)
+    assert np.array_equal(below, above.T)
+    assert (above >= shortest).all()
+    assert (above >= turns[:, None] - turns).all()

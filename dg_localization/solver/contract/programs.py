@@ -39,6 +39,13 @@ from dg_localization.solver.contract.procrustes import (
 )
 from dg_localization.solver.contract.simplex import set_multipliers
 
+LENGTH_TOLERANCE = 0.03
+ROUGH_TOLERANCE = 0.2
+"""
+By which fractions of their widths measured pairs may leave their bounds in the linear programs for
+lengths, and in those for turns that serve to bound a length: errors of these are squared.
+"""
+
 SECTOR_RAD = 0.2
 MOST_SECTORS = 3
 """Width of a sector, and how many there are at most."""
@@ -51,6 +58,7 @@ def _solve(
     active: IntArray,
     target: FloatArray,
     end: int,
+    tolerance: float,
     multipliers: FloatArray,
 ) -> None:
     """Write the multipliers that bound a linear function of the displacements from one side."""
@@ -64,7 +72,7 @@ def _solve(
             if row >= 0 and target[i, axis] != 0.0:
                 for c in range(n_columns):
                     table[n_rows - 2, c] += sign * target[i, axis] * table[row, c]
-    set_multipliers(linear, table, active, multipliers)
+    set_multipliers(linear, table, active, tolerance, multipliers)
     for m in range(len(multipliers)):
         multipliers[m] *= sign
 
@@ -95,7 +103,7 @@ def bound_by_program(
     bounds = np.empty(2)
     explained = 0.0
     for end in range(2):
-        _solve(linear, table, active, target, end, multipliers)
+        _solve(linear, table, active, target, end, LENGTH_TOLERANCE, multipliers)
         explained += _explained(multipliers, errors)
         bounds[end] = bound_linear_function(linear, multipliers, target)[end]
     return bounds[LOWER], bounds[UPPER], explained
@@ -109,6 +117,7 @@ def _bound_end(
     active: IntArray,
     target: FloatArray,
     end: int,
+    tolerance: float,
     errors: FloatArray,
 ) -> tuple[float, float]:
     """
@@ -117,7 +126,7 @@ def _bound_end(
     Returns the bound, and half the width that its multipliers explain.
     """
     multipliers = np.empty(len(linear.edges))
-    _solve(linear, table, active, target, end, multipliers)
+    _solve(linear, table, active, target, end, tolerance, multipliers)
     balanced = target.copy()
     slack = balance(linear, turned, multipliers, balanced)
     bound = bound_linear_function(linear, multipliers, balanced)[end]
@@ -133,6 +142,7 @@ def narrow_turns(
     table: FloatArray,
     active: IntArray,
     pairs: IntArray,
+    tolerance: float,
     first_row: int,
     n_chords: int,
 ) -> float:
@@ -153,6 +163,8 @@ def narrow_turns(
         See `set_table`.
     pairs : ndarray of int, shape (k, 2)
         The pairs, i < j.
+    tolerance : float
+        See `set_multipliers`.
     first_row : int
         Where the chords of the first pair are among the measured pairs, if the pairs are
         measured and in the same order; their residuals are narrowed at once. -1 for others.
@@ -176,7 +188,7 @@ def narrow_turns(
         for end in range(2):
             turned_pair(linear, i, j, _direction(turned, i, j, end), vector)
             set_gradient(i, j, -vector[1], vector[0], target)
-            bound, _ = _bound_end(linear, turned, table, active, target, end, nothing)
+            bound, _ = _bound_end(linear, turned, table, active, target, end, tolerance, nothing)
             low, high = (-math.inf, bound) if end == UPPER else (bound, math.inf)
             if narrow_turn(box, linear, turned, i, j, vector, low, high) < 0.0:
                 return -1.0
@@ -229,7 +241,7 @@ def narrow_pairs(
         False when the box is proved to hold no placement.
 
     """
-    if narrow_turns(box, linear, turned, table, active, pairs, -1, 0) < 0.0:
+    if narrow_turns(box, linear, turned, table, active, pairs, ROUGH_TOLERANCE, -1, 0) < 0.0:
         return False
     target, vector = np.zeros_like(linear.reference), np.empty(2)
     for p in range(len(pairs)):
@@ -238,7 +250,9 @@ def narrow_pairs(
         if not norm(vector)[0] > 0.0:
             continue
         set_gradient(i, j, vector[0], vector[1], target)
-        low, below = _bound_end(linear, turned, table, active, target, LOWER, errors)
+        low, below = _bound_end(
+            linear, turned, table, active, target, LOWER, LENGTH_TOLERANCE, errors
+        )
         low = down(low + product_with_reference(linear, i, j, vector[0], vector[1])[0])
         low = div(max(low, 0.0), max(low, 0.0), *norm(vector))[0]
         width = turned.turns[i, UPPER, j] - turned.turns[i, LOWER, j]
@@ -251,7 +265,9 @@ def narrow_pairs(
                 last = turned.turns[i, UPPER, j]
             turned_pair(linear, i, j, 0.5 * (first + last), vector)
             set_gradient(i, j, vector[0], vector[1], target)
-            end, above = _bound_end(linear, turned, table, active, target, UPPER, errors)
+            end, above = _bound_end(
+                linear, turned, table, active, target, UPPER, LENGTH_TOLERANCE, errors
+            )
             end = up(end + product_with_reference(linear, i, j, vector[0], vector[1])[1])
             along = cosine(*sub(first, last, *angle_from(linear, i, j, vector)))[0]
             if along > 0.0:

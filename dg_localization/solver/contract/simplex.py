@@ -9,17 +9,19 @@ gradient. The unknown displacements are rows of one table, which writes them in 
 *active* pairs as there are unknowns; so is the function, whose row then holds multipliers, and the
 rows of other pairs follow from those of their ends when they are asked for. Active pairs are
 bounded on both sides, so any choice of them is dual feasible: there is no first phase, each
-exchange improves the bound, and the method may stop after any of them. Nothing here is rounded
-outward, because any multipliers give a bound (`linearization`). A pair may have several gradients,
-each a measured pair of its own.
+exchange improves the bound, and the method may stop after any of them. The pair that leaves its
+bounds farthest, as a displacement along its gradient, is exchanged next; steepest edges would
+take hardly fewer exchanges and cost more than they save. Nothing here is rounded outward, because
+any multipliers give a bound (`linearization`). A pair may have several gradients, each a measured
+pair of its own.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
@@ -28,14 +30,8 @@ from dg_localization.solver.contract.reference import SMALLEST_WIDTH
 
 MOST_EXCHANGES = 60
 
-TOLERANCE = 1e-6
-"""A pair violates its bounds when it leaves them by more than this fraction of their width."""
-
 LEAST_VIOLATION = 1e-13
-"""And by more than this fraction of the widest: exact pairs have rounding errors only."""
-
-CANDIDATE = 0.6
-"""Violations above this fraction of the largest are compared; the comparison costs most."""
+"""A smaller violation, as a fraction of the widest bounds, is a rounding error."""
 
 LEAST_ENTRY = 1e-7
 """An entry below this fraction of the largest in its row is no pivot."""
@@ -44,6 +40,17 @@ PERTURBATION = 1e-5
 """Of a row, relatively, while it is improved: many of its entries are zero, and ties may cycle."""
 
 GOLDEN = 0.6180339887
+
+
+class _Rows(NamedTuple):
+    """The measured pairs once more, in the order in which the method runs through them."""
+
+    ends: IntArray  # (q, 2, m): numbers of the displacements of both ends; the last is always zero
+    slopes: FloatArray  # (q, m): the gradients, in m
+    low: FloatArray  # (m,): lower bounds of the residuals, in m^2
+    high: FloatArray  # (m,): upper bounds
+    scales: FloatArray  # (m,): one over the length of the gradient, in 1/m
+    values: FloatArray  # (m,): the residuals of the current displacements
 
 
 @kernel(borrows=True)
@@ -70,10 +77,11 @@ def _set_entries(linear: Linearization, table: FloatArray, m: int, entries: Floa
     for axis in range(linear.gradients.shape[1]):
         slope = linear.gradients[m, axis]
         plus, minus = linear.unknowns[i, axis], linear.unknowns[j, axis]
-        for c in range(len(entries)):
-            if plus >= 0:
+        if plus >= 0:
+            for c in range(len(entries)):
                 entries[c] += slope * table[plus, c]
-            if minus >= 0:
+        if minus >= 0:
+            for c in range(len(entries)):
                 entries[c] -= slope * table[minus, c]
 
 
@@ -122,13 +130,54 @@ def set_table(linear: Linearization, table: FloatArray, active: IntArray) -> boo
 
 
 @kernel
+def _rows_of(linear: Linearization, n_displacements: int) -> _Rows:
+    """Return the measured pairs as the method needs them."""
+    edges, gradients, residuals = linear.edges, linear.gradients, linear.residuals
+    n_edges, dimension = gradients.shape
+    ends = np.empty((dimension, 2, n_edges), dtype=np.int64)
+    low, high = residuals[:, LOWER].copy(), residuals[:, UPPER].copy()
+    slopes, scales = np.empty((dimension, n_edges)), np.zeros(n_edges)
+    for m in range(n_edges):
+        square = 0.0
+        for axis in range(dimension):
+            slopes[axis, m] = gradients[m, axis]
+            square += gradients[m, axis] * gradients[m, axis]
+            for end in range(2):
+                unknown = linear.unknowns[edges[m, end], axis]
+                ends[axis, end, m] = unknown if unknown >= 0 else n_displacements
+        if square > 0.0:
+            scales[m] = 1.0 / math.sqrt(square)
+    return _Rows(ends, slopes, low, high, scales, np.empty(n_edges))
+
+
+@kernel(borrows=True)
+def _leaving_row(rows: _Rows, displaced: FloatArray, tolerance: float, widest: float) -> int:
+    """Return the pair that leaves its bounds farthest, -1 where none does clearly."""
+    low, high, values = rows.low, rows.high, rows.values
+    values[:] = 0.0
+    for axis in range(len(rows.slopes)):
+        slopes, plus, minus = rows.slopes[axis], rows.ends[axis, 0], rows.ends[axis, 1]
+        for m in range(len(values)):
+            values[m] += slopes[m] * (displaced[plus[m]] - displaced[minus[m]])
+    row, farthest = -1, 0.0
+    for m in range(len(values)):
+        excess = max(values[m] - high[m], low[m] - values[m])
+        if excess * rows.scales[m] > farthest:
+            least = max(tolerance * (high[m] - low[m]), LEAST_VIOLATION * widest)
+            if excess > least:
+                row, farthest = m, excess * rows.scales[m]
+    return row
+
+
+@kernel(borrows=True)
 def _entering_column(
     table: FloatArray,
     active: IntArray,
-    residuals: FloatArray,
+    rows: _Rows,
     entries: FloatArray,
     side: float,
     slope: float,
+    ratios: FloatArray,
 ) -> int:
     """
     Return which column to exchange for a violated pair: where the bound is lowest along its line.
@@ -136,118 +185,58 @@ def _entering_column(
     The bound is convex and piecewise linear along the line; `slope` is its first slope, and each
     entry of the last row that changes its sign makes it steeper.
     """
-    n_rows, n_columns = table.shape
-    largest = np.abs(entries).max()
-    used = np.zeros(n_columns, dtype=np.bool_)
+    multipliers = table[len(table) - 1]
+    largest = 0.0
+    for c in range(len(entries)):
+        largest = max(largest, abs(entries[c]))
+    for c in range(len(entries)):
+        entry = side * entries[c]
+        ratios[c] = math.inf
+        if abs(entry) > LEAST_ENTRY * largest:
+            ratio = multipliers[c] / entry
+            if ratio > 0.0 or (ratio == 0.0 and entry < 0.0):
+                ratios[c] = ratio
     column = -1
     while slope < 0.0:
-        nearest, next_column = math.inf, -1
-        for c in range(n_columns):
-            entry = side * entries[c]
-            if used[c] or abs(entry) < LEAST_ENTRY * largest:
-                continue
-            ratio = table[n_rows - 1, c] / entry
-            if (ratio > 0.0 or (ratio == 0.0 and entry < 0.0)) and ratio < nearest:
-                nearest, next_column = ratio, c
-        if next_column < 0:
-            return -1
-        column = next_column
-        used[column] = True
+        column, nearest = -1, math.inf
+        for c in range(len(ratios)):
+            if ratios[c] < nearest:
+                column, nearest = c, ratios[c]
+        if column < 0:
+            break
+        ratios[column] = math.inf
         pair = active[column]
-        slope += abs(entries[column]) * (residuals[pair, UPPER] - residuals[pair, LOWER])
+        slope += abs(entries[column]) * (rows.high[pair] - rows.low[pair])
     return column
 
 
 @kernel(borrows=True)
-def _set_vertex(
+def _move_to_vertex(
     table: FloatArray,
     active: IntArray,
-    residuals: FloatArray,
+    rows: _Rows,
     vertex: FloatArray,
     displaced: FloatArray,
 ) -> None:
-    """Write the ends at which the active pairs are, and the displacements that follow."""
+    """Move active pairs to the ends where their multipliers have them, and the displacements."""
     n_rows, n_columns = table.shape
     for c in range(n_columns):
-        vertex[c] = residuals[active[c], UPPER if table[n_rows - 1, c] > 0.0 else LOWER]
-    displaced[:] = 0.0
-    # Column by column: sums that wait for each other would take three times as long.
-    for c in range(n_columns):
-        for x in range(n_rows - 2):
-            displaced[x] += table[x, c] * vertex[c]
-
-
-@kernel(borrows=True)
-def _set_excesses(
-    linear: Linearization,
-    is_active: NDArray[np.bool_],
-    displaced: FloatArray,
-    widest: float,
-    excesses: FloatArray,
-) -> float:
-    """Write by how much each pair leaves its bounds, if it does so clearly; return the most."""
-    edges, gradients, unknowns = linear.edges, linear.gradients, linear.unknowns
-    residuals = linear.residuals
-    largest = 0.0
-    for m in range(len(residuals)):
-        excesses[m] = 0.0
-        if is_active[m]:
-            continue
-        value = 0.0
-        for axis in range(gradients.shape[1]):
-            plus, minus = unknowns[edges[m, 0], axis], unknowns[edges[m, 1], axis]
-            if plus >= 0:
-                value += gradients[m, axis] * displaced[plus]
-            if minus >= 0:
-                value -= gradients[m, axis] * displaced[minus]
-        low, high = residuals[m, LOWER], residuals[m, UPPER]
-        least = max(TOLERANCE * (high - low), LEAST_VIOLATION * widest)
-        if value - high > least:
-            excesses[m] = value - high
-        elif low - value > least:
-            excesses[m] = value - low
-        largest = max(largest, abs(excesses[m]))
-    return largest
-
-
-@kernel(borrows=True)
-def _leaving_row(
-    linear: Linearization,
-    table: FloatArray,
-    excesses: FloatArray,
-    largest: float,
-    widths: FloatArray,
-    widest: float,
-    entries: FloatArray,
-) -> int:
-    """
-    Return the pair that is violated most, and write its row.
-
-    Large violations are compared in units of the step that mends them, with multipliers measured
-    by the widths of their pairs (dual steepest edge). That takes a quarter fewer exchanges than
-    the largest violation does. `widths` are those of the active pairs, over the `widest` of all.
-    """
-    row, best = -1, 0.0
-    for m in range(len(excesses)):
-        excess = abs(excesses[m])
-        if not excess > CANDIDATE * largest:
-            continue
-        _set_entries(linear, table, m, entries)
-        own = (linear.residuals[m, UPPER] - linear.residuals[m, LOWER]) / widest
-        edge = own * own
-        for c in range(len(entries)):
-            along = entries[c] * widths[c]
-            edge += along * along
-        if edge > 0.0 and excess > best * math.sqrt(edge):
-            row, best = m, excess / math.sqrt(edge)
-    if row >= 0:
-        _set_entries(linear, table, row, entries)
-    return row
+        pair = active[c]
+        end = rows.high[pair] if table[n_rows - 1, c] > 0.0 else rows.low[pair]
+        step = end - vertex[c]
+        if step != 0.0:
+            vertex[c] = end
+            for x in range(n_rows - 2):
+                displaced[x] += table[x, c] * step
 
 
 @kernel
 def set_multipliers(
-    linear: Linearization, table: FloatArray, active: IntArray, multipliers: FloatArray
+    linear: Linearization,
+    table: FloatArray,
+    active: IntArray,
+    tolerance: float,
+    multipliers: FloatArray,
 ) -> None:
     """
     Write the multipliers that bound the function in the last row but one from above.
@@ -258,41 +247,36 @@ def set_multipliers(
         The measured pairs.
     table, active
         As `set_table` wrote them, and the function in the last row but one.
+    tolerance : float
+        By which fraction of their widths measured pairs may leave their bounds in the end. The
+        bound is rigorous whatever it is, but lacks about a tenth of it.
     multipliers : ndarray, shape (m,)
         Where they are written.
 
     """
-    residuals = linear.residuals
     n_rows, n_columns = table.shape
     function, work = n_rows - 2, n_rows - 1
     scale = np.abs(table[function]).max()
     for c in range(n_columns):
         table[work, c] = table[function, c] + PERTURBATION * scale * ((c * GOLDEN) % 1.0 - 0.5)
-    is_active = np.zeros(len(residuals), dtype=np.bool_)
-    for c in range(n_columns):
-        is_active[active[c]] = True
-    vertex, displaced = np.empty(n_columns), np.empty(n_rows - 2)
-    widths, entries = np.empty(n_columns), np.empty(n_columns)
-    excesses = np.empty(len(residuals))
-    widest = (residuals[:, UPPER] - residuals[:, LOWER]).max()
-    if widest == 0.0:
-        widest = 1.0
+    rows = _rows_of(linear, n_rows - 2)
+    widest = (rows.high - rows.low).max()
+    vertex, displaced = np.zeros(n_columns), np.zeros(n_rows - 1)
+    entries, ratios = np.empty(n_columns), np.empty(n_columns)
     for _ in range(MOST_EXCHANGES):
-        for c in range(n_columns):
-            pair = active[c]
-            widths[c] = (residuals[pair, UPPER] - residuals[pair, LOWER]) / widest
-        _set_vertex(table, active, residuals, vertex, displaced)
-        largest = _set_excesses(linear, is_active, displaced, widest, excesses)
-        row = _leaving_row(linear, table, excesses, largest, widths, widest, entries)
+        _move_to_vertex(table, active, rows, vertex, displaced)
+        row = _leaving_row(rows, displaced, tolerance, widest)
         if row < 0:
             break
-        side = 1.0 if excesses[row] > 0.0 else -1.0
-        column = _entering_column(table, active, residuals, entries, side, -abs(excesses[row]))
+        value = rows.values[row]
+        side = 1.0 if value > rows.high[row] else -1.0
+        excess = max(value - rows.high[row], rows.low[row] - value)
+        _set_entries(linear, table, row, entries)
+        column = _entering_column(table, active, rows, entries, side, -excess, ratios)
         if column < 0:
             break
-        is_active[active[column]] = False
-        is_active[row] = True
         _exchange(table, active, entries, row, column)
+        vertex[column] = value
     multipliers[:] = 0.0
     for c in range(n_columns):
         multipliers[active[c]] = table[function, c]

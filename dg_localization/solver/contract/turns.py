@@ -240,37 +240,45 @@ def shorten_chains(above: FloatArray, below: FloatArray, hubs: IntArray) -> None
     """
     Bound the differences of turns by chains through some pairs, in place, not rounded outward.
 
+    Only entries [p, q] with p < q are read and written; `complete` writes the others.
+
     Parameters
     ----------
     above : ndarray, shape (k, k)
         Upper bounds of the turn of pair p less that of q, in rad; pi where nothing is known.
     below : ndarray, shape (k, k)
-        Its transpose, so that both are read in the order they are stored in.
+        Those of the turn of pair q less that of p.
     hubs : ndarray of int
         The pairs in the middle of the chains.
 
     """
     n_pairs = len(above)
+    from_hub, to_hub = np.empty(n_pairs), np.empty(n_pairs)
     for hub in hubs:
+        from_hub[:hub], from_hub[hub:] = below[:hub, hub], above[hub, hub:]
+        to_hub[:hub], to_hub[hub:] = above[:hub, hub], below[hub, hub:]
         for p in range(n_pairs):
-            to_hub, from_hub = above[p, hub], below[p, hub]
-            if p == hub or not (to_hub < FARTHEST and from_hub < FARTHEST):
+            to, back = to_hub[p], from_hub[p]
+            if p == hub or not (to < FARTHEST and back < FARTHEST):
                 continue
-            for q in range(n_pairs):
-                high, low = to_hub + above[hub, q], from_hub + below[hub, q]
+            for q in range(p + 1, n_pairs):
+                high, low = to + from_hub[q], back + to_hub[q]
                 is_known = high < FARTHEST and low < FARTHEST
                 above[p, q] = min(above[p, q], high) if is_known else above[p, q]
                 below[p, q] = min(below[p, q], low) if is_known else below[p, q]
 
 
 @kernel
-def allow_for_rounding(above: FloatArray, n_hubs: int) -> None:
-    """Widen bounds by the rounding of a chain that leads through each hub once."""
+def complete(above: FloatArray, below: FloatArray, n_hubs: int) -> None:
+    """Write bounds [p, q] with p > q; widen all by the rounding of a chain through each hub."""
     slack = rounding_error(math.pi, 2.0 * n_hubs)
     for p in range(len(above)):
-        for q in range(len(above)):
-            if p != q and above[p, q] < math.pi:
+        for q in range(p + 1, len(above)):
+            if above[p, q] < math.pi:
                 above[p, q] = up(above[p, q] + slack)
+            if below[p, q] < math.pi:
+                below[p, q] = up(below[p, q] + slack)
+            above[q, p], below[q, p] = below[p, q], above[p, q]
 
 
 @kernel
@@ -363,7 +371,7 @@ def narrow_turns_by_differences(
     pairs : ndarray of int, shape (k, 2)
         All pairs i < j, by number.
     above, below : ndarray, shape (k, k)
-        See `shorten_chains`.
+        Upper bounds of the turn of pair p less that of q, and of the turn of q less that of p.
     some : ndarray of int
         The numbers of some pairs.
     turns : ndarray, shape (n, 2, n)

@@ -22,18 +22,21 @@ from dg_localization.solver.contract.procrustes import (
 from dg_localization.solver.contract.programs import narrow_pairs, narrow_turns
 from dg_localization.solver.contract.simplex import set_table
 from dg_localization.solver.contract.turns import (
-    allow_for_rounding,
+    complete,
     narrow_turns_by_differences,
     number_pairs,
     set_differences,
     shorten_chains,
 )
 
-MOST_ROUNDS = 4
+MOST_ROUNDS = 8
 """Linear programs for the turns of the measured pairs are solved at most so often."""
 
-LEAST_GAIN_OF_ROUND = 0.05
+LEAST_GAIN_OF_ROUND = 0.03
 """Only those are repeated whose turns have become narrower by this fraction."""
+
+TOLERANCE = 0.03
+"""Of those linear programs (`set_multipliers`)."""
 
 WIDE_RAD = 0.35
 """Where the bounds of turns are wider in the median, arcs have tangents at their ends as well."""
@@ -123,7 +126,7 @@ class CommonFrame:
                 if self._stopped():
                     return True
                 first_row = some.start * n_chords
-                gains.append(narrow_turns(*state, measured[some], first_row, n_chords))
+                gains.append(narrow_turns(*state, measured[some], TOLERANCE, first_row, n_chords))
                 if gains[-1] < 0.0:
                     return False
             pairs_and_gains = zip(some_gain, gains, strict=True)
@@ -169,8 +172,7 @@ class CommonFrame:
         hubs = measured if n_points > MOST_POINTS_OF_ALL_CHAINS else np.arange(len(pairs))
         for some in self._batches(len(hubs), above.size):
             shorten_chains(above, below, hubs[some])
-        allow_for_rounding(above, len(hubs))
-        allow_for_rounding(below, len(hubs))
+        complete(above, below, len(hubs))
         for some in self._batches(len(measured), len(pairs)):
             chosen = measured[some]
             if not narrow_turns_by_differences(

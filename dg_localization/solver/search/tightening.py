@@ -49,7 +49,7 @@ LEAST_CUT = 0.3
 """After a slice of which less than this fraction is cut off, the next is half as thick."""
 
 LEAST_SLICES = 4
-"""An end for which fewer slices than this are left is not bisected."""
+"""An end for which fewer slices than this are left is not bisected; fewer in all are not cut."""
 
 MOST_IDLE_SLICES = 50
 """Tightening ends after so many slices in a row that cut nothing off, in a small fleet."""
@@ -74,6 +74,8 @@ class _Slicer:
         self._idle_slices = 0
         ratio = min(1.0, SMALL_FLEET / pruner.problem.n_points)
         self._most_idle = max(1, round(MOST_IDLE_SLICES * ratio**SLICE_POWER))
+        self.most_at_an_end = max(LEAST_SLICES, self._most_idle // 2)
+        """Slices that bisect one end: if all are idle, others are left for the next."""
 
     def trim(self, pair: Pair, end: int) -> bool:
         """Cut slices of decreasing thickness off one end; return whether anything is left."""
@@ -220,6 +222,8 @@ def tighten(
         return pruned.box
     if not narrow_by_linear_programs(pruner, pruned, stopped):
         return None
+    if slices < LEAST_SLICES:
+        return pruned.box
     ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
     if slices < len(ends):
         ends = list(product(open_pairs(pruner.problem, pruned), (UPPER, LOWER)))
@@ -227,7 +231,7 @@ def tighten(
     if not all(slicer.trim(pair, end) for pair, end in ends * PASSES):
         return None
     for done, (pair, end) in enumerate(ends):
-        share = slicer.slices // (len(ends) - done)
+        share = min(slicer.slices // (len(ends) - done), slicer.most_at_an_end)
         if share >= LEAST_SLICES and not slicer.bisect(pair, end, share):
             return None
     return slicer.box
