@@ -12,7 +12,7 @@ import pytest
 from dg_localization import Verdict
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.fleet.window.pose_filters import FILTERS
+from dg_localization.fleet.window.pose_filters import FILTERS, _Walk
 
 MEMORY_S = 6.0
 
@@ -73,6 +73,31 @@ def test_followed_and_started_anew_both_hold_the_truth(seed):
         anew, _ = estimate_snapshot(localizer.snapshot(history.start_s + time_s))
         assert truth_is_inside(history, time_s, followed)
         assert truth_is_inside(history, time_s, anew)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_steps_that_are_used_again_are_those_that_would_be_taken(seed, monkeypatch):
+    steps = []
+
+    def counted(walk, pose_filter, until_s):
+        steps.append(until_s)
+        return to(walk, pose_filter, until_s)
+
+    to = _Walk._to
+    monkeypatch.setattr(_Walk, '_to', counted)
+    taken = []
+    for again in (True, False):
+        history = draw([seed, 11], 9.0, window_outliers=1)
+        localizer = localizer_of(history)
+        answers, steps[:] = [], []
+        for _time_s, estimate in history.play(localizer, np.arange(1.0, 9.0, 0.1)):
+            answers.append([p.enclosure_m for p in estimate.placements])
+            if not again:
+                localizer._follower.filters._steps.clear()
+        taken.append((answers, len(steps)))
+    (reused, few), (anew, many) = taken
+    assert few < many
+    assert all(np.array_equal(a, b) for a, b in zip(reused, anew, strict=True))
 
 
 def test_chains_end_with_the_memory_with_what_is_forgotten_and_at_a_reset():
