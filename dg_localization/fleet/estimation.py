@@ -71,7 +71,7 @@ def estimate_snapshot(
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()
-    remembered = recalled.pose_sets.distances(snapshot)
+    remembered = recalled.pose_sets.distances(snapshot, recalled.replaced)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:
