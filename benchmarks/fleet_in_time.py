@@ -7,11 +7,12 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
         [--fitted]
+    python -m benchmarks.fleet_in_time rate [--data ../shared/data/mrclam] [--outliers 0]
     python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
 
 Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
 there are no cameras and no anchors. MRCLAM: five robots among 15 landmarks, which serve as
-anchors; `robots` leaves the landmarks out.
+anchors; `rate` answers at 5 Hz for some seconds; `robots` leaves the landmarks out.
 """
 
 from __future__ import annotations
@@ -198,6 +199,9 @@ class Excerpt:
 LATE_S = 0.05
 """Stamps of sightings are late by about this."""
 
+RATE_HZ, RATE_FROM_S, RATE_TICKS = 5.0, 95.0, 50
+"""Of `rate`; before that there is an answer every 4 s."""
+
 FITTED_RANGE_ERROR = RangeErrorModel(min_error_relative=-0.15, max_error_relative=0.092)
 FITTED_BEARING_ERROR_RAD = 0.060
 """What `fit_bounds --per all --keep 0.99` learns of the excerpt."""
@@ -224,15 +228,19 @@ def mrclam_config(excerpt: Excerpt, outliers: int, memory_s: float) -> FleetConf
     )
 
 
+def ticks_s(excerpt: Excerpt, tick_s: float) -> FloatArray:
+    """Return the times to answer at, from 20 s on."""
+    return np.arange(excerpt.events[0].stamp_s + 20.0, excerpt.events[-1].stamp_s, tick_s)
+
+
 def answers(
-    excerpt: Excerpt, config: FleetConfig, tick_s: float
+    excerpt: Excerpt, config: FleetConfig, times_s: FloatArray
 ) -> Iterator[tuple[float, Estimate, float]]:
     """Yield times, estimates, and how many milliseconds of the processor each took."""
     localizer = Localizer(config)
     pending = iter(excerpt.events)
     event = next(pending, None)
-    start_s = excerpt.events[0].stamp_s
-    for now_s in np.arange(start_s + 20.0, excerpt.events[-1].stamp_s, tick_s):
+    for now_s in times_s:
         while event is not None and event.stamp_s <= now_s:
             excerpt.feed(localizer, event)
             event = next(pending, None)
@@ -254,7 +262,7 @@ def report_mrclam(
             bearing_half_width_rad=FITTED_BEARING_ERROR_RAD,
         )
     inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
-    for now_s, estimate, milliseconds in answers(excerpt, config, tick_s):
+    for now_s, estimate, milliseconds in answers(excerpt, config, ticks_s(excerpt, tick_s)):
         spent.append(milliseconds)
         forgotten += bool(estimate.forgotten)
         places, yaws = excerpt.truth(now_s)
@@ -276,6 +284,24 @@ def report_mrclam(
     )
 
 
+def report_rate(folder: Path, outliers: int, memory_s: float) -> None:
+    """Print what an answer takes at 5 Hz, once the memory is full."""
+    excerpt = Excerpt(folder)
+    config = mrclam_config(excerpt, outliers, memory_s)
+    begin_s = excerpt.events[0].stamp_s + RATE_FROM_S
+    often_s = begin_s + np.arange(RATE_TICKS) / RATE_HZ
+    before_s = ticks_s(excerpt, 4.0)
+    inside, spent = 0, []
+    times_s = np.concatenate([before_s[before_s < begin_s], often_s])
+    for now_s, estimate, milliseconds in answers(excerpt, config, times_s):
+        if now_s >= begin_s:
+            spent.append(milliseconds)
+            places, yaws = excerpt.truth(now_s)
+            inside += any(holds(placement, places, yaws) for placement in estimate.placements)
+    fast, slow = np.percentile(spent, [50, 95])
+    print(f'| {memory_s:.0f} | {outliers} | {inside} of {len(spent)} | {fast:.0f} ({slow:.0f}) |')
+
+
 def report_robots(folder: Path, outliers: int, memory_s: float, tick_s: float) -> None:
     """Print the figures of the four-minute excerpt without landmarks as a row of a table."""
     excerpt = Excerpt(folder)
@@ -284,7 +310,7 @@ def report_robots(folder: Path, outliers: int, memory_s: float, tick_s: float) -
     excerpt.events[:] = seen
     frames: Counter[str] = Counter()
     hypotheses, inside, widths, spent = [], [], [], []
-    for now_s, estimate, milliseconds in answers(excerpt, config, tick_s):
+    for now_s, estimate, milliseconds in answers(excerpt, config, ticks_s(excerpt, tick_s)):
         spent.append(milliseconds)
         frames[estimate.frame.kind.value if estimate.frame else 'none'] += 1
         hypotheses.append(estimate.n_hypotheses)
@@ -399,7 +425,7 @@ def main() -> None:
     """Read the command line and print what was asked for."""
     name = 'python -m benchmarks.fleet_in_time'
     parser = argparse.ArgumentParser(prog=name, description=__doc__)
-    parser.add_argument('study', choices=['simulated', 'mrclam', 'robots'])
+    parser.add_argument('study', choices=['simulated', 'mrclam', 'rate', 'robots'])
     parser.add_argument('--runs', type=int, default=10)
     parser.add_argument('--robots', type=int, nargs='+', default=[2, 3, 4, 6])
     parser.add_argument('--seconds', type=float, default=15.0)
@@ -411,6 +437,9 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
+    elif arguments.study == 'rate':
+        print('| memory (s) | outliers | truth inside | ms (95 %) |')
+        report_rate(arguments.data, arguments.outliers, arguments.memory)
     elif arguments.study == 'robots':
         print(
             '| memory (s) | outliers | ticks | frames | one hypothesis | true distances inside '

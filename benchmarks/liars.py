@@ -37,6 +37,7 @@ from benchmarks.fleet_in_time import (
     feed_odometry,
     holds,
     mrclam_config,
+    ticks_s,
     truth_in_frame,
 )
 from benchmarks.pairs import (
@@ -392,7 +393,8 @@ def report_mrclam(folder: Path, outliers: int, memory_s: float, tick_s: float) -
     named: set[tuple[str, str, float]] = set()
     ticks = inside = 0
     last_s = 0.0
-    for now_s, estimate, _ in answers(excerpt, mrclam_config(excerpt, outliers, memory_s), tick_s):
+    config = mrclam_config(excerpt, outliers, memory_s)
+    for now_s, estimate, _ in answers(excerpt, config, ticks_s(excerpt, tick_s)):
         places, yaws = excerpt.truth(now_s)
         ticks += 1
         last_s = now_s

@@ -160,6 +160,6 @@ def _answer_group(
     verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE
     number = len(placements) + n_unseen * placer.most_images
     listed = tuple(placements[:most_placements])
-    names = [snapshot.config.points[point] for point in plan.points]
+    names = [snapshot.config.points[point] for point in placer.points]
     rigidity = rigidity_of(names, result, snapshot.config.dimension)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

@@ -10,6 +10,7 @@ once.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -58,6 +59,28 @@ class AnchorGeometry:
     distances: tuple[tuple[int, int, float, float], ...]
     chiralities: tuple[Chirality, ...]
     cores: tuple[tuple[int, ...], ...]
+
+    @property
+    def spanning(self) -> frozenset[int]:
+        """A few that span most; all where none certainly span the plane or space."""
+        if not self.chiralities:
+            return frozenset(self.boxes)
+        return frozenset(self.chiralities[0].points).union(*self.cores[:1])
+
+    def among(self, points: Collection[int]) -> AnchorGeometry:
+        """Return the geometry of some of the anchors, without their distances."""
+        boxes = {point: box for point, box in self.boxes.items() if point in points}
+        if not boxes:
+            return AnchorGeometry({}, (), (), ())
+        rows, stacked = [*boxes], Interval.stack([*boxes.values()], axis=0)
+        bounds_m = 0.5 * np.max(stacked.upper - stacked.lower, axis=1)
+        compared = _well_spread(0.5 * (stacked.lower + stacked.upper), bounds_m)
+        return AnchorGeometry(
+            boxes=boxes,
+            distances=(),
+            chiralities=_chiralities(rows, stacked, compared),
+            cores=_cores(rows, stacked, compared),
+        )
 
 
 def anchor_geometry(config: FleetConfig) -> AnchorGeometry:

@@ -31,7 +31,7 @@ from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.narrowing import narrow_answer
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
-from dg_localization.fleet.window.recollection import recall
+from dg_localization.fleet.window.recollection import Recollection, recall
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
@@ -71,9 +71,10 @@ def estimate_snapshot(
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()
-    remembered = recalled.pose_sets.distances(snapshot)
+    remembered = recalled.pose_sets.distances(snapshot, recalled.replaced)
     constraints = constrain(snapshot, recalled.replaced, remembered)
-    found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
+    options = _solver_options(snapshot, recalled)
+    found, plans = _solve(snapshot, constraints, options, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:
         recalled = recalled.without_pose_sets()
         if not snapshot.keys:
@@ -95,6 +96,20 @@ def estimate_snapshot(
         forgotten=narrowed.forgotten,
     )
     return estimate, narrowed.proved
+
+
+def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions:
+    """
+    Return the options of the solver.
+
+    In the plane, the pose sets of all robots narrow the answer more than tightened bounds, which
+    take twice as long as all the rest.
+    """
+    config = snapshot.config
+    placed = {config.robots[robot] for robot in recalled.pose_sets.covers} | config.anchors.keys()
+    if config.dimension == 2 and placed >= {*config.robots}:
+        return replace(snapshot.solver, tighten_slices=0)
+    return snapshot.solver
 
 
 def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:

@@ -3,6 +3,7 @@
 
 """Robots among anchors that are followed from estimate to estimate."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from histories import History, localizer_of, truth_is_inside
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from dg_localization import Verdict
+from dg_localization.fleet import answers
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.fleet.window.pose_filters import FILTERS
+from dg_localization.fleet.window.pose_filters import FILTERS, _Walk
 
 MEMORY_S = 6.0
 
@@ -73,6 +75,51 @@ def test_followed_and_started_anew_both_hold_the_truth(seed):
         anew, _ = estimate_snapshot(localizer.snapshot(history.start_s + time_s))
         assert truth_is_inside(history, time_s, followed)
         assert truth_is_inside(history, time_s, anew)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_steps_that_are_used_again_are_those_that_would_be_taken(seed, monkeypatch):
+    steps = []
+
+    def counted(walk, pose_filter, until_s):
+        steps.append(until_s)
+        return to(walk, pose_filter, until_s)
+
+    to = _Walk._to
+    monkeypatch.setattr(_Walk, '_to', counted)
+    taken = []
+    for again in (True, False):
+        history = draw([seed, 11], 9.0, window_outliers=1)
+        localizer = localizer_of(history)
+        found, steps[:] = [], []
+        for _time_s, estimate in history.play(localizer, np.arange(1.0, 9.0, 0.1)):
+            found.append([p.enclosure_m for p in estimate.placements])
+            if not again:
+                localizer._follower.filters._steps.clear()
+        taken.append((found, len(steps)))
+    (reused, few), (anew, many) = taken
+    assert few < many
+    assert all(np.array_equal(a, b) for a, b in zip(reused, anew, strict=True))
+
+
+def test_bounds_are_not_tightened_where_all_robots_have_pose_sets(monkeypatch):
+    tightened = []
+
+    def counted(problem, options, *arguments):
+        tightened.append(options.tighten_slices > 0)
+        return solve(problem, options, *arguments)
+
+    solve = answers.solve
+    monkeypatch.setattr(answers, 'solve', counted)
+    for memory_s, always in ((0.0, True), (MEMORY_S, False)):
+        tightened.clear()
+        for seed in range(4):
+            history = draw([seed, 3], 3.0)
+            solver = replace(history.config.solver, tighten_slices=4)
+            history.config = replace(history.config, solver=solver, memory_s=memory_s)
+            for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, 3.0, 0.5)):
+                assert truth_is_inside(history, time_s, estimate), (seed, time_s)
+        assert tightened and all(tightened) is always
 
 
 def test_chains_end_with_the_memory_with_what_is_forgotten_and_at_a_reset():

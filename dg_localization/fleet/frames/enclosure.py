@@ -10,6 +10,8 @@ cannot get lost.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,11 +43,16 @@ class Encloser:
     solved : Constraints
         Of the solved points.
     registration : Registration
+    rows : sequence of int
+        Those that frames are made of.
 
     """
 
-    def __init__(self, solved: Constraints, registration: Registration) -> None:
+    def __init__(
+        self, solved: Constraints, registration: Registration, rows: Sequence[int]
+    ) -> None:
         self._solved = solved
+        self._rows = rows
         self._cosines = solved.angles.cosines()
         self._registration = registration
         self._poses = {core: registration.pose_of(core) for core in registration.cores}
@@ -79,9 +86,8 @@ class Encloser:
 
     def _apexes_of_cores(self, hypothesis: Hypothesis) -> dict[tuple[int, ...], list[int]]:
         """Return the apexes to try for each core."""
-        points = range(len(self._solved.points))
         return {
-            core: best_apexes(hypothesis, core, [point for point in points if point not in core])
+            core: best_apexes(hypothesis, core, [row for row in self._rows if row not in core])
             for core in self._poses
         }
 

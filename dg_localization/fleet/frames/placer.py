@@ -12,6 +12,7 @@ assemble the rows.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +31,7 @@ from dg_localization.fleet.frames.headings import (
     NoHeadingError,
     estimate_heading,
 )
+from dg_localization.fleet.frames.idle_anchors import Busy, busy_of, completed
 from dg_localization.fleet.frames.mirror_images import (
     ChiralityChoice,
     possible_choices,
@@ -56,7 +58,6 @@ class Placer:
     constraints : Constraints
         Of all points of the fleet.
     plan : FramePlan
-        The frame; the points of the problem are ``plan.points``, in that order.
     dropped : frozenset of LinkKey
         What `constraints` leave out.
 
@@ -75,18 +76,26 @@ class Placer:
         self._dropped = dropped
         self._solved = constraints.of(plan.points)
         row_of = {point: row for row, point in enumerate(plan.points)}
+        cores = tuple(tuple(row_of[point] for point in core) for core in plan.cores)
+        busy = Busy(tuple(range(len(plan.points))), cores)
+        if plan.frame.kind is FrameKind.ANCHORS:
+            n_robots = len(self._config.robots)
+            busy = busy_of(self._solved, plan.points, n_robots, snapshot.anchors)
+            known = dict.fromkeys((*self._solved.chiralities, *busy.chiralities))
+            self._solved = replace(self._solved, chiralities=tuple(known))
+        self._rows = busy.rows
         self._registration = Registration(
             plan.frame.kind,
             self._solved,
-            cores=tuple(tuple(row_of[point] for point in core) for core in plan.cores),
+            cores=busy.cores,
             anchors={
                 row_of[point]: box
                 for point, box in snapshot.anchors.boxes.items()
                 if point in row_of
             },
         )
-        self._rigid = rigid_with(self._registration.cores[0], self._solved)
-        self._encloser = Encloser(self._solved, self._registration)
+        self._rigid = rigid_with(self._registration.cores[0], self._solved) & {*self._rows}
+        self._encloser = Encloser(self._solved, self._registration, self._rows)
         self._held = () if self._reference is None else (self._reference,)
         self._body_poses = BodyPoses(snapshot, self._solved, self._held)
 
@@ -98,6 +107,8 @@ class Placer:
         is no other hypothesis.
         """
         placements: list[Placement] = []
+        anchors = self._registration.anchors
+        hypothesis = completed(hypothesis, self._rows, self._solved, anchors)
         images = self._mirror_images(hypothesis)
         among = None if alone and len(images) == 1 else (hypothesis.lower, hypothesis.upper)
         for choice, whole in images:
@@ -114,8 +125,13 @@ class Placer:
 
     @cached_property
     def problem(self) -> Problem:
-        """What the solver is asked of the points of the plan."""
-        return self._solved.problem()
+        """What the solver is asked, of `points`."""
+        return self._solved.of(self._rows).problem()
+
+    @property
+    def points(self) -> tuple[int, ...]:
+        """The points of the plan without idle anchors."""
+        return tuple(self._plan.points[row] for row in self._rows)
 
     @property
     def most_images(self) -> int:

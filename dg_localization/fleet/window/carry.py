@@ -217,15 +217,20 @@ class CarriedWindow:
             None where they observed nothing.
 
         """
-        pair = WORLD, robot
-        rows = [
-            row for row in self._rows.get(pair, ()) if after_s < row.observation.stamp_s <= until_s
-        ]
+        rows = self._rows_between(robot, after_s, until_s)
         if not rows:
             return None
         stamps = np.array([row.observation.stamp_s for row in rows])
         past = self.path(robot).past_poses_on_track(stamps, until_s).past
-        return self._seen(pair, rows, PastPoses.at_rest(len(rows)), past)
+        return self._seen((WORLD, robot), rows, PastPoses.at_rest(len(rows)), past)
+
+    def seen_between(self, robot: int, after_s: float, until_s: float) -> tuple[Observation, ...]:
+        """Return the observations that `readings_between` is made of."""
+        return tuple(row.observation for row in self._rows_between(robot, after_s, until_s))
+
+    def _rows_between(self, robot: int, after_s: float, until_s: float) -> list[_Row]:
+        rows = self._rows.get((WORLD, robot), [])
+        return [row for row in rows if after_s < row.observation.stamp_s <= until_s]
 
     def tracks(self, pair: Pair) -> tuple[PastPoses, PastPoses]:
         """Return where the tracks of a pair are now, seen from the two bodies."""

@@ -23,7 +23,7 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.carry import WORLD
 from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.memory import Ends, Observation
 from dg_localization.pairs import (
     CellOptions,
     CountedCover,
@@ -98,11 +98,44 @@ class Place:
     agreeing_s: float
 
 
+@dataclass(frozen=True)
+class Step:
+    """
+    A filter at a knot and at the next one, and what it was carried on by.
+
+    Until no reading can come late any more, estimates take the same steps again.
+
+    Parameters
+    ----------
+    before, after : PoseFilter
+    seen : tuple of Observation
+        The observations in between.
+    samples : int
+        How many samples the odometry has in between.
+
+    """
+
+    before: PoseFilter
+    after: PoseFilter
+    seen: tuple[Observation, ...]
+    samples: int
+
+    def is_of(
+        self, before: PoseFilter, until_s: float, seen: tuple[Observation, ...], samples: int
+    ) -> bool:
+        """Return whether this is the step of a filter to a time, with nothing heard since."""
+        same_way = self.before is before and self.after.knot_s == until_s
+        if not same_way or self.samples != samples or len(self.seen) != len(seen):
+            return False
+        return all(one is other for one, other in zip(self.seen, seen, strict=True))
+
+
 class PoseFilters:
     """The filters of all robots, the oldest first, in the thread of the estimates."""
 
     def __init__(self) -> None:
         self._filters: dict[int, tuple[PoseFilter, ...]] = {}
+        self._steps: dict[int, tuple[Step, ...]] = {}
 
     def place(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> Place | None:
         """
@@ -125,12 +158,14 @@ class PoseFilters:
         """
         if snapshot.config.memory_s < LEAST_FOLLOWED_S:
             return None
-        walk = _Walk(snapshot, robot, stopped)
+        walk = _Walk(snapshot, robot, stopped, self._steps.get(robot, ()))
         filters = [walk.settled(c) for c in self._filters.get(robot, ()) if walk.goes_on(c)]
         kept = [pose_filter for pose_filter in filters if pose_filter is not None]
         kept += walk.started(kept[-1].since_s if kept else -math.inf)
         self._filters[robot] = tuple(kept)
-        return walk.place(kept) if kept else None
+        place = walk.place(kept) if kept else None
+        self._steps[robot] = tuple(walk.steps)
+        return place
 
     def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:
         """Drop the filters that know of observations that are forgotten."""
@@ -147,9 +182,33 @@ def _are_with_anchors(config: FleetConfig, robot: str, ends: Iterable[Ends]) -> 
 
 
 class _Walk:
-    """The way of one robot to the time of a snapshot."""
+    """
+    The way of one robot to the time of a snapshot.
 
-    def __init__(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> None:
+    Parameters
+    ----------
+    snapshot : Snapshot
+    robot : int
+    stopped : callable
+    steps_before : sequence of Step
+        Those of the estimate before.
+
+    Attributes
+    ----------
+    steps : list of Step
+        Those from knot to knot.
+
+    """
+
+    def __init__(
+        self,
+        snapshot: Snapshot,
+        robot: int,
+        stopped: Callable[[], bool],
+        steps_before: Sequence[Step] = (),
+    ) -> None:
+        self.steps: list[Step] = []
+        self._steps_before = steps_before
         self._config, self._now_s = snapshot.config, snapshot.stamp_s
         self._carried, self._robot = snapshot.carried, robot
         self._path = snapshot.carried.path(robot)
@@ -170,7 +229,7 @@ class _Walk:
             knot_s = self._next_knot_s(found)
             if knot_s > self._settled_s:
                 break
-            found = self._to(found, knot_s)
+            found = self._to_knot(found, knot_s)
         return found
 
     def started(self, newest_since_s: float) -> list[PoseFilter]:
@@ -213,7 +272,7 @@ class _Walk:
             knot_s = self._next_knot_s(found)
             if knot_s >= self._now_s:
                 break
-            found = self._to(found, knot_s)
+            found = self._to_knot(found, knot_s)
         found = None if found is None else self._to(found, self._now_s)
         if found is None:
             return None
@@ -231,6 +290,20 @@ class _Walk:
         last = np.searchsorted(stamps_s, pose_filter.knot_s + step_s, side='right') - 1
         knot = max(int(after), int(last))
         return float(stamps_s[knot]) if knot < len(stamps_s) else math.inf
+
+    def _to_knot(self, pose_filter: PoseFilter, knot_s: float) -> PoseFilter | None:
+        """Return a filter at its next knot, as it was at the estimate before if it can be."""
+        seen = self._carried.seen_between(self._robot, pose_filter.knot_s, knot_s)
+        ends = np.searchsorted(self._path.stamps_s, [pose_filter.knot_s, knot_s])
+        samples = int(ends[1] - ends[0])
+        for step in self._steps_before:
+            if step.is_of(pose_filter, knot_s, seen, samples):
+                self.steps.append(step)
+                return step.after
+        after = self._to(pose_filter, knot_s)
+        if after is not None and not self._stopped():
+            self.steps.append(Step(pose_filter, after, seen, samples))
+        return after
 
     def _to(self, pose_filter: PoseFilter, until_s: float) -> PoseFilter | None:
         """Return a filter at a later time; None where odometry does not bound the way."""

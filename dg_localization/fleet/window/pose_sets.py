@@ -13,6 +13,7 @@ import numpy as np
 
 from dg_localization.fleet.constraints.distances import PairBounds
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
 from dg_localization.fleet.window.forgetting import Forgotten
@@ -49,11 +50,18 @@ class PoseSets:
         """Whether it says where any robot is."""
         return bool(self.covers or self.relative)
 
-    def distances(self, snapshot: Snapshot) -> Iterator[PairBounds]:
-        """Yield pairs of points with bounds of their squared distance in m^2."""
+    def distances(self, snapshot: Snapshot, replaced: frozenset[LinkKey]) -> Iterator[PairBounds]:
+        """
+        Yield pairs of points with bounds of their squared distance in m^2.
+
+        Links that are not replaced go well with the distances of all anchors. Without any a few
+        anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
+        """
+        anchors = snapshot.anchors
+        used = anchors.boxes.keys() if {*snapshot.keys} - replaced else anchors.spanning
         for robot, cover in self.covers.items():
-            for anchor, box in snapshot.anchors.boxes.items():
-                yield robot, anchor, *_squared_distance_m2(cover, box)
+            for anchor in used:
+                yield robot, anchor, *_squared_distance_m2(cover, anchors.boxes[anchor])
         for pair, cover in self.relative.items():
             origin = Interval.point(np.zeros(snapshot.config.dimension))
             yield *pair, *_squared_distance_m2(cover, origin)

@@ -195,7 +195,8 @@ class Recollection:
     def _cells(self) -> int:
         """How finely tables resolve headings: joint poses know neither rays nor outliers."""
         rays = any(np.isfinite(part.ray_errors_rad).any() for part in self.readings.values())
-        return FINE_CELLS if rays or self.config.window_outliers else COARSE_CELLS
+        fine = rays or self.config.window_outliers or self.pose_sets.covers
+        return FINE_CELLS if fine else COARSE_CELLS
 
     def _tried(
         self,
@@ -367,6 +368,10 @@ def recall(
     most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
     return replace(
         recalled,
-        readings={pair: carried.readings(pair, most, newest_s) for pair in near},
+        readings={
+            pair: carried.readings(pair, most, newest_s)
+            for pair in near
+            if not pose_sets.covers.keys() >= {*pair}
+        },
         chains=_chains(snapshot, proved),
     )

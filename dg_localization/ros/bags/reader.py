@@ -10,10 +10,9 @@ sensor_msgs/Range has a variance since Iron, and no subscriber of today reads th
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, redirect_stdout
+from contextlib import closing, contextmanager
 from importlib import import_module
 from importlib.util import find_spec
-from io import StringIO
 from itertools import islice
 from operator import index
 from pathlib import Path
@@ -21,15 +20,14 @@ import re
 from typing import Any, NamedTuple
 
 from dg_localization.optional import install_hint
+from dg_localization.ros.bags.conversions import Conversions
 from dg_localization.ros.executables import ExecutableError
 
 NS_PER_S = 1_000_000_000
 # So many messages of a topic show by which definition they were written.
 SAMPLES = 20
-# They are sought among so many messages of the bag together; topics that come later, one by one.
+# They are sought among so many messages of all topics; then among those of the others alone.
 MOST_SAMPLED = 50_000
-# Where a bag does not hold the definitions of its types, those of a distribution that fit.
-DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
 
@@ -120,6 +118,7 @@ class Bag:
         self._converters: dict[str, Callable[[bytes], bytes]] = {}
         self._path = path
         self._reader = _open(path)
+        self._conversions = Conversions(self._reader.typestore)
         try:
             with _damage_reported(path):
                 self.start_ns, self.end_ns = span_ns or self.index_span_ns
@@ -154,7 +153,7 @@ class Bag:
         message_class = find_message_class(info.msgtype)
         if message_class is None:
             return f'its type {info.msgtype} is not installed'
-        converter = self._converter(info, samples)
+        converter = self._conversions.of(info, samples)
         if converter is None:
             reason = f'its messages do not fit any definition of {info.msgtype}'
             self.damaged.append(f'{name} is passed over: {reason}')
@@ -166,51 +165,41 @@ class Bag:
         self.topics.append(Topic(name, message_class, latched, info.msgtype, offered))
         return ''
 
-    def _converter(self, info: Any, samples: Sequence[bytes]) -> Callable[[bytes], bytes] | None:
-        """Return what makes recorded bytes those of the installed type, or None."""
-        from rosbags.convert.converter import generate_message_converter
-        from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.typesys import Stores, get_typestore
-
-        installed = get_typestore(Stores.ROS2_JAZZY)
-        if info.msgtype not in installed.types:
-            return bytes
-        if info.msgdef.format != MessageDefinitionFormat.NONE:
-            candidates = [self._reader.typestore]
-        else:
-            candidates = [get_typestore(Stores[f'ROS2_{name}']) for name in DISTRIBUTIONS]
-        candidates = [one for one in candidates if not _renamed(one, installed, info.msgtype)]
-        fitting = [_n_fitting(samples, info.msgtype, one) for one in candidates]
-        if not candidates or (samples and not max(fitting)):
-            return None
-        # The first of those that fit the most: some samples may be damaged.
-        recorded = candidates[fitting.index(max(fitting))]
-        with redirect_stdout(StringIO()):  # it prints the name of every type it converts
-            convert = generate_message_converter(
-                recorded, installed, info.msgtype, info.msgtype, {}, src_is2=True, dst_is2=True
-            )
-        return lambda data: bytes(convert(data))
-
     def _samples(self, infos: Mapping[str, Any]) -> Mapping[str, Sequence[bytes]]:
         """
         Return the first messages of each topic, without those behind damage of the file.
 
-        One pass over the beginning of the bag serves all topics; what comes late is read alone.
+        One pass over the beginning of the bag serves most topics, another one what comes late.
         """
+        samples = self._first_of_each(infos, MOST_SAMPLED)
+        wanted = {name: min(SAMPLES, info.msgcount) for name, info in infos.items()}
+        late = {name: infos[name] for name in infos if len(samples[name]) < wanted[name]}
+        samples |= self._first_of_each(late, None)
+        for name, info in late.items():
+            # What damage hides from all together may be reached alone.
+            if len(samples[name]) < wanted[name]:
+                samples |= self._first_of_each({name: info}, None)
+        return samples
+
+    def _first_of_each(self, infos: Mapping[str, Any], most: int | None) -> dict[str, list[bytes]]:
+        """Return the first messages of each topic, found in one pass over `most` messages."""
         samples: dict[str, list[bytes]] = {name: [] for name in infos}
         missing = {name for name, info in infos.items() if info.msgcount}
-        for topic, data in self._first_messages(infos.values(), MOST_SAMPLED):
+        if not missing:
+            return samples
+        for topic, data in self._first_messages(infos.values(), most):
+            if len(samples[topic]) == SAMPLES:
+                continue
             samples[topic].append(data)
             if len(samples[topic]) == min(SAMPLES, infos[topic].msgcount):
                 missing.discard(topic)
                 if not missing:
                     break
-        for name in missing:
-            found = self._first_messages([infos[name]], SAMPLES)
-            samples[name] = [data for _, data in found]
         return samples
 
-    def _first_messages(self, infos: Iterable[Any], most: int) -> Iterator[tuple[str, bytes]]:
+    def _first_messages(
+        self, infos: Iterable[Any], most: int | None
+    ) -> Iterator[tuple[str, bytes]]:
         """Yield topics and messages in the order of the bag, up to the first damage."""
         connections = [connection for info in infos for connection in info.connections]
         try:
@@ -311,31 +300,6 @@ def recorded_types(path: Path) -> dict[str, tuple[str, ...]]:
         for connection in reader.connections:
             types[str(connection.topic)].add(str(connection.msgtype))
     return {topic: tuple(sorted(kinds)) for topic, kinds in types.items()}
-
-
-def _n_fitting(samples: Sequence[bytes], type_name: str, typestore: Any) -> int:
-    """Return how many messages can be read by the definition in a typestore."""
-    count = 0
-    for data in samples:
-        try:
-            typestore.deserialize_cdr(data, type_name)
-        except Exception:  # whatever the generated code of rosbags stumbles over
-            continue
-        count += 1
-    return count
-
-
-def _renamed(recorded: Any, installed: Any, type_name: str) -> bool:
-    """
-    Return whether a recorded definition has fields that the installed one does not know.
-
-    A converter drops them, and leaves a zero in the field that they should have filled.
-    """
-    if type_name not in recorded.fielddefs:
-        return True
-    _, fields = recorded.fielddefs[type_name]
-    _, known = installed.fielddefs[type_name]
-    return bool({name for name, _ in fields} - {name for name, _ in known})
 
 
 @contextmanager

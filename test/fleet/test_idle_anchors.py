@@ -1,0 +1,72 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Anchors that nobody measures are left out of what the solver is asked."""
+
+import numpy as np
+import pytest
+
+from dg_localization import Verdict
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel, answers
+
+TRUTH = {'r0': (3.0, 2.0), 'r1': (6.5, 5.0)}
+MAP = {f'a{k}': (1.7 * (k % 4), 2.9 * (k // 4) + 0.3 * (k % 3)) for k in range(12)}
+SEEN = ('a1', 'a6', 'a9')
+
+
+def localizer(anchors, bound_m):
+    config = FleetConfig(
+        robots=tuple(TRUTH),
+        anchors={name: Anchor(MAP[name], bound_m) for name in anchors},
+        range_error=RangeErrorModel(min_error_m=-0.1, max_error_m=0.1),
+        max_age_s=1.0,
+    )
+    found = Localizer(config)
+    for robot, place in TRUTH.items():
+        for anchor in SEEN:
+            apart = np.linalg.norm(np.subtract(place, MAP[anchor]))
+            found.add_range(robot, anchor, float(apart) + 0.04, 1.0, 1.0)
+    return found
+
+
+@pytest.mark.parametrize('bound_m', [0.0, 0.02])
+def test_idle_anchors_change_no_answer_and_keep_their_places(monkeypatch, bound_m):
+    asked = []
+
+    def counted(problem, *arguments):
+        asked.append(problem.n_points)
+        return solve(problem, *arguments)
+
+    solve = answers.solve
+    monkeypatch.setattr(answers, 'solve', counted)
+    whole = localizer(MAP, bound_m)
+    estimate = whole.step(1.0)
+    assert asked == [len(TRUTH) + len(SEEN)]
+    alone = localizer(SEEN, bound_m).step(1.0)
+    assert estimate.verdict is alone.verdict is Verdict.COVERED
+    (placement,), (other,) = estimate.placements, alone.placements
+    assert placement.enclosure_m == pytest.approx(other.enclosure_m, abs=1e-9)
+    assert placement.proved and other.proved
+    places = np.array(list(TRUTH.values()))
+    inside = (placement.enclosure_m[:, 0] <= places) & (places <= placement.enclosure_m[:, 1])
+    assert inside.all()
+    landmarks = np.array([MAP[name] for name in estimate.landmarks])
+    assert placement.landmarks_m == pytest.approx(landmarks, abs=bound_m + 1e-9)
+    off = np.abs(placement.landmark_enclosure_m - landmarks[:, None])
+    assert np.all(off <= bound_m + 1e-9)
+
+
+def test_where_those_measured_fix_no_frame_others_do():
+    found = localizer(MAP, 0.0)
+    anchors = found.snapshot(1.0).anchors
+    assert 3 <= len(anchors.spanning) <= 4
+    two = anchors.among([*anchors.boxes][:2])
+    assert len(two.boxes) == 2 and len(two.cores) == 1 and not two.chiralities
+    assert anchors.among([0]).boxes == {}
+    config = FleetConfig(
+        robots=('r0', 'r1'),
+        anchors={f'a{k}': Anchor((float(k), 0.0), 0.0) for k in range(5)},
+        max_age_s=1.0,
+    )
+    in_line = Localizer(config).snapshot(1.0).anchors
+    assert in_line.spanning == {*in_line.boxes}
