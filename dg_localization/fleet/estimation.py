@@ -22,7 +22,7 @@ from dg_localization.fleet.contradictions.explanation import (
 )
 from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
 from dg_localization.fleet.estimate import Estimate, Group
-from dg_localization.fleet.frames.best_points import fit_headed
+from dg_localization.fleet.frames.finders import fit_headed
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot

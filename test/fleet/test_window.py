@@ -22,7 +22,7 @@ from dg_localization.fleet import (
 )
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimation import estimate_snapshot
-from dg_localization.fleet.frames.best_points import FittedPlacement, fit_headed
+from dg_localization.fleet.frames.finders import FittedPlacement, fit_headed
 from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
@@ -256,6 +256,28 @@ def test_the_point_of_what_is_joined_is_the_one_that_fits_best():
         assert np.array_equal(one.positions_m, expected.positions_m)
 
 
+def test_the_covariance_of_what_is_joined_holds_all_of_it():
+    _, *images = images_that_meet()
+    shared = np.tile(np.diag([0.01, 0.02, 0.0, 0.0, 0.0, 0.03]), (3, 1, 1))
+    yaws = np.array([0.4, 0.5, 0.6])
+    below, above = (
+        replace(image, covariances=shared, fitted_yaws_rad=sign * yaws)
+        for image, sign in zip(images, (1.0, -1.0), strict=True)
+    )
+    (one,) = joined(below, above)
+    steps_m = above.positions_m - below.positions_m
+    assert np.allclose(one.covariances[:, 0, 0], 0.01 + 0.5 * steps_m[:, 0] ** 2)
+    assert np.allclose(one.covariances[:, 1, 1], 0.02 + 0.5 * steps_m[:, 1] ** 2)
+    assert np.allclose(one.covariances[:, 5, 5], 0.03 + 0.5 * (2.0 * yaws) ** 2)
+    assert np.abs(steps_m).max() > 0.1
+
+
+def test_placements_of_large_fleets_are_not_joined(monkeypatch):
+    _, below, above = images_that_meet()
+    monkeypatch.setattr('dg_localization.fleet.window.meeting.MOST_COMPARED', 2)
+    assert len(joined(below, above)) == 2
+
+
 def test_hypotheses_with_other_distances_are_not_joined():
     _, below, above = images_that_meet()
     lower_m, upper_m = above.lower_m.copy(), above.upper_m.copy()
@@ -324,6 +346,33 @@ def test_a_point_that_the_window_pulls_into_another_hypothesis_stays():
         left = fit_headed(snapshot, constraints, plans.main, elsewhere)
         assert left.cost == math.inf
         assert left.placement is elsewhere
+
+
+def test_a_heading_that_is_not_fitted_is_as_uncertain_as_its_bound():
+    fleet = Noisy(3)
+    *_, estimate = fleet.drive(12.0)
+    add = fleet.localizer.add_odometry
+    fleet.localizer.add_odometry = lambda name, *rest: None if name == 'r2' else add(name, *rest)
+    n_unfitted = 0
+    for _ in range(4):
+        fleet.time_s += TICK_S
+        fleet.measure()
+        for placement in fleet.localizer.step(fleet.now_s).placements:
+            known = placement.heading_known
+            unfitted = known & np.isnan(placement.fitted_yaws_rad)
+            n_unfitted += int(unfitted.sum())
+            half_widths = placement.heading_half_width_rad[unfitted]
+            assert np.array_equal(placement.covariances[unfitted, 5, 5], half_widths**2)
+            assert np.all(placement.covariances[known, 5, 5] > 0.0)
+    assert n_unfitted
+
+
+def test_covariances_are_symmetric():
+    fleet = Noisy(3)
+    *_, estimate = fleet.drive(8.0)
+    for placement in estimate.placements:
+        covariances = placement.covariances
+        assert np.array_equal(covariances, covariances.transpose(0, 2, 1))
 
 
 def test_distances_of_a_placement_are_bounded():

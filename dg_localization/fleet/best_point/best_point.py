@@ -78,8 +78,8 @@ class BestPoint:
         within a few seconds of the past count as one. Zero for what the frame fixes, and for
         rotations that are not fitted; NaN where nothing was fitted.
     cost : float
-        What the fit leaves of the squared residuals, in half widths; infinite where nothing was
-        fitted.
+        The mean square of the residuals that the fit leaves, in half widths; infinite where
+        nothing was fitted.
 
     """
 
@@ -216,8 +216,9 @@ class BestPointFinder:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
-        information = fit.matrix
+        information, n_terms = fit.matrix, len(self._terms.kinds)
         if self._past is not None:
+            n_terms = len(self._past.terms.kinds)
             bodies = self._with_past(self._past, fit, bodies)
             self._effort += int(bodies.free.sum()) ** 3
             rough = fit_terms(self._past.terms, bodies)
@@ -228,7 +229,8 @@ class BestPointFinder:
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
         covariances = _covariances(fit, bodies, information, n_points)
-        return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances, fit.cost)
+        cost = fit.cost / max(1, n_terms)
+        return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances, cost)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
         """Return the positions of a fit, with the sensors where their bodies have them."""
@@ -337,7 +339,8 @@ def _covariances(fit: Fit, bodies: Bodies, information: FloatArray, n_points: in
     size = int(bodies.free[:n_points].sum())
     eliminate(equations, size)
     everything = np.zeros((size + 1, size + 1))
-    everything[:size, :size] = np.linalg.inv(equations[:size, :size])
+    inverse = np.linalg.inv(equations[:size, :size])
+    everything[:size, :size] = 0.5 * (inverse + inverse.T)
     # The last row stands for what is left out.
     columns = fit.columns[:n_points]
     rows = np.where(columns == LEFT_OUT, size, columns)

@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
+from dg_localization.fleet.best_point.past import past_of
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.assembly import PlacedPoints, assemble
-from dg_localization.fleet.frames.best_points import best_points
 from dg_localization.fleet.frames.body_poses import BodyPoses, heading_within
 from dg_localization.fleet.frames.enclosure import Encloser
+from dg_localization.fleet.frames.finders import finder_of
 from dg_localization.fleet.frames.headings import (
     NO_TURN,
     Heading,
@@ -207,9 +208,10 @@ class Placer:
     @cached_property
     def _best_points(self) -> BestPointFinder:
         """What finds the best points, by all readings; a contradiction does not need it."""
-        return best_points(
-            self._snapshot, self._solved, self._plan.frame.kind, self._held, self._dropped
-        )
+        # What contradicts the rest now may have been wrong before.
+        past = None if self._dropped else past_of(self._snapshot, self._solved)
+        kind = self._plan.frame.kind
+        return finder_of(self._snapshot, self._solved, kind, self._held, past, self._dropped)
 
     @property
     def _reference(self) -> int | None:

@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.estimate import Placement
-from dg_localization.fleet.frames.best_points import FittedPlacement
+from dg_localization.fleet.frames.finders import FittedPlacement
 from dg_localization.fleet.window.proved import heading_arcs, intersect_arcs
 from dg_localization.fleet.window.shape_headings import with_headings
 from dg_localization.pairs.cover import arc_around
+
+MOST_COMPARED = 40
+"""Placements of more robots are not joined: the time grows with the cube of their number."""
 
 
 def join_meeting(fitted: Sequence[FittedPlacement]) -> tuple[Placement, ...]:
@@ -67,6 +70,8 @@ def _shapes_meet(first: Placement, second: Placement) -> bool:
     Boxes around robots far from the origin of a frame meet easily. Distances depend on no frame:
     those of both must meet, and three robots that lie the other way round must come in line.
     """
+    if len(first.lower_m) > MOST_COMPARED:
+        return False
     least_m = np.maximum(first.lower_m, second.lower_m)
     most_m = np.minimum(first.upper_m, second.upper_m)
     if np.any(least_m > most_m):
@@ -116,8 +121,26 @@ def _join(fitted: Sequence[FittedPlacement]) -> Placement:
         heading_half_width_rad=np.full_like(best.heading_half_width_rad, np.pi),
         flexible=any(placement.flexible for placement in placements),
         mirrored=False,
+        covariances=_covariances_of_all(placements, best),
     )
     return with_headings(unknown, np.array(around))
+
+
+def _covariances_of_all(
+    placements: Sequence[Placement], best: Placement
+) -> NDArray[np.float64] | None:
+    """Return the second moments of some placements about the best one, (n, 6, 6)."""
+    moments = []
+    for placement in placements:
+        if placement.covariances is None:
+            return None
+        steps = np.zeros(placement.covariances.shape[:2])
+        steps[:, :2] = placement.positions_m - best.positions_m
+        if placement.fitted_yaws_rad is not None and best.fitted_yaws_rad is not None:
+            turns = np.angle(np.exp(1j * (placement.fitted_yaws_rad - best.fitted_yaws_rad)))
+            steps[:, 5] = np.where(np.isnan(turns), 0.0, turns)
+        moments.append(placement.covariances + steps[:, :, None] * steps[:, None])
+    return np.asarray(np.mean(moments, axis=0))
 
 
 def _around(boxes_m: NDArray[np.float64]) -> NDArray[np.float64]:

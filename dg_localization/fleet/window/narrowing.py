@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from dg_localization.fleet.answers import Answer
 from dg_localization.fleet.estimate import FixedFrame, Group, Placement
-from dg_localization.fleet.frames.best_points import FittedPlacement
+from dg_localization.fleet.frames.finders import FittedPlacement
 from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.meeting import join_meeting
@@ -20,7 +20,7 @@ from dg_localization.fleet.window.recollection import Left, Recollection
 Refit = Callable[[FramePlan, Placement], FittedPlacement]
 
 MOST_REFITTED = 4
-"""Of more placements than these the best points stay those of the moment."""
+"""More placements than these stay as they are: none of them is the answer yet."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,8 @@ def _hypotheses(
     """Return the placements that are left; in the plane with new best points, and joined."""
     if recalled.config.dimension != 2:
         return left.placements
-    # With more there is no time for it, and none of them is the answer yet.
     if len(left.placements) > MOST_REFITTED:
-        return join_meeting([FittedPlacement(placement) for placement in left.placements])
+        return left.placements
     return join_meeting([refit(plan, placement) for placement in left.placements])
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What finds the best points of a plan: when it is placed, and when a window has told headings."""
+"""Finders of best points: for what is placed, and again when a window has told headings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
-from dg_localization.fleet.best_point.past import past_of
+from dg_localization.fleet.best_point.past import Past, past_of
 from dg_localization.fleet.best_point.readings import terms_of
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
@@ -28,11 +28,12 @@ from dg_localization.solver.problem import Problem
 FloatArray = NDArray[np.float64]
 
 
-def best_points(
+def finder_of(
     snapshot: Snapshot,
     solved: Constraints,
     frame: FrameKind,
     held: Collection[int],
+    past: Past | None,
     dropped: frozenset[LinkKey] = frozenset(),
     yaws_rad: Mapping[int, float] = MappingProxyType({}),
 ) -> BestPointFinder:
@@ -47,29 +48,23 @@ def best_points(
     frame : FrameKind
     held : collection of int
         Rows of the robots that do not turn in the frame.
+    past : Past, optional
+        What is remembered.
     dropped : frozenset of LinkKey
         What does not count.
     yaws_rad : mapping of int to float
-        Headings, by row, that no ray tells.
+        By row, headings that a window has told.
 
     """
-    rows, config = solved.rows, snapshot.config
-    robots = config.robots
+    rows, points = solved.rows, snapshot.config.points
     boxes = snapshot.anchors.boxes if frame is FrameKind.ANCHORS else {}
-    anchors = {
-        rows[config.points[point]]: box
-        for point, box in boxes.items()
-        if config.points[point] in rows
-    }
+    anchors = {rows[points[point]]: box for point, box in boxes.items() if points[point] in rows}
     terms = list(terms_of(snapshot, solved, dropped, anchors))
-    headed = {robot for robot in robots if rows.get(robot) in yaws_rad}
-    # What contradicts the rest now may have been wrong before.
-    past = None if dropped else past_of(snapshot, solved, headed)
     covered = past.ends if past is not None else frozenset()
     in_past = frozenset(key for key in snapshot.keys if key.ends in covered)
     beside_past = list(terms_of(snapshot, solved, dropped | in_past, anchors))
     sensors = [
-        Sensor(rows[point], rows[config.robot_of(point)], arm_m)
+        Sensor(rows[point], rows[snapshot.config.robot_of(point)], arm_m)
         for point, arm_m in snapshot.mounts.arms_m.items()
         if point in rows
     ]
@@ -85,7 +80,7 @@ class FittedPlacement:
     ----------
     placement : Placement
     cost : float
-        What is left of the squared residuals, in half widths; infinite where nothing was fitted.
+        The mean square of the residuals, in half widths; infinite where nothing was fitted.
 
     """
 
@@ -114,7 +109,7 @@ def fit_headed(
     Returns
     -------
     FittedPlacement
-        The placement as it is where no robot turns that did not turn before.
+        The placement as it is where what is remembered tells nothing of such robots.
 
     """
     solved, points = constraints.of(plan.points), list(plan.points)
@@ -122,23 +117,31 @@ def fit_headed(
     held: list[int] = []
     if plan.frame.kind is FrameKind.HEADING:
         held.append(points.index(robots.index(plan.frame.points[0])))
+    headed = [
+        robot
+        for robot in _headed_by_window(placement)
+        if robot in points and points.index(robot) not in held
+    ]
+    # Points beyond robots and landmarks are sensors, whose places go with those of their robots.
+    if not headed or max(points) >= n_robots + len(placement.landmarks_m):
+        return FittedPlacement(placement)
+    past = past_of(snapshot, solved, [robots[robot] for robot in headed])
+    if past is None:
+        return FittedPlacement(placement)
     yaws_rad = {
         points.index(robot): yaw_of(placement.orientations_xyzw[robot])
-        for robot in _headed_since(placement)
-        if robot in points and points.index(robot) not in held
+        for robot in headed
+        if points.index(robot) in past.rows
     }
-    places_m = np.concatenate([placement.positions_m, placement.landmarks_m])
-    # Points beyond these are sensors, whose places go with those of their robots.
-    if not yaws_rad or max(points) >= len(places_m):
-        return FittedPlacement(placement)
-    boxes_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])[points]
     bounds_m2 = _squared_bounds(solved.problem(), points, placement)
-    if np.any(bounds_m2[0] > bounds_m2[1]):
+    if not yaws_rad or np.any(bounds_m2[0] > bounds_m2[1]):
         return FittedPlacement(placement)
-    finder = best_points(snapshot, solved, plan.frame.kind, held, yaws_rad=yaws_rad)
+    places_m = np.concatenate([placement.positions_m, placement.landmarks_m])
+    boxes_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])[points]
+    finder = finder_of(snapshot, solved, plan.frame.kind, held, past, yaws_rad=yaws_rad)
     best = finder.find(places_m[points], Interval(boxes_m[:, 0], boxes_m[:, 1]), bounds_m2)
-    if not (best.proved or _within(bounds_m2, best.positions_m)):
-        # The enclosure of a hypothesis may hold points of another one.
+    # The enclosure of a hypothesis may hold points of another one.
+    if math.isinf(best.cost) or not (best.proved or _within(bounds_m2, best.positions_m)):
         return FittedPlacement(placement)
     places_m[points] = best.positions_m
     covariances = np.full((len(places_m), 6, 6), np.nan)
@@ -150,22 +153,33 @@ def fit_headed(
         positions_m=places_m[:n_robots],
         landmarks_m=places_m[n_robots:],
         proved=best.proved,
-        covariances=covariances[:n_robots],
+        covariances=_with_unfitted(covariances[:n_robots], fitted_yaws_rad, placement),
         fitted_yaws_rad=fitted_yaws_rad[:n_robots],
     )
     return FittedPlacement(fitted, best.cost)
 
 
-def _headed_since(placement: Placement) -> list[int]:
-    """Return the robots whose headings were found after the placement."""
-    turned = placement.heading_known
+def _headed_by_window(placement: Placement) -> list[int]:
+    """Return the robots whose headings are known, and were not fitted."""
+    known = placement.heading_known
     if placement.fitted_yaws_rad is not None:
-        turned = turned & np.isnan(placement.fitted_yaws_rad)
-    return np.flatnonzero(turned).tolist()
+        known = known & np.isnan(placement.fitted_yaws_rad)
+    return np.flatnonzero(known).tolist()
+
+
+def _with_unfitted(
+    covariances: FloatArray, fitted_yaws_rad: FloatArray, placement: Placement
+) -> FloatArray:
+    """Return covariances with those of a placement for headings that were not fitted."""
+    if placement.covariances is not None:
+        for robot in np.flatnonzero(np.isnan(fitted_yaws_rad[: len(covariances)])):
+            covariances[robot, 3:] = placement.covariances[robot, 3:]
+            covariances[robot, :, 3:] = placement.covariances[robot, :, 3:]
+    return covariances
 
 
 def _within(bounds_m2: tuple[FloatArray, FloatArray], positions_m: FloatArray) -> bool:
-    """Return whether squared distances lie in their bounds, which proves nothing."""
+    """Return whether squared distances lie in their bounds, without a proof."""
     steps_m = positions_m[:, None] - positions_m[None]
     squared_m2 = (steps_m**2).sum(axis=-1)
     return bool(np.all((bounds_m2[0] <= squared_m2) & (squared_m2 <= bounds_m2[1])))
