@@ -26,6 +26,9 @@ from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 
+MOST_BEFORE_S = 0.15
+"""How old an answer may be for the sake of odometry, when it is asked for."""
+
 
 class Localizer:
     """
@@ -51,6 +54,7 @@ class Localizer:
         self._follower = Follower()
         self._standing_frame = StandingFrame()
         self._record = Record(config.memory_s)
+        self._answered_s = -math.inf
 
     @property
     def config(self) -> FleetConfig:
@@ -63,6 +67,7 @@ class Localizer:
         self._follower = self._follower.started_anew()
         self._standing_frame = StandingFrame()
         self._record = Record(self._config.memory_s)
+        self._answered_s = -math.inf
 
     @default_environment()
     def add_range(
@@ -192,6 +197,32 @@ class Localizer:
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered since the start or the last reset."""
         return self._store.input_states(now_s)
+
+    def answer_time(self, now_s: float) -> float:
+        """
+        Return the time that an answer is best given for: now, or a little before.
+
+        Where robots are since their last odometry is bounded by speeds and turn rates alone, which
+        blurs all that is remembered. So the time is that of the robot whose odometry is oldest, of
+        those that have some of the last `MOST_BEFORE_S`.
+
+        Parameters
+        ----------
+        now_s : float
+
+        Returns
+        -------
+        float
+            Not before that of an earlier call, as long as time does not go back.
+
+        """
+        if self._config.memory_s > 0.0:
+            newest_s = (track[-1].stamp_s for track in self._store.odometry_readings().values())
+            known_s = [stamp_s for stamp_s in newest_s if stamp_s >= now_s - MOST_BEFORE_S]
+            before_s = min([now_s, *known_s])
+            self._answered_s = min(now_s, max(before_s, self._answered_s))
+            return self._answered_s
+        return now_s
 
     @default_environment()
     def snapshot(self, now_s: float, tighten_seconds: float = math.inf) -> Snapshot:

@@ -375,6 +375,46 @@ def test_covariances_are_symmetric():
         assert np.array_equal(covariances, covariances.transpose(0, 2, 1))
 
 
+def test_an_answer_is_given_for_the_time_up_to_which_odometry_is_known():
+    fleet = Circling(3)
+    fleet.time_s = 1.0
+    fleet.measure()
+    known_s, answer_time = fleet.now_s, fleet.localizer.answer_time
+
+    def hear(name, stamp_s):
+        now_s, upright = stamp_s + 0.1, [0.0, 0.0, 0.0, 1.0]
+        add = fleet.localizer.add_odometry
+        assert add(name, [0.0, 0.0, 0.0], upright, stamp_s, now_s) is None
+
+    assert answer_time(known_s) == known_s
+    assert answer_time(known_s + 0.1) == known_s
+    hear('r1', known_s + 0.05)
+    assert answer_time(known_s + 0.1) == known_s
+    # That of the other two is too old.
+    assert answer_time(known_s + 0.18) == known_s + 0.05
+    assert answer_time(known_s + 0.3) == known_s + 0.3
+    # Time does not go back for a robot that is heard again.
+    hear('r0', known_s + 0.2)
+    assert answer_time(known_s + 0.31) == known_s + 0.3
+    # A clock that was set back.
+    assert answer_time(known_s - 1.0) == known_s - 1.0
+    assert Circling(2, memory_s=0.0).localizer.answer_time(5.0) == 5.0
+
+
+def test_late_odometry_does_not_blur_what_is_remembered():
+    half_widths = []
+    for in_time in (True, False):
+        fleet = Circling(3, max_turn_rate_rad_s=1.0)
+        for _ in range(40):
+            fleet.time_s += TICK_S
+            fleet.measure()
+            now_s = fleet.now_s + 0.1
+            answer_s = fleet.localizer.answer_time(now_s) if in_time else now_s
+            estimate = fleet.localizer.step(answer_s)
+        half_widths.append(min(p.heading_half_width_rad.max() for p in estimate.placements))
+    assert half_widths[0] < 0.8 * half_widths[1]
+
+
 def test_distances_of_a_placement_are_bounded():
     fleet = Circling(3)
     for estimate in fleet.drive(8.0):

@@ -235,7 +235,8 @@ class LocalizerNode(LifecycleNode):
             return
         self._is_due = self._worker.busy
         if not self._is_due:
-            self._worker.submit(self._localizer.snapshot(now_s, self._pace.tighten_s))
+            answer_s = self._localizer.answer_time(now_s)
+            self._worker.submit(self._localizer.snapshot(answer_s, self._pace.tighten_s))
             self._rate.count(now_s)
 
     def _answer(self, snapshot: Snapshot, cancel: Event) -> Answer:
