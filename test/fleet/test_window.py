@@ -21,9 +21,12 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.constraints.constrain import constrain
+from dg_localization.fleet.estimate import FixedFrame, FrameKind
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.frames.finders import FittedPlacement, fit_headed
+from dg_localization.fleet.frames.odometry_frame import BodyPose, frame_turn, in_odometry_frame
 from dg_localization.fleet.frames.plan import plan_frames
+from dg_localization.fleet.rotations import rotation_angle_rad, yaw_of
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
 from dg_localization.fleet.window.proved import PoseBounds
@@ -42,7 +45,7 @@ ERROR = OdometryErrorModel(translation_per_m=0.02, rotation_per_rad=0.02)
 class Circling:
     """Robots that drive in circles, and a localizer that hears them."""
 
-    def __init__(self, robots, **settings):
+    def __init__(self, robots, *, odometry_frame='', **settings):
         defaults = {
             'range_error': RangeErrorModel(min_error_relative=-0.02, max_error_relative=0.02),
             'odometry_error': ERROR,
@@ -53,6 +56,7 @@ class Circling:
         self.names = tuple(f'r{i}' for i in range(robots))
         self.config = FleetConfig(robots=self.names, **{**defaults, **settings})
         self.localizer = Localizer(self.config)
+        self.odometry_frame = odometry_frame
         self.time_s = 0.0
         self.shift_m = np.zeros((robots, 2))
 
@@ -76,8 +80,10 @@ class Circling:
         for name, place, yaw, shift in zip(self.names, places, yaws, self.shift_m, strict=True):
             orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
             stated = [*(place - shift), 0.0]
-            add = self.localizer.add_odometry
-            assert add(name, stated, orientation, self.now_s, self.now_s) is None
+            rejection = self.localizer.add_odometry(
+                name, stated, orientation, self.now_s, self.now_s, self.odometry_frame
+            )
+            assert rejection is None
         for i, j in combinations(range(len(apart)), 2) if pairs is None else pairs:
             self._range(self.names[i], self.names[j], places[j] - places[i])
         for name, anchor in self.config.anchors.items() if anchors else ():
@@ -99,7 +105,8 @@ class Circling:
     def truth(self, estimate):
         """Return positions and yaws in the frame of an estimate."""
         places, yaws = self.poses()
-        if estimate.frame.kind == 'anchors':
+        # Odometry frames are those of the world here.
+        if estimate.frame.kind in ('anchors', 'odometry'):
             return places, yaws
         origin, towards = (self.names.index(name) for name in estimate.frame.points)
         x, y = places[towards] - places[origin]
@@ -328,6 +335,60 @@ def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors)
     assert len(off_m) >= 5
     assert np.mean(off_m) < 0.6 * np.mean(off_of_the_moment_m)
     assert np.mean(off_rad) < 0.1
+
+
+@pytest.mark.parametrize('robots', [3, 4])
+def test_the_best_point_is_turned_into_the_odometry_frame_by_the_best_heading(robots):
+    fleet, unnamed = Noisy(robots, odometry_frame='odom'), Noisy(robots)
+    off_m, off_unturned_m = [], []
+    for estimate, before in zip(fleet.drive(15.0), unnamed.drive(15.0), strict=True):
+        if estimate.frame.kind != 'odometry' or estimate.n_hypotheses > 1:
+            continue
+        (placement,), (unturned,) = estimate.placements, before.placements
+        assert fleet.holds(placement, estimate)
+        places, yaws = fleet.truth(estimate)
+        off_m.append(farthest_m(placement, places))
+        off_unturned_m.append(farthest_m(unturned, unnamed.truth(before)[0]))
+        # The point is turned as a whole, so what was checked of it still holds.
+        assert placement.proved == unturned.proved
+        assert distances_m(placement) == pytest.approx(distances_m(unturned), abs=1e-9)
+        # The odometry states the pose of the reference robot.
+        orientations, half_widths_rad = placement.best_headings
+        assert placement.positions_m[0] == pytest.approx(places[0], abs=1e-9)
+        off_rad = math.remainder(yaw_of(orientations[0]) - yaws[0], math.tau)
+        assert off_rad == pytest.approx(0.0, abs=1e-9)
+        assert half_widths_rad[0] < 1e-6
+        # Least squares knows the heading better than its bounds do.
+        assert np.all(np.sqrt(placement.covariances[1:, 5, 5]) < 0.5 * half_widths_rad[1:])
+    assert len(off_m) >= 5
+    assert np.mean(off_m) < 2.5 * np.mean(off_unturned_m)
+
+
+@pytest.mark.parametrize('off', [-2.0, 2.0])
+def test_a_heading_fitted_beyond_its_bound_turns_the_best_point_by_the_bound(off):
+    fleet = Noisy(3)
+    *_, estimate = fleet.drive(10.0)
+    (placement,) = estimate.placements
+    half_rad = placement.heading_half_width_rad[0]
+    yaws_rad = placement.fitted_yaws_rad.copy()
+    yaws_rad[0] = yaw_of(placement.orientations_xyzw[0]) + off * half_rad
+    beyond = replace(placement, fitted_yaws_rad=yaws_rad)
+    frame = FixedFrame(FrameKind.ODOMETRY, ('r0',), 'odom')
+    pose = BodyPose(frame, np.array([30.0, -20.0]), np.eye(3), 0.0, 0.0)
+    turn = frame_turn(beyond, 0, pose)
+    assert rotation_angle_rad(turn.best_rotation @ turn.rotation.T) == pytest.approx(half_rad)
+    assert turn.best_deviation_rad <= half_rad
+    turned = in_odometry_frame(beyond, 0, pose, turn)
+    assert distances_m(turned) == pytest.approx(distances_m(placement), abs=1e-9)
+
+
+def farthest_m(placement, places):
+    return np.linalg.norm(placement.positions_m - places, axis=1).max()
+
+
+def distances_m(placement):
+    steps_m = placement.positions_m[:, None] - placement.positions_m[None]
+    return np.linalg.norm(steps_m, axis=-1)
 
 
 def test_a_point_that_the_window_pulls_into_another_hypothesis_stays():

@@ -61,13 +61,20 @@ class FrameTurn:
     Parameters
     ----------
     rotation : numpy.ndarray, shape (3, 3)
+        The middle of the bounds.
     half_width_rad : float
         Greatest angle to the true rotation.
+    best_rotation : numpy.ndarray, shape (3, 3)
+        By the heading of the best point; within the bounds.
+    best_deviation_rad : float
+        Standard deviation of the best rotation; the half width where no heading was fitted.
 
     """
 
     rotation: FloatArray
     half_width_rad: float
+    best_rotation: FloatArray
+    best_deviation_rad: float
 
 
 def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
@@ -127,8 +134,15 @@ def frame_turn(placement: Placement, row: int, pose: BodyPose) -> FrameTurn | No
     if not placement.heading_known[row]:
         return None
     own = rotation_of_quaternion(placement.orientations_xyzw[row])
+    best = rotation_of_quaternion(placement.best_headings[0][row])
     half_width_rad = angle_up(float(placement.heading_half_width_rad[row]) + pose.error_rad)
-    return FrameTurn(pose.rotation @ own.T, half_width_rad)
+    deviation_rad = _fitted_deviation_rad(placement, row)
+    return FrameTurn(
+        pose.rotation @ own.T,
+        half_width_rad,
+        pose.rotation @ best.T,
+        half_width_rad if deviation_rad is None else math.hypot(deviation_rad, pose.error_rad),
+    )
 
 
 def in_odometry_frame(
@@ -150,10 +164,12 @@ def in_odometry_frame(
     Returns
     -------
     Placement
-        Rounded outward. Distances stay as they are.
+        Bounds are rounded outward. The best point is turned as a whole, so that its distances stay
+        as they are, and clipping takes away rounding errors only.
 
     """
     q = len(pose.position_m)
+    best_axes = turn.best_rotation[:q, :q]
     enclosure_m = _moved(placement.enclosure_m, pose, turn)
     landmark_enclosure_m = _moved(placement.landmark_enclosure_m, pose, turn)
     half_widths_rad = angle_up(placement.heading_half_width_rad + turn.half_width_rad)
@@ -165,11 +181,11 @@ def in_odometry_frame(
         orientations[robot] = quaternion_of(turn.rotation @ body)
     fitted_yaws_rad = placement.fitted_yaws_rad
     if fitted_yaws_rad is not None:
-        fitted_yaws_rad = fitted_yaws_rad + math.atan2(turn.rotation[1, 0], turn.rotation[0, 0])
-        # The odometry itself states how the robot is turned.
+        fitted_yaws_rad = fitted_yaws_rad + math.atan2(best_axes[1, 0], best_axes[0, 0])
+        # The frame fixes how the robot is turned: as the odometry itself states.
         fitted_yaws_rad[row] = np.nan
-    positions_m = placement.positions_m @ turn.rotation[:q, :q].T + pose.position_m
-    landmarks_m = placement.landmarks_m @ turn.rotation[:q, :q].T + pose.position_m
+    positions_m = placement.positions_m @ best_axes.T + pose.position_m
+    landmarks_m = placement.landmarks_m @ best_axes.T + pose.position_m
     return replace(
         placement,
         positions_m=np.clip(positions_m, enclosure_m[:, 0], enclosure_m[:, 1]),
@@ -186,6 +202,17 @@ def in_odometry_frame(
 
 def _frame_of(robot: str, reading: OdometryReading) -> FixedFrame:
     return FixedFrame(FrameKind.ODOMETRY, (robot,), reading.frame, reading.restarted_s)
+
+
+def _fitted_deviation_rad(placement: Placement, row: int) -> float | None:
+    """Return the standard deviation of a heading, its bound at most; None if it was not fitted."""
+    yaws_rad, covariances = placement.fitted_yaws_rad, placement.covariances
+    if yaws_rad is None or covariances is None:
+        return None
+    variance_rad2 = float(covariances[row, 5, 5])
+    if not (np.isfinite(yaws_rad[row]) and variance_rad2 > 0.0):
+        return None
+    return min(math.sqrt(variance_rad2), float(placement.heading_half_width_rad[row]))
 
 
 def _moved(boxes_m: FloatArray, pose: BodyPose, turn: FrameTurn) -> FloatArray:
@@ -216,20 +243,20 @@ def _moved_covariances(
     """
     Return covariances in the odometry frame, shape (n, 6, 6).
 
-    Least squares knows nothing of the odometry: bounds take the place of its deviations. An error
-    of the rotation moves what is far from the robot across the line to it.
+    Least squares knows nothing of the newest odometry: bounds take the place of its deviations. An
+    error of the rotation moves what is far from the robot across the line to it.
     """
     if placement.covariances is None:
         return None
     q = len(pose.position_m)
     turning = np.zeros((6, 6))
-    turning[:3, :3] = turning[3:, 3:] = turn.rotation
+    turning[:3, :3] = turning[3:, 3:] = turn.best_rotation
     found = turning @ placement.covariances @ turning.T
     arms_m = np.zeros((len(found), 3))
-    arms_m[:, :q] = placement.positions_m @ turn.rotation[:q, :q].T
+    arms_m[:, :q] = placement.positions_m @ turn.best_rotation[:q, :q].T
     for axis in np.eye(3)[2:] if q == 2 else np.eye(3):
         swing = np.concatenate([np.cross(axis, arms_m), np.tile(axis, (len(found), 1))], axis=1)
-        found += turn.half_width_rad**2 * swing[:, :, None] * swing[:, None, :]
+        found += turn.best_deviation_rad**2 * swing[:, :, None] * swing[:, None, :]
     # The odometry itself states how the robot is turned.
     found[row] = 0.0
     turns = slice(5, 6) if q == 2 else slice(3, 6)
