@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 import math
 from operator import attrgetter
@@ -51,6 +51,10 @@ from dg_localization.fleet.window.memory import Memory
 
 PeerMeasurement: TypeAlias = tuple[str, float | ArrayLike]
 """The target, and its distance in m or the ray to it."""
+
+_NO_ROWS = (str, bytes, Mapping)
+_NO_PAIR = (str, bytes, Mapping, Set)
+"""What has members that could be taken for rows, or for a target and a value."""
 
 
 @dataclass
@@ -214,19 +218,15 @@ class MeasurementStore:
         )
         if rejection:
             return [self._reject(together, rejection)]
-        try:
-            readings = iter(readings)
-        except TypeError:
-            text = (
-                f'peers {quoted(readings)} are not allowed, they must be pairs of a target, and '
-                'its distance in m or the ray to it'
-            )
-            return [self._reject(together, Rejection(RejectionReason.INVALID_PEER, text))]
+        rows, unreadable = _read_rows(readings)
         source, stamp_s = self._input(together), float(stamp_s)
-        # A robot that measures nobody still delivers.
-        source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         rejections = []
-        for row in readings:
+        if unreadable:
+            rejections.append(self._reject(together, unreadable))
+        if rows or not unreadable:
+            # A robot that measures nobody still delivers.
+            source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
+        for row in rows:
             rejection = self._take_peer(observer, row, stamp_s, now_s)
             if rejection:
                 rejections.append(self._reject(together, rejection))
@@ -239,8 +239,8 @@ class MeasurementStore:
     ) -> Rejection | None:
         """Accept what a robot measured of another at a checked stamp, or return why not."""
         try:
-            target, value = row
-        except (TypeError, ValueError):
+            target, value = () if isinstance(row, _NO_PAIR) else row
+        except Exception:  # whatever the row raises while it is read
             text = (
                 f'peer {quoted(row)} is not allowed, it must be a target, and its distance in m '
                 'or the ray to it'
@@ -353,6 +353,27 @@ class MeasurementStore:
             return None
         text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest} s'
         return Rejection(RejectionReason.TOO_OLD, text)
+
+
+def _read_rows(
+    readings: Iterable[PeerMeasurement],
+) -> tuple[list[PeerMeasurement], Rejection | None]:
+    """Return the rows of peers up to where they cannot be read, and why they cannot, if so."""
+    rows: list[PeerMeasurement] = []
+    try:
+        for row in () if isinstance(readings, _NO_ROWS) else readings:
+            rows.append(row)
+    except Exception as error:  # whatever the iterable raises while it is read
+        why = f'cannot be read ({quoted(error)})'
+    else:
+        if not isinstance(readings, _NO_ROWS):
+            return rows, None
+        why = 'are not allowed'
+    text = (
+        f'peers {quoted(readings)} {why}, they must be pairs of a target, and its distance in m '
+        'or the ray to it'
+    )
+    return rows, Rejection(RejectionReason.INVALID_PEER, text)
 
 
 def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:

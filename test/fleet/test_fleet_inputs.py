@@ -171,7 +171,20 @@ def test_what_is_no_reading_is_rejected_by_name_and_never_raises(localizer, valu
 
 
 @pytest.mark.parametrize(
-    'row', [None, 3.0, 'b', ('b',), ('b', 3.0, 4.0), object()], ids=lambda row: type(row).__name__
+    'row',
+    [
+        None,
+        3.0,
+        'b',
+        'bc',
+        b'bc',
+        {'b': 3.0, 'c': 3.0},
+        {'b', 3.0},
+        ('b',),
+        ('b', 3.0, 4.0),
+        object(),
+    ],
+    ids=repr,
 )
 def test_a_peer_that_is_no_pair_is_rejected_and_the_others_are_not(localizer, row):
     (rejection,) = localizer.add_peers('a', [row, ('c', 3.0)], NOW_S, NOW_S)
@@ -183,11 +196,43 @@ def test_a_peer_that_is_no_pair_is_rejected_and_the_others_are_not(localizer, ro
     assert [key.target for key in localizer.snapshot(NOW_S).keys] == ['c']
 
 
-@pytest.mark.parametrize('readings', [None, 3.0, object()], ids=lambda row: type(row).__name__)
+@pytest.mark.parametrize(
+    'readings',
+    [None, 3.0, object(), 'bc', b'bc', {'b': 3.0}, {'bc': 3.0}],
+    ids=lambda readings: type(readings).__name__,
+)
 def test_peers_that_are_no_rows_are_rejected(localizer, readings):
     (rejection,) = localizer.add_peers('a', readings, NOW_S, NOW_S)
     assert rejection.reason is RejectionReason.INVALID_PEER
     assert repr(readings) in rejection.text
+
+
+def test_peers_that_raise_while_they_are_read_keep_what_came_before(localizer):
+    def rows():
+        yield 'c', 3.0
+        raise RuntimeError('torn cable')
+
+    (rejection,) = localizer.add_peers('a', rows(), NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_PEER
+    assert 'torn cable' in rejection.text and 'pairs of a target' in rejection.text
+    (together,) = [s for s in localizer.input_states(NOW_S) if s.key.kind is LinkKind.PEERS]
+    assert together.accepted == 1 and together.in_use
+    assert together.rejected == {RejectionReason.INVALID_PEER: 1}
+    assert [key.target for key in localizer.snapshot(NOW_S).keys] == ['c']
+
+
+def test_peers_and_rows_that_raise_at_once_are_rejected(localizer):
+    class Torn:
+        def __iter__(self):
+            raise RuntimeError('torn cable')
+
+    (rejection,) = localizer.add_peers('a', Torn(), NOW_S, NOW_S)
+    assert 'torn cable' in rejection.text
+    (together,) = [s for s in localizer.input_states(NOW_S) if s.key.kind is LinkKind.PEERS]
+    assert not together.in_use
+    (rejection,) = localizer.add_peers('a', [Torn(), ('c', 3.0)], NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_PEER
+    assert [key.target for key in localizer.snapshot(NOW_S).keys] == ['c']
 
 
 def test_a_name_that_is_no_text_is_unknown(localizer):
