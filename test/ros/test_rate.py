@@ -85,3 +85,14 @@ def test_one_late_estimate_costs_the_next_ones_little():
 
 def test_a_very_high_rate_leaves_the_least_time():
     assert Pace(1000.0).tighten_s == LEAST_TIGHTEN_S
+
+
+def test_at_a_low_rate_the_limit_of_the_solver_is_what_late_estimates_lower():
+    pace = Pace(1.0, limit_s=0.1)
+    assert pace.tighten_s == 0.1
+    pace.note(SHARE_OF_PERIOD + 0.1)
+    assert pace.tighten_s == pytest.approx(0.05)
+    # What is left of the period is measured by the period, not by the limit.
+    pace.note(0.5)
+    assert pace.tighten_s == 0.1
+    assert Pace(5.0, limit_s=1.0).tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2)

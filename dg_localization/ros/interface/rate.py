@@ -4,6 +4,7 @@
 """How often estimates are started lately, and what they may spend to be in time."""
 
 from collections import deque
+import math
 
 LEAST_WINDOW_S = 5.0
 LEAST_PERIODS = 10
@@ -30,11 +31,15 @@ class Pace:
     ----------
     wanted_hz : float
         The rate that is wanted.
+    limit_s : float, optional
+        From when on the solver tightens nothing in any case, in s.
 
     """
 
-    def __init__(self, wanted_hz: float) -> None:
-        self._most_s = max(LEAST_TIGHTEN_S, SHARE_OF_PERIOD / wanted_hz)
+    def __init__(self, wanted_hz: float, limit_s: float = math.inf) -> None:
+        self._wanted_s = max(LEAST_TIGHTEN_S, SHARE_OF_PERIOD / wanted_hz)
+        # More would have no effect, and take many late estimates to come down from.
+        self._most_s = min(self._wanted_s, limit_s)
         self._tighten_s = self._most_s
 
     @property
@@ -44,7 +49,7 @@ class Pace:
 
     def note(self, took_s: float) -> None:
         """Note how long an estimate took, in s."""
-        left_s = self._tighten_s + GAIN * (self._most_s - took_s)
+        left_s = self._tighten_s + GAIN * (self._wanted_s - took_s)
         self._tighten_s = min(self._most_s, max(LEAST_TIGHTEN_S, left_s))
 
 

@@ -108,7 +108,7 @@ class LocalizerNode(LifecycleNode):
         self._inputs: Inputs | None = None
         self._transforms: TransformPublisher | None = None
         self._rate = RateMeter(self.settings.rate_hz)
-        self._pace = Pace(self.settings.rate_hz)
+        self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
         self._time = NodeTime(self._clock_s)
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
