@@ -16,6 +16,7 @@ from dg_localization.solver.assemble import large_pieces, pieces, product
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
+from dg_localization.solver.search.branch_and_prune import Cover
 
 SEEDS = range(max(200, PROBLEMS // 20))
 CHUNK = 100
@@ -252,6 +253,28 @@ def test_hypotheses_of_a_cancelled_search_are_listed_without_delay():
     squared = squared_distances(positions)
     if result.n_hypotheses == len(hypotheses):
         assert any(((h.lower <= squared) & (squared <= h.upper)).all() for h in hypotheses)
+
+
+def test_what_one_box_keeps_bounds_the_answer_too(monkeypatch):
+    problem, _ = braced_grid(5, 5, 0.01)
+    whole = np.stack([problem.lower, np.minimum(problem.upper, 1e4)])
+    near, far = whole.copy(), whole.copy()
+    near[1, 0, 1] = near[1, 1, 0] = far[0, 0, 1] = far[0, 1, 0] = whole[:, 0, 1].mean()
+    searched = []
+
+    class OneBox:
+        def search_in_one_box(self, problem):
+            return Cover([near], [far])
+
+        def search(self, problem, share, within):
+            searched.extend(within)
+            return Cover()
+
+    monkeypatch.setattr(pieces, 'solve_grown', lambda *_: None)
+    monkeypatch.setattr(pieces, 'solve_large', lambda *_: None)
+    pieces._searched_together(problem, OneBox(), 1.0, None)
+    ((lower, upper),) = searched
+    assert np.array_equal([lower, upper], whole)
 
 
 def test_one_box_is_tried_where_it_may_do_and_what_it_leaves_bounds_the_answer(monkeypatch):

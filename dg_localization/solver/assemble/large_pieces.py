@@ -46,8 +46,9 @@ The halves of larger boxes are hardly narrower, and take as long again.
 """
 
 LARGEST_ERROR = 0.1
-"""One box is tried first where half of the measured distances are known to this fraction of their
-length. Others are hardly ever covered by one box."""
+"""One box is tried first where half of the distances with an upper bound, measured or known from
+anchors and earlier pieces, are known to this fraction of that bound. Others are hardly ever
+covered by one box."""
 
 
 @dataclass
@@ -73,8 +74,8 @@ class LargePiece:
 
 def is_known_well(problem: Problem) -> bool:
     """Return whether distances are known so well that one box may cover all placements."""
-    measured = np.isfinite(problem.upper) & (problem.upper > 0.0)
-    errors = 1.0 - np.sqrt(problem.lower[measured] / problem.upper[measured])
+    known = np.isfinite(problem.upper) & (problem.upper > 0.0)
+    errors = 1.0 - np.sqrt(problem.lower[known] / problem.upper[known])
     return len(errors) > 0 and bool(np.median(errors) <= LARGEST_ERROR)
 
 

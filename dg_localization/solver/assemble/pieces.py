@@ -117,7 +117,7 @@ def _searched_together(
         in_one_box = budget.search_in_one_box(problem)
         if not in_one_box.pending:
             return _Search(problem, in_one_box.kept, [])
-        within = [hull_of(in_one_box.pending)]
+        within = [hull_of(in_one_box.kept + in_one_box.pending)]
     large = solve_large(problem, budget, share, within)
     if large is None:
         cover = budget.search(problem, share, within)
