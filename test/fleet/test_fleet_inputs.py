@@ -184,7 +184,7 @@ def test_what_is_no_reading_is_rejected_by_name_and_never_raises(localizer, valu
         ('b', 3.0, 4.0),
         object(),
     ],
-    ids=repr,
+    ids=lambda row: type(row).__name__,
 )
 def test_a_peer_that_is_no_pair_is_rejected_and_the_others_are_not(localizer, row):
     (rejection,) = localizer.add_peers('a', [row, ('c', 3.0)], NOW_S, NOW_S)

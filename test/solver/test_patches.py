@@ -288,10 +288,11 @@ def test_one_box_is_tried_where_it_may_do_and_what_it_leaves_bounds_the_answer(m
     monkeypatch.setattr(CallBudget, 'search_in_one_box', search_in_one_box)
     result = solve(Row(20, 6, 2, 1.0, 0.03).problem(1))
     (piece,) = (piece for piece in result.pieces if len(piece.points) > 16)
-    (left,) = covers
-    assert left.pending
+    # Parts of the fleet may be tried, too.
+    (left,) = (cover for cover in covers if cover.pending and cover.pending[0].shape[-1] == 20)
+    n_tried = len(covers)
     lower, upper = large_pieces.hull_of(left.pending)
     assert all((h.lower >= lower).all() and (h.upper <= upper).all() for h in piece.hypotheses)
     # The distances of UWB radios are too wide.
     solve(uwb_fleet(20, 8, 1), SolverOptions(max_boxes=10**4))
-    assert len(covers) == 1
+    assert len(covers) == n_tried
