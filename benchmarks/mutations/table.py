@@ -458,6 +458,46 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'localizer',
+        ('test/fleet/test_window.py',),
+        (
+            'answers are for a time beyond the odometry',
+            'before_s = min([now_s, *known_s])',
+            'before_s = now_s',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'frames/finders',
+        ('test/fleet/test_window.py',),
+        (
+            'a heading that is not fitted has the variance of one that is',
+            'covariances=_with_unfitted(covariances[:n_robots], fitted_yaws_rad, placement),',
+            'covariances=covariances[:n_robots],',
+        ),
+        (
+            'a point may be that of another hypothesis',
+            'or not (best.proved or _within(bounds_m2, best.positions_m)):',
+            'and not best.proved:',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/meeting',
+        ('test/fleet/test_window.py',),
+        (
+            'mirror images that never come in line are joined',
+            'return bool(_may_be_in_line(least_m, most_m, triples[turned]).all())',
+            'return True',
+        ),
+        (
+            'the covariance of joined hypotheses is that of one',
+            'covariances=_covariances_of_all(placements, best),',
+            '',
+        ),
+    ),
+    *_in(
+        'fleet',
         'motion',
         ('test/fleet/test_motion.py',),
         (

@@ -47,6 +47,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 STORE.register(get_types_from_msg('float64 x', 'strange_msgs/msg/Odd'))
 TYPES = STORE.types
 RANGE = 'sensor_msgs/msg/Range'
+ODOMETRY = 'nav_msgs/msg/Odometry'
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -59,6 +60,22 @@ def range_message(time_ns, range_m, frame_id=''):
     stamp = TYPES['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
     header = TYPES['std_msgs/msg/Header'](stamp, frame_id)
     return STORE.serialize_cdr(TYPES[RANGE](header, 0, 0.0, 0.0, 0.0, range_m, 0.0), RANGE)
+
+
+def odometry_at_rest(time_ns, frame_id):
+    def zeros(name, *fields):
+        return TYPES[f'geometry_msgs/msg/{name}'](*fields or (0.0, 0.0, 0.0))
+
+    stamp = TYPES['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
+    pose = zeros('Pose', zeros('Point'), zeros('Quaternion', 0.0, 0.0, 0.0, 1.0))
+    twist = zeros('Twist', zeros('Vector3'), zeros('Vector3'))
+    message = TYPES[ODOMETRY](
+        TYPES['std_msgs/msg/Header'](stamp, frame_id),
+        '',
+        zeros('PoseWithCovariance', pose, np.zeros(36)),
+        zeros('TwistWithCovariance', twist, np.zeros(36)),
+    )
+    return STORE.serialize_cdr(message, ODOMETRY)
 
 
 class Recorder:
@@ -296,6 +313,23 @@ def test_all_peers_of_a_robot_in_one_message_are_counted_once(localize, recorder
     assert report['ticks_by_hypotheses'] == {'2': 5}
     by_name = {one['input']: one['accepted'] for one in report['inputs']}
     assert by_name['peers a'] == 22 and by_name['range a->b'] == 11
+
+
+def test_answers_are_for_the_time_of_the_odometry_as_those_of_the_node(localize, recorder):
+    late_ns = 60_000_000
+    for step in range(21):
+        recorder.write_triangle([step])
+        for robot in 'abc':
+            stamp_ns = START_NS + step * PERIOD_NS - late_ns
+            data = odometry_at_rest(stamp_ns, f'{robot}/odom')
+            recorder.write(f'/{robot}/odom', step, data, ODOMETRY)
+    code, _ = localize(recorder.close())
+    assert code == 0
+    times_ns, values = read(localize.output, '/localizer/feasible_poses')
+    assert len(times_ns) == 10
+    assert [v.stamp_s for v in values] == pytest.approx(
+        [(t - late_ns) * 1e-9 for t in times_ns], abs=1e-6
+    )
 
 
 def test_receive_times_replace_useless_stamps(localize, recorder):

@@ -203,7 +203,8 @@ class BagLocalizer:
 
     def tick(self, time_ns: int, cancel: Cancel) -> Estimate | None:
         """Localize and write the answer; None, and nothing written, when it is cancelled."""
-        estimate = self._localizer.estimate(self._localizer.snapshot(in_seconds(time_ns)), cancel)
+        answer_s = self._localizer.answer_time(in_seconds(time_ns))
+        estimate = self._localizer.estimate(self._localizer.snapshot(answer_s), cancel)
         if cancel.is_set():
             return None
         self._estimate = estimate
