@@ -44,6 +44,7 @@ from benchmarks.pairs import (
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
 from dg_localization.fleet.odometry_error import OdometryErrorModel
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.solver.options import SolverOptions
 
 FloatArray = NDArray[np.float64]
@@ -139,8 +140,7 @@ def holds(placement: Placement, places_m: FloatArray, yaws_rad: FloatArray) -> b
     if not np.all((low <= places_m) & (places_m <= high)):
         return False
     for row in np.flatnonzero(placement.heading_known):
-        z, w = placement.orientations_xyzw[row, 2:]
-        off = math.remainder(2.0 * math.atan2(z, w) - yaws_rad[row], 2.0 * math.pi)
+        off = math.remainder(yaw_of(placement.orientations_xyzw[row]) - yaws_rad[row], math.tau)
         if abs(off) > placement.heading_half_width_rad[row] + 1e-9:
             return False
     return True

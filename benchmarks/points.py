@@ -49,7 +49,8 @@ from dg_localization.fleet.best_point.past import past_of
 from dg_localization.fleet.best_point.readings import terms_of
 from dg_localization.fleet.best_point.terms import Term
 from dg_localization.fleet.directions import best_rotation
-from dg_localization.fleet.frames import placer
+from dg_localization.fleet.frames import finders, placer
+from dg_localization.fleet.rotations import yaw_of
 
 FloatArray = NDArray[np.float64]
 
@@ -112,7 +113,8 @@ class Points:
             is_any = name == 'any placement'
             of_now, of_before = (no_terms, no_past) if is_any else (terms_of, past_of)
             with (
-                patch.object(placer, 'terms_of', of_now),
+                patch.object(finders, 'terms_of', of_now),
+                patch.object(finders, 'past_of', of_before),
                 patch.object(placer, 'past_of', of_before),
                 patch.object(BestPointFinder, 'find', timed(tally.seconds)),
             ):
@@ -283,8 +285,7 @@ def _tally_poses(tally: Tally, placement: Placement, poses: FloatArray) -> None:
         tally.deviations.append((np.abs(off) / np.sqrt(variances)).ravel())
     orientations_xyzw, _ = placement.best_headings
     for row in np.flatnonzero(placement.heading_known):
-        z, w = orientations_xyzw[row, 2:]
-        turn = 2.0 * math.atan2(z, w) - poses[row, 2]
+        turn = yaw_of(orientations_xyzw[row]) - poses[row, 2]
         tally.off_rad.append(abs(math.remainder(turn, 2.0 * math.pi)))
 
 
@@ -394,8 +395,8 @@ def _trolley(
     (placement,) = localizer.step(1.0).placements
     seconds = time.perf_counter() - begin
     low, high = placement.enclosure_m[0]
-    z, w = placement.orientations_xyzw[0, 2:]
-    turn = abs(math.remainder(2.0 * math.atan2(z, w) - math.radians(yaw_deg), 2.0 * math.pi))
+    yaw_rad = yaw_of(placement.orientations_xyzw[0])
+    turn = abs(math.remainder(yaw_rad - math.radians(yaw_deg), 2.0 * math.pi))
     half_width = float(placement.heading_half_width_rad[0])
     inside = bool((low <= [x, y]).all() and ([x, y] <= high).all()) and turn <= half_width
     off_m = float(np.linalg.norm(placement.positions_m[0] - [x, y]))

@@ -217,7 +217,7 @@ class Localizer:
 
         """
         if self._config.memory_s > 0.0:
-            newest_s = (track[-1].stamp_s for track in self._store.odometry_readings().values())
+            newest_s = self._store.newest_odometry_s()
             known_s = [stamp_s for stamp_s in newest_s if stamp_s >= now_s - MOST_BEFORE_S]
             before_s = min([now_s, *known_s])
             self._answered_s = min(now_s, max(before_s, self._answered_s))

@@ -270,6 +270,10 @@ class MeasurementStore:
         """Return the odometry of every robot that has some, oldest first."""
         return {robot: track.readings for robot, track in self._tracks.items()}
 
+    def newest_odometry_s(self) -> list[float]:
+        """Return the time of the newest odometry of every robot that has some."""
+        return [track.newest.stamp_s for track in self._tracks.values()]
+
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered, in the order of the keys."""
         return [

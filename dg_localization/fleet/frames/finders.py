@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from types import MappingProxyType
@@ -31,8 +31,7 @@ FloatArray = NDArray[np.float64]
 def finder_of(
     snapshot: Snapshot,
     solved: Constraints,
-    frame: FrameKind,
-    held: Collection[int],
+    plan: FramePlan,
     past: Past | None,
     dropped: frozenset[LinkKey] = frozenset(),
     yaws_rad: Mapping[int, float] = MappingProxyType({}),
@@ -45,9 +44,7 @@ def finder_of(
     snapshot : Snapshot
     solved : Constraints
         Of the points of the plan.
-    frame : FrameKind
-    held : collection of int
-        Rows of the robots that do not turn in the frame.
+    plan : FramePlan
     past : Past, optional
         What is remembered.
     dropped : frozenset of LinkKey
@@ -56,9 +53,8 @@ def finder_of(
         By row, headings that a window has told.
 
     """
-    rows, points = solved.rows, snapshot.config.points
-    boxes = snapshot.anchors.boxes if frame is FrameKind.ANCHORS else {}
-    anchors = {rows[points[point]]: box for point, box in boxes.items() if points[point] in rows}
+    rows, by_anchors = solved.rows, plan.frame.kind is FrameKind.ANCHORS
+    anchors = plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
     terms = list(terms_of(snapshot, solved, dropped, anchors))
     covered = past.ends if past is not None else frozenset()
     in_past = frozenset(key for key in snapshot.keys if key.ends in covered)
@@ -68,7 +64,8 @@ def finder_of(
         for point, arm_m in snapshot.mounts.arms_m.items()
         if point in rows
     ]
-    return BestPointFinder(solved.problem(), terms, held, sensors, past, beside_past, yaws_rad)
+    problem = solved.problem()
+    return BestPointFinder(problem, terms, plan.held, sensors, past, beside_past, yaws_rad)
 
 
 @dataclass(frozen=True)
@@ -114,13 +111,10 @@ def fit_headed(
     """
     solved, points = constraints.of(plan.points), list(plan.points)
     robots, n_robots = snapshot.config.robots, len(snapshot.config.robots)
-    held: list[int] = []
-    if plan.frame.kind is FrameKind.HEADING:
-        held.append(points.index(robots.index(plan.frame.points[0])))
     headed = [
         robot
         for robot in _headed_by_window(placement)
-        if robot in points and points.index(robot) not in held
+        if robot in points and points.index(robot) not in plan.held
     ]
     # Points beyond robots and landmarks are sensors, whose places go with those of their robots.
     if not headed or max(points) >= n_robots + len(placement.landmarks_m):
@@ -138,7 +132,7 @@ def fit_headed(
         return FittedPlacement(placement)
     places_m = np.concatenate([placement.positions_m, placement.landmarks_m])
     boxes_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])[points]
-    finder = finder_of(snapshot, solved, plan.frame.kind, held, past, yaws_rad=yaws_rad)
+    finder = finder_of(snapshot, solved, plan, past, yaws_rad=yaws_rad)
     best = finder.find(places_m[points], Interval(boxes_m[:, 0], boxes_m[:, 1]), bounds_m2)
     # The enclosure of a hypothesis may hold points of another one.
     if math.isinf(best.cost) or not (best.proved or _within(bounds_m2, best.positions_m)):

@@ -89,16 +89,11 @@ class Placer:
             plan.frame.kind,
             self._solved,
             cores=busy.cores,
-            anchors={
-                row_of[point]: box
-                for point, box in snapshot.anchors.boxes.items()
-                if point in row_of
-            },
+            anchors=plan.by_row(snapshot.anchors.boxes),
         )
         self._rigid = rigid_with(self._registration.cores[0], self._solved) & {*self._rows}
         self._encloser = Encloser(self._solved, self._registration, self._rows)
-        self._held = () if self._reference is None else (self._reference,)
-        self._body_poses = BodyPoses(snapshot, self._solved, self._held)
+        self._body_poses = BodyPoses(snapshot, self._solved, plan.held)
 
     def placements(self, hypothesis: Hypothesis, *, alone: bool) -> list[Placement]:
         """
@@ -210,15 +205,7 @@ class Placer:
         """What finds the best points, by all readings; a contradiction does not need it."""
         # What contradicts the rest now may have been wrong before.
         past = None if self._dropped else past_of(self._snapshot, self._solved)
-        kind = self._plan.frame.kind
-        return finder_of(self._snapshot, self._solved, kind, self._held, past, self._dropped)
-
-    @property
-    def _reference(self) -> int | None:
-        """The row of the robot whose body frame is the fixed frame, if there is one."""
-        if self._plan.frame.kind == FrameKind.HEADING:
-            return self._registration.cores[0][0]
-        return None
+        return finder_of(self._snapshot, self._solved, self._plan, past, self._dropped)
 
     def _headings(
         self,
@@ -234,7 +221,7 @@ class Placer:
         headings = {}
         for robot, own_rays in rays_of.items():
             heading: Heading | None = NO_TURN
-            if rows[robot] != self._reference:
+            if rows[robot] not in self._plan.held:
                 heading = estimate_heading(rows, own_rays, best.positions_m, enclosure)
                 if rows[robot] in arcs_rad:
                     arc_rad, rotation = arcs_rad[rows[robot]], best.rotations[rows[robot]]

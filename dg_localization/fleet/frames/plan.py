@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 import math
@@ -16,6 +16,7 @@ from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import angles_rad
 from dg_localization.fleet.estimate import FixedFrame, FrameKind
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.interval.arrays import Interval
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,18 @@ class FramePlan:
     frame: FixedFrame
     points: tuple[int, ...]
     cores: tuple[tuple[int, ...], ...]
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """The rows of the robots that do not turn: that whose body frame the fixed frame is."""
+        if self.frame.kind is not FrameKind.HEADING:
+            return ()
+        return (self.points.index(self.cores[0][0]),)
+
+    def by_row(self, boxes: Mapping[int, Interval]) -> dict[int, Interval]:
+        """Return boxes of points by their rows; those of other points are left out."""
+        row_of = {point: row for row, point in enumerate(self.points)}
+        return {row_of[point]: box for point, box in boxes.items() if point in row_of}
 
 
 @dataclass(frozen=True)

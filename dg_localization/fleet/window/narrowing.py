@@ -58,17 +58,14 @@ def narrow_answer(
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.allowance.resume()
-    main, groups = Left((), ()), []
-    ruled_out: list[str] = []
+    main = Left((), ())
     if plans.main is not None:
         main = recalled.narrow(found.placements, plans.main.frame)
-        ruled_out += main.ruled_out
-    parts: list[tuple[Answer | Group, Left]] = [(found, main)]
-    for group, plan in zip(found.groups, plans.others, strict=True):
-        left = recalled.narrow(group.placements, group.frame)
-        parts.append((group, left))
-        groups.append(_narrowed_group(group, _hypotheses(left, plan, recalled, refit)))
-        ruled_out += left.ruled_out
+    of_groups = [recalled.narrow(group.placements, group.frame) for group in found.groups]
+    parts: list[tuple[Answer | Group, Left]] = [
+        (found, main),
+        *zip(found.groups, of_groups, strict=True),
+    ]
     emptied = [part for part, left in parts if part.placements and not left.placements]
     if any(len(part.placements) < part.n_hypotheses for part in emptied):
         return NarrowedAnswer(found, (), recalled.forgotten)
@@ -86,9 +83,13 @@ def narrow_answer(
         found,
         placements=placements,
         n_hypotheses=found.n_hypotheses - len(found.placements) + len(placements),
-        groups=tuple(groups),
+        groups=tuple(
+            _narrowed_group(group, _hypotheses(left, plan, recalled, refit))
+            for group, left, plan in zip(found.groups, of_groups, plans.others, strict=True)
+        ),
     )
-    return NarrowedAnswer(answer, tuple(ruled_out), recalled.forgotten, proved)
+    ruled_out = tuple(text for _, left in parts for text in left.ruled_out)
+    return NarrowedAnswer(answer, ruled_out, recalled.forgotten, proved)
 
 
 def _hypotheses(
