@@ -27,7 +27,7 @@ from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
-from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.forgetting import Forgotten, without
 from dg_localization.fleet.window.narrowing import narrow_answer
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
@@ -66,8 +66,9 @@ def estimate_snapshot(
 
     """
     recalled = recall(snapshot, proved, cancel, filters)
+    snapshot = without(snapshot, recalled.forgotten)
     if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
-        return _without_placements(snapshot, None, _no_data_reason(snapshot)), ()
+        return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()
@@ -78,19 +79,22 @@ def estimate_snapshot(
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:
         recalled = recalled.without_pose_sets()
         if not snapshot.keys:
-            nothing = _without_placements(snapshot, None, _no_data_reason(snapshot))
-            return replace(nothing, forgotten=recalled.forgotten), ()
+            return _without_data(snapshot, recalled), ()
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
-        return replace(estimate, suspects_in_window=in_window), ()
+        # The moment contradicts itself: that says nothing of what else is remembered.
+        forgotten = tuple(item for item in recalled.forgotten if item.now_too)
+        forgotten += estimate.forgotten
+        return replace(estimate, suspects_in_window=in_window, forgotten=forgotten), ()
     refit = partial(fit_headed, snapshot, constraints)
     narrowed = narrow_answer(found, plans, recalled, refit)
     estimate = _answered(snapshot, narrowed.answer, plans)
+    doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     estimate = replace(
         estimate,
-        reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out)]),
+        reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out), *doubts]),
         suspects_in_window=in_window,
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
@@ -137,10 +141,18 @@ def _solve(
     return answer(snapshot, constraints, plans, options, dropped, cancel), plans
 
 
+def _without_data(snapshot: Snapshot, recalled: Recollection) -> Estimate:
+    """Return the estimate where there is nothing to solve."""
+    nothing = _without_placements(snapshot, None, _no_data_reason(snapshot))
+    return replace(nothing, forgotten=recalled.forgotten)
+
+
 def _no_data_reason(snapshot: Snapshot) -> str:
     """Return why there is nothing to solve."""
     if not snapshot.links:
         return 'no usable measurement has arrived yet'
+    if any(link.contradicts for link in snapshot.links):
+        return 'all measurements contradict what was measured before, and are left out'
     youngest_s = min(link.age_s for link in snapshot.links)
     return (
         f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
@@ -213,7 +225,10 @@ def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
 def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
     """Return the links of a snapshot, those in a conflict marked."""
     guilty = {key for conflict in conflicts for key in conflict}
-    return tuple(replace(link, contradicts=link.key in guilty) for link in snapshot.links)
+    return tuple(
+        replace(link, contradicts=link.contradicts or link.key in guilty)
+        for link in snapshot.links
+    )
 
 
 def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:

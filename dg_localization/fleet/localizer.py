@@ -248,6 +248,7 @@ class Localizer:
             self._mounts,
             float(now_s),
             self._follower.forgotten,
+            self._follower.left_out,
             tighten_seconds,
         )
 

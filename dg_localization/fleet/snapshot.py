@@ -10,7 +10,7 @@ its stamp: what counts is the angle between two rays, and rays of one image turn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 import math
@@ -29,7 +29,7 @@ from dg_localization.fleet.vocabulary import (
     RayReading,
 )
 from dg_localization.fleet.window.carry import CarriedWindow
-from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Window
+from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Spans, Window
 from dg_localization.interval.bounds import product_up, sum_down, sum_up
 from dg_localization.solver.options import SolverOptions
 
@@ -98,6 +98,33 @@ class Snapshot:
         newest_s = (readings[-1].stamp_s for readings in self.motion.odometry.values() if readings)
         return any(self.stamp_s - stamp_s <= self.config.max_age_s for stamp_s in newest_s)
 
+    def without(self, forgotten: Spans, left_out: Collection[Ends]) -> Snapshot:
+        """
+        Return what is left where what some points measured of each other does not count.
+
+        Parameters
+        ----------
+        forgotten : mapping of (str, str) to tuple of (float, float)
+            Spans of observations of the window.
+        left_out : collection of (str, str)
+            Points, in either order, whose links do not count at the moment.
+
+        """
+
+        def counts(key: LinkKey) -> bool:
+            return key.ends not in left_out and key.ends[::-1] not in left_out
+
+        return replace(
+            self,
+            distances=tuple(distance for distance in self.distances if counts(distance.key)),
+            rays=tuple(ray for ray in self.rays if counts(ray.key)),
+            links=tuple(
+                link if counts(link.key) else replace(link, contradicts=not link.stale)
+                for link in self.links
+            ),
+            window=self.window.without(forgotten),
+        )
+
     @property
     def keys(self) -> tuple[LinkKey, ...]:
         """The links in use."""
@@ -110,10 +137,15 @@ def take_snapshot(
     anchors: AnchorGeometry,
     mounts: MountGeometry,
     now_s: float,
-    forgotten: Mapping[Ends, float],
+    forgotten: Spans,
+    left_out: Mapping[Ends, float],
     tighten_seconds: float = math.inf,
 ) -> Snapshot:
-    """Return what the measurements of `store` say at `now_s`; see `Memory.view`."""
+    """
+    Return what the measurements of `store` say at `now_s`; see `Memory.view`.
+
+    Readings up to the stamps in `left_out` do not count.
+    """
     odometry = store.odometry_readings()
     robot_of = {point: config.robot_of(point) for point in config.points}
     motion = Motion(
@@ -135,7 +167,10 @@ def take_snapshot(
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
 
     distances, rays, links = [], [], []
-    young = store.young_readings(now_s)
+    young = {
+        key: [r for r in readings if r.stamp_s > _left_out_until_s(left_out, key.ends)]
+        for key, readings in store.young_readings(now_s).items()
+    }
     for key, readings in young.items():
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
@@ -162,6 +197,11 @@ def take_snapshot(
         _detections(rays, young),
         tighten_seconds,
     )
+
+
+def _left_out_until_s(stamps_s: Mapping[Ends, float], ends: Ends) -> float:
+    """Return up to when readings of two points, in either order, do not count."""
+    return max(stamps_s.get(ends, -math.inf), stamps_s.get(ends[::-1], -math.inf))
 
 
 def _detections(

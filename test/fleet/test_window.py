@@ -541,8 +541,55 @@ def test_a_robot_that_was_carried_away_is_forgotten_and_found_again():
         assert fleet.holds(estimate.placements[0], estimate)
         texts.append([forgotten.text for forgotten in estimate.forgotten])
     assert texts[0] and 'r0' in texts[0][0] and 'contradicts' in texts[0][0]
-    assert not any(texts[2:])
+    # It is in doubt for LONGEST_DOUBT_S; then all is forgotten that its odometry carries.
+    assert texts[3][-1] == 'the odometry of r0 may be wrong'
+    assert not any(texts[4:])
     assert estimate.placements[0].heading_known.all()
+
+
+def remembered(fleet):
+    """Return the stamps that are remembered of each observer and target."""
+    observations = fleet.localizer.snapshot(fleet.now_s).window.observations
+    return {ends: {seen.stamp_s for seen in kept} for ends, kept in observations.items()}
+
+
+def test_one_wrong_range_leaves_what_was_measured_before_and_what_others_measured():
+    fleets = [Circling(3, anchors=ANCHORS, memory_s=15.0) for _ in range(2)]
+    undisturbed, fleet = fleets
+    both = zip(undisturbed.drive(14.0), fleet.drive(14.0), strict=True)
+    for second, (expected, estimate) in enumerate(both, 1):
+        assert fleet.holds(estimate.placements[0], estimate)
+        assert bool(estimate.forgotten) is (second == 9)
+        assert {name for item in estimate.forgotten for ends in item.ends for name in ends} <= {
+            'r0',
+            *ANCHORS,
+        }
+        widths_m = [np.ptp(e.placements[0].enclosure_m, axis=1) for e in (expected, estimate)]
+        assert second == 9 or np.allclose(*widths_m, rtol=0.1, atol=0.02)
+        if second == 8:
+            for late_s in (0.05, 0.1):
+                stamp_s = fleet.now_s + late_s
+                fleet.localizer.add_range('r0', 'west', 0.7, stamp_s, stamp_s)
+    known, expected = remembered(fleet), remembered(undisturbed)
+    lost = {ends: stamps - known[ends] for ends, stamps in expected.items()}
+    assert {ends for ends, stamps in lost.items() if stamps} == {('r0', name) for name in ANCHORS}
+    assert all(START_S + 8.0 < stamp_s <= START_S + 9.0 for s in lost.values() for stamp_s in s)
+
+
+def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing():
+    fleet = Circling(3, anchors=ANCHORS, memory_s=12.0)
+    list(fleet.drive(3.0))
+    forgotten = []
+    for times in range(1, 4):
+        fleet.shift_m[0] = [1.5 * times, -1.0]
+        for estimate in fleet.drive(6.0):
+            assert fleet.holds(estimate.placements[0], estimate)
+            forgotten += estimate.forgotten
+    assert sum('odometry' in item.text for item in forgotten) == 3
+    assert all('r0' in ends for item in forgotten for ends in item.ends)
+    stamps = remembered(fleet)
+    for ends in (('r1', 'west'), ('r2', 'north'), ('r1', 'r2')):
+        assert len(stamps[ends]) == round(12.0 / TICK_S)
 
 
 def test_what_the_moment_says_is_answered_when_the_window_contradicts_it():

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 from dg_localization.fleet.estimate import Estimate, Placement
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.forgetting import also_forgotten
-from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s
+from dg_localization.fleet.window.memory import Ends, Spans
 from dg_localization.fleet.window.numbering import matches
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
@@ -45,14 +45,20 @@ class Follower:
     def __init__(self, first_number: int = 1) -> None:
         self._next_number = first_number
         self._last = _Followed((), 0.0)
-        self._forgotten: Mapping[Ends, float] = {}
+        self._forgotten: Spans = {}
+        self._left_out: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
         self.filters = PoseFilters()
 
     @property
-    def forgotten(self) -> Mapping[Ends, float]:
-        """Up to when observations between two points do not count."""
+    def forgotten(self) -> Spans:
+        """Observations that are not remembered."""
         return self._forgotten
+
+    @property
+    def left_out(self) -> Mapping[Ends, float]:
+        """Up to when observations do not count as measurements of the moment."""
+        return self._left_out
 
     def started_anew(self) -> Follower:
         """Return one that knows no hypothesis; numbers are not used again."""
@@ -71,7 +77,9 @@ class Follower:
         self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
     ) -> Estimate:
         """Return an estimate with the numbers of its hypotheses; keep what it proved."""
-        self._forgotten = also_forgotten(self._forgotten, estimate.forgotten)
+        oldest_s = snapshot.stamp_s - snapshot.config.memory_s
+        self._forgotten = also_forgotten(self._forgotten, estimate.forgotten, oldest_s)
+        self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
         self.filters.forget(snapshot.config, estimate.forgotten)
         listed = [
             *estimate.placements,

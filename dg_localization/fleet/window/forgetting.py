@@ -5,11 +5,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 import math
 
-from dg_localization.fleet.window.memory import Ends
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.carry import WORLD, Pair
+from dg_localization.fleet.window.memory import Ends, Spans
+
+LONGEST_DOUBT_S = 2.0
+"""
+Measurements that contradict what was measured before for longer than this are no burst of wrong
+ones: then what was measured before is forgotten.
+"""
+
+CONFIRMING = 3
+"""So many measurements that agree with those before end a doubt."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +39,124 @@ class Forgotten:
         Observations up to this time are forgotten.
     text : str
         Why.
+    after_s : float
+        Observations up to this time are not.
+    now_too : bool
+        Whether all up to `before_s` do not count as measurements of the moment, either: which of
+        those that contradict each other are wrong is not known.
 
     """
 
     ends: frozenset[Ends]
     before_s: float
     text: str
+    after_s: float = -math.inf
+    now_too: bool = False
 
 
-def also_forgotten(known: Mapping[Ends, float], more: Iterable[Forgotten]) -> Mapping[Ends, float]:
-    """Return up to when observations between two points are forgotten, with some more of them."""
+def also_forgotten(known: Spans, more: Iterable[Forgotten], oldest_s: float = -math.inf) -> Spans:
+    """Return which observations are forgotten, with some more, without those that are older."""
+    spans = {
+        ends: kept
+        for ends, some in known.items()
+        if (kept := tuple(span for span in some if span[1] > oldest_s))
+    }
+    for forgotten in more:
+        after_s, before_s = forgotten.after_s, forgotten.before_s
+        for ends in forgotten.ends:
+            some = spans.get(ends, ())
+            others = (span for span in some if span[0] < after_s or span[1] > before_s)
+            spans[ends] = (*others, (after_s, before_s))
+    return spans
+
+
+def left_out_until_s(
+    known: Mapping[Ends, float], more: Iterable[Forgotten]
+) -> Mapping[Ends, float]:
+    """Return up to when observations do not count at the moment, either, with some more."""
     stamps = dict(known)
     for forgotten in more:
-        for ends in forgotten.ends:
+        for ends in forgotten.ends if forgotten.now_too else ():
             stamps[ends] = max(stamps.get(ends, -math.inf), forgotten.before_s)
     return stamps
+
+
+def without(snapshot: Snapshot, forgotten: Collection[Forgotten]) -> Snapshot:
+    """Return what is left of a snapshot where some observations are forgotten."""
+    if not forgotten:
+        return snapshot
+    left_out = left_out_until_s({}, forgotten)
+    return snapshot.without(also_forgotten({}, forgotten), left_out.keys())
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """For how long what two bodies observed has contradicted what they had observed before."""
+
+    since_s: float
+    until_s: float
+
+
+class Doubts:
+    """
+    Which pairs of bodies contradict themselves, from estimate to estimate.
+
+    Where the observations of a pair leave no pose, the newest of them are wrong, or the older
+    ones, or an odometry. While that is open nothing is said of the pair, and nothing old is
+    forgotten. Newer observations decide it.
+
+    A robot that contradicts what it and the anchors measured is in doubt itself: its odometry may
+    be wrong, which carries all that it measured.
+    """
+
+    def __init__(self) -> None:
+        self._agreed_s: dict[Pair, float] = {}
+        self._doubts: dict[Pair, _Doubt] = {}
+
+    def contradicted(self, pair: Pair, now_s: float) -> float:
+        """
+        Note that what a pair observed contradicts itself.
+
+        Returns
+        -------
+        float
+            What it observed since then is forgotten; -inf for all.
+
+        """
+        agreed_s = self._agreed_s.get(pair, math.inf)
+        doubt = self._doubts.get(pair, _Doubt(now_s, now_s))
+        if agreed_s >= now_s or not 0.0 <= now_s - doubt.since_s <= LONGEST_DOUBT_S:
+            self._agreed_s.pop(pair, None)
+            self._doubts.pop(pair, None)
+            return -math.inf
+        self._doubts[pair] = _Doubt(doubt.since_s, now_s)
+        return agreed_s
+
+    @property
+    def robots(self) -> frozenset[int]:
+        """The robots in doubt."""
+        return frozenset(second for first, second in self._doubts if first == WORLD)
+
+    def settled(
+        self, pair: Pair, stamps_s: NDArray[np.float64], now_s: float, complete: bool
+    ) -> bool:
+        """
+        Return whether a pair that does not contradict itself is in no doubt, and note it.
+
+        Parameters
+        ----------
+        pair : (int, int)
+        stamps_s : numpy.ndarray
+            Of its observations.
+        now_s : float
+        complete : bool
+            Whether there was time to try all of them.
+
+        """
+        doubt = self._doubts.get(pair)
+        newer = 0 if doubt is None else int(np.count_nonzero(stamps_s > doubt.until_s))
+        confirmed = complete and (doubt is None or newer >= CONFIRMING)
+        if confirmed:
+            self._doubts.pop(pair, None)
+            self._agreed_s[pair] = now_s
+        return confirmed or doubt is None

@@ -26,6 +26,18 @@ STAMP_S = attrgetter('stamp_s')
 Ends: TypeAlias = tuple[str, str]
 """The names of an observer and its target."""
 
+Span: TypeAlias = tuple[float, float]
+"""Stamps after the first time, up to the second."""
+
+
+Spans: TypeAlias = Mapping[Ends, tuple[Span, ...]]
+"""Spans of observations between two points, in either order."""
+
+
+def spans_of(spans: Spans, ends: Ends) -> tuple[Span, ...]:
+    """Return the spans of two points."""
+    return spans.get(ends, ()) + spans.get(ends[::-1], ())
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -97,6 +109,18 @@ class Window:
         default_factory=lambda: MappingProxyType({})
     )
 
+    def without(self, forgotten: Spans) -> Window:
+        """Return this without what is forgotten between some points."""
+        left = {}
+        for ends, seen in self.observations.items():
+            for after_s, until_s in spans_of(forgotten, ends):
+                first = bisect_right(seen, after_s, key=STAMP_S)
+                end = bisect_right(seen, until_s, key=STAMP_S)
+                seen = seen[:first] + seen[end:]
+            if seen:
+                left[ends] = seen
+        return Window(MappingProxyType(left))
+
 
 NO_WINDOW = Window()
 
@@ -151,29 +175,24 @@ class Memory:
         self._observations.clear()
         self._newest_s = -math.inf
 
-    def view(self, now_s: float, forgotten: Mapping[Ends, float]) -> Window:
+    def view(self, now_s: float, forgotten: Spans) -> Window:
         """
         Return what is remembered at a time.
 
         Parameters
         ----------
         now_s : float
-        forgotten : mapping of (str, str) to float
-            Stamps up to which the observations between two points, in either order, do not count.
+        forgotten : mapping of (str, str) to tuple of (float, float)
+            Spans of observations that do not count.
 
         """
         if self._memory_s <= 0.0:
             return NO_WINDOW
         found = {}
         for ends, kept in self._observations.items():
-            after_s = max(
-                now_s - self._memory_s,
-                forgotten.get(ends, -math.inf),
-                forgotten.get(ends[::-1], -math.inf),
-            )
             seen = tuple(kept.values())
-            first = bisect_right(seen, after_s, key=STAMP_S)
+            first = bisect_right(seen, now_s - self._memory_s, key=STAMP_S)
             end = bisect_right(seen, now_s, key=STAMP_S)
             if first < end:
                 found[ends] = seen[first:end]
-        return Window(MappingProxyType(found))
+        return Window(MappingProxyType(found)).without(forgotten)

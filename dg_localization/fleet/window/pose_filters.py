@@ -22,7 +22,7 @@ import numpy as np
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.carry import WORLD
-from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.forgetting import Doubts, Forgotten
 from dg_localization.fleet.window.memory import Ends, Observation
 from dg_localization.pairs import (
     CellOptions,
@@ -131,9 +131,19 @@ class Step:
 
 
 class PoseFilters:
-    """The filters of all robots, the oldest first, in the thread of the estimates."""
+    """
+    The filters of all robots, the oldest first, in the thread of the estimates.
+
+    Attributes
+    ----------
+    doubts : Doubts
+        Which pairs of bodies contradict themselves.
+
+    """
 
     def __init__(self) -> None:
+        self.doubts = Doubts()
+        self._before: dict[int, tuple[PoseFilter, ...]] = {}
         self._filters: dict[int, tuple[PoseFilter, ...]] = {}
         self._steps: dict[int, tuple[Step, ...]] = {}
 
@@ -158,6 +168,7 @@ class PoseFilters:
         """
         if snapshot.config.memory_s < LEAST_FOLLOWED_S:
             return None
+        self._before[robot] = self._filters.get(robot, ())
         walk = _Walk(snapshot, robot, stopped, self._steps.get(robot, ()))
         filters = [walk.settled(c) for c in self._filters.get(robot, ()) if walk.goes_on(c)]
         kept = [pose_filter for pose_filter in filters if pose_filter is not None]
@@ -167,13 +178,21 @@ class PoseFilters:
         self._steps[robot] = tuple(walk.steps)
         return place
 
+    def set_back(self, robot: int) -> None:
+        """Undo the last `place` of a robot: what it measured since contradicts itself."""
+        if robot in self._before:
+            self._filters[robot] = self._before[robot]
+
     def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:
         """Drop the filters that know of observations that are forgotten."""
         for item in forgotten:
             for robot, filters in self._filters.items():
                 if _are_with_anchors(config, config.robots[robot], item.ends):
-                    kept = [known for known in filters if known.since_s >= item.before_s]
-                    self._filters[robot] = tuple(kept)
+                    self._filters[robot] = tuple(
+                        known
+                        for known in filters
+                        if known.since_s >= item.before_s or known.knot_s <= item.after_s
+                    )
 
 
 def _are_with_anchors(config: FleetConfig, robot: str, ends: Iterable[Ends]) -> bool:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 import math
 
@@ -104,10 +104,8 @@ def place_robots(
         What contradicts itself.
 
     """
-    options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
-    height_m = (0.0, 0.0) if snapshot.config.dimension == 2 else (-math.inf, math.inf)
     anchored = bool(snapshot.anchors.cores)
-    robots_too = options.max_outliers > 0
+    robots_too = snapshot.config.window_outliers > 0
     apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
     pairs = [
         pair
@@ -115,34 +113,59 @@ def place_robots(
         if (anchored if pair[0] == WORLD else robots_too or pair in apart)
     ]
     covers: dict[Pair, Cover] = {}
-    forgotten = []
+    forgotten: list[Forgotten] = []
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
-        place = None
-        if pair[0] == WORLD and snapshot.config.dimension == 2:
-            place = filters.place(snapshot, pair[1], stopped)
-        elif pair not in apart and all((WORLD, robot) in covers for robot in pair):
+        placed = pair[0] != WORLD and all((WORLD, robot) in covers for robot in pair)
+        doubtful = pair[0] != WORLD and not filters.doubts.robots.isdisjoint(pair)
+        if doubtful or (placed and pair not in apart):
             continue
-        if place is not None and not place.cover.empty:
-            covers[pair] = place.cover
+        found = _place(
+            snapshot, carried, pair, filters, newest_s if pair in apart else math.inf, stopped
+        )
+        if not isinstance(found, Cover):
+            after_s = filters.doubts.contradicted(pair, snapshot.stamp_s)
+            filters.set_back(pair[1])
+            forgotten += _what_contradicts(snapshot, pair, found, after_s)
             continue
-        readings = carried.readings_on_tracks(pair, newest_s if pair in apart else math.inf)
-        cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
-        if cover.empty:
-            agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
-            stamps = carried.stamps_s(pair)
-            before_s = float(stamps[min(agreeing, len(stamps) - 1)])
-            forgotten.append(_what_contradicts(snapshot, pair, before_s))
-        elif place is not None:
-            forgotten.append(_what_contradicts(snapshot, pair, place.agreeing_s))
-        elif cover.bounded:
-            covers[pair] = cover.moved(*carried.tracks(pair))
+        stamps_s = carried.stamps_s(pair)
+        settled = filters.doubts.settled(pair, stamps_s, snapshot.stamp_s, not stopped())
+        if settled and found.bounded:
+            covers[pair] = found
     pose_sets = PoseSets(
         {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
         {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},
         of_whole_memory=not covers.keys() <= {*apart},
     )
     return pose_sets, tuple(forgotten)
+
+
+def _place(
+    snapshot: Snapshot,
+    carried: CarriedWindow,
+    pair: Pair,
+    filters: PoseFilters,
+    newest_s: float,
+    stopped: Callable[[], bool],
+) -> Cover | float:
+    """Return the poses of a pair now; where it has none, since when its observations agree."""
+    in_plane = snapshot.config.dimension == 2
+    options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
+    height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
+    place = None
+    if pair[0] == WORLD and in_plane:
+        place = filters.place(snapshot, pair[1], stopped)
+    if place is not None and not place.cover.empty:
+        return place.cover
+    readings = carried.readings_on_tracks(pair, newest_s)
+    cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
+    if cover.empty:
+        agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
+        stamps = carried.stamps_s(pair)
+        return float(stamps[min(agreeing, len(stamps) - 1)])
+    if place is not None:
+        return place.agreeing_s
+    return cover.moved(*carried.tracks(pair)) if cover.bounded else cover
 
 
 def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
@@ -152,18 +175,28 @@ def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
     return max(0.0, float(squared.lower.min())), float(squared.upper.max())
 
 
-def _what_contradicts(snapshot: Snapshot, pair: Pair, before_s: float) -> Forgotten:
-    """Return what to forget where observations of a pair up to a time contradict newer ones."""
-    robots = snapshot.config.robots
+def _what_contradicts(
+    snapshot: Snapshot, pair: Pair, since_s: float, after_s: float
+) -> Iterator[Forgotten]:
+    """Yield what to forget where observations of a pair up to a time contradict newer ones."""
+    robots, now_s = snapshot.config.robots, snapshot.stamp_s
     first, second = pair
     others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)
     name = 'the anchors' if first == WORLD else robots[first]
-    return Forgotten(
+    yield Forgotten(
         ends=frozenset((robots[second], other) for other in others),
-        before_s=before_s,
+        before_s=now_s,
         text=f'what {robots[second]} and {name} measured of each other more than '
-        f'{snapshot.stamp_s - before_s:.1f} s ago contradicts what they measured since',
+        f'{now_s - since_s:.1f} s ago contradicts what they measured since',
+        after_s=after_s,
+        now_too=True,
     )
+    if first == WORLD and after_s == -math.inf:
+        yield Forgotten(
+            ends=frozenset((robots[second], other) for other in robots if other != robots[second]),
+            before_s=now_s,
+            text=f'the odometry of {robots[second]} may be wrong',
+        )
 
 
 def poses_within(cover: Cover, lower_m: np.ndarray, upper_m: np.ndarray) -> Cover:

@@ -17,7 +17,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
-from dg_localization.fleet.window.forgetting import Forgotten, also_forgotten
+from dg_localization.fleet.window.forgetting import Forgotten, without
 from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pose_filters import PoseFilters
@@ -105,6 +105,8 @@ class Recollection:
         What the estimate before proved, the oldest chain first; None for one that begins now.
     tilts : mapping of int to Tilt
         Of the robots with pose sets, in space.
+    in_doubt : tuple of str
+        The robots of which nothing is said until newer measurements agree with the anchors.
 
     """
 
@@ -118,6 +120,7 @@ class Recollection:
     forgotten: tuple[Forgotten, ...] = ()
     chains: tuple[CarriedPlacements | None, ...] = (None,)
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
+    in_doubt: tuple[str, ...] = ()
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
@@ -347,20 +350,19 @@ def recall(
     newest_s = config.memory_s * WINDOW_SHARE
     filters = filters or PoseFilters()
     pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, filters)
-    contradicting = also_forgotten({}, forgotten)
-    replaced = frozenset(
-        key
-        for key in carried.links_among(snapshot.keys)
-        if config.window_outliers and not contradicting.keys() & {key.ends, key.ends[::-1]}
-    )
+    spans_s = {pair: carried.span_s(pair) for pair in carried.pairs}
+    snapshot = without(snapshot, forgotten)
+    carried = snapshot.carried
+    replaced = carried.links_among(snapshot.keys) if config.window_outliers else frozenset()
     recalled = Recollection(
         config,
         snapshot.stamp_s,
         allowance,
-        spans_s={pair: carried.span_s(pair) for pair in carried.pairs},
+        spans_s=spans_s,
         pose_sets=pose_sets,
         replaced=replaced,
         forgotten=forgotten,
+        in_doubt=tuple(config.robots[robot] for robot in sorted(filters.doubts.robots)),
     )
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
@@ -371,7 +373,7 @@ def recall(
         readings={
             pair: carried.readings(pair, most, newest_s)
             for pair in near
-            if not pose_sets.covers.keys() >= {*pair}
+            if not pose_sets.covers.keys() >= {*pair} and filters.doubts.robots.isdisjoint(pair)
         },
         chains=_chains(snapshot, proved),
     )
