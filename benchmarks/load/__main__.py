@@ -146,7 +146,7 @@ def print_soak(minutes: float, folder: Path) -> None:
     lines = []
     for quarter in range(5):
         index = min(len(resources) - 1, 10 + quarter * (len(resources) - 11) // 4)
-        time_s, memory_mib, descriptors, threads = resources[index]
+        time_s, memory_mib, descriptors, threads, _ = resources[index]
         near = np.abs(run.answers[:, 0] - time_s) < 30.0
         span_s = min(60.0, 30.0 + min(run.answers[-1, 0] - time_s, time_s - run.answers[0, 0]))
         lines.append(

@@ -29,7 +29,7 @@ class WatchedNode(LocalizerNode):
         # Plain numbers: a soak counts the memory of this too.
         self._messages = array('d')
         self._answers: list[tuple[float, float, float, float, float]] = []
-        self._resources: list[tuple[float, float, int, int]] = []
+        self._resources: list[tuple[float, float, int, int, float]] = []
         super().__init__(**kwargs)
         self.create_timer(1.0, self._note_resources)
 
@@ -38,7 +38,7 @@ class WatchedNode(LocalizerNode):
         sec, nanosec = STAMP.unpack_from(data, STAMP_OFFSET)
         super()._on_message(link, data)
         end_s = time.thread_time()
-        self._messages.extend((time.time(), sec + 1e-9 * nanosec, end_s - begin_s, end_s))
+        self._messages.extend((self._clock_s(), sec + 1e-9 * nanosec, end_s - begin_s, end_s))
 
     def _publish(self, answer: Answer) -> None:
         begin_s = time.thread_time()
@@ -47,14 +47,16 @@ class WatchedNode(LocalizerNode):
         solve_s = estimate.statistics.seconds if estimate.statistics else np.nan
         cost_s = time.thread_time() - begin_s
         self._answers.append(
-            (time.time(), estimate.stamp_s, float(estimate.n_hypotheses), solve_s, cost_s)
+            (self._clock_s(), estimate.stamp_s, float(estimate.n_hypotheses), solve_s, cost_s)
         )
 
     def _note_resources(self) -> None:
         pages = int(Path('/proc/self/statm').read_text().split()[1])
         descriptors = len(list(Path('/proc/self/fd').iterdir()))
         threads = len(list(Path('/proc/self/task').iterdir()))
-        self._resources.append((time.time(), pages * 4096 / 2**20, descriptors, threads))
+        self._resources.append(
+            (time.time(), pages * 4096 / 2**20, descriptors, threads, time.process_time())
+        )
 
     def destroy_node(self) -> None:
         """Write down what was noted, and destroy the node."""
@@ -63,7 +65,7 @@ class WatchedNode(LocalizerNode):
             self._result,
             messages=np.array(self._messages).reshape(-1, 4),
             answers=np.array(self._answers).reshape(-1, 5),
-            resources=np.array(self._resources).reshape(-1, 4),
+            resources=np.array(self._resources).reshape(-1, 5),
             counts=json.dumps(self._counts()),
         )
 
