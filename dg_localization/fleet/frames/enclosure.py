@@ -10,7 +10,8 @@ cannot get lost.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from dg_localization.solver.contract.coordinate_boxes import contract_coordinate
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
+Core = tuple[int, ...]
 
 MAX_BOXES = 16
 """Up to how many boxes of a hypothesis are enclosed one by one instead of by their hull."""
@@ -57,46 +59,50 @@ class Encloser:
         self._registration = registration
         self._poses = {core: registration.pose_of(core) for core in registration.cores}
 
-    def enclose(self, hypothesis: Hypothesis, choice: ChiralityChoice | None) -> Interval | None:
+    def enclose(
+        self, hypothesis: Hypothesis, choices: Sequence[ChiralityChoice | None]
+    ) -> list[tuple[ChiralityChoice | None, Interval]]:
         """
-        Return the coordinates of one of the mirror images of a hypothesis.
+        Return the coordinates of mirror images of a hypothesis.
 
         Parameters
         ----------
         hypothesis : Hypothesis
-        choice : ChiralityChoice or None
+        choices : sequence of ChiralityChoice or None
             Which of them; None when there is only one.
 
         Returns
         -------
-        Interval, shape (n, q), or None
-            None when there are no such coordinates.
+        list of tuple of ChiralityChoice or None, and Interval, shape (n, q)
+            A choice without such coordinates is left out.
 
         """
         boxes = hypothesis.boxes
         if len(boxes) > MAX_BOXES:
             boxes = np.stack([hypothesis.lower, hypothesis.upper])[None]
-        apexes = {} if choice is None else self._apexes_of_cores(hypothesis)
-        total = None
-        for lower, upper in boxes:
-            enclosure = self._enclose_box(np.array(lower), np.array(upper), choice, apexes)
-            if enclosure is not None:
-                total = enclosure if total is None else total.hull(enclosure)
-        return total
 
-    def _apexes_of_cores(self, hypothesis: Hypothesis) -> dict[tuple[int, ...], list[int]]:
-        """Return the apexes to try for each core."""
-        return {
-            core: best_apexes(hypothesis, core, [row for row in self._rows if row not in core])
-            for core in self._poses
-        }
+        @cache
+        def apexes_of(core: Core) -> list[int]:
+            others = [row for row in self._rows if row not in core]
+            return best_apexes(hypothesis, core, others)
+
+        images = []
+        for choice in choices:
+            parts = [
+                self._enclose_box(np.array(lower), np.array(upper), choice, apexes_of)
+                for lower, upper in boxes
+            ]
+            enclosures = [part for part in parts if part is not None]
+            if enclosures:
+                images.append((choice, reduce(Interval.hull, enclosures)))
+        return images
 
     def _enclose_box(
         self,
         lower: FloatArray,
         upper: FloatArray,
         choice: ChiralityChoice | None,
-        apexes: dict[tuple[int, ...], list[int]],
+        apexes_of: Callable[[Core], list[int]],
     ) -> Interval | None:
         """Return the coordinates that one box of squared distances allows."""
         corners = self._solved.angles.corners
@@ -106,7 +112,7 @@ class Encloser:
         fixed = self._enclose_by_core(lower, upper, choice)
         if fixed is None or choice is None:
             return fixed
-        fixed = self._intersect_cores(fixed, lower, upper, choice, apexes)
+        fixed = self._intersect_cores(fixed, lower, upper, choice, apexes_of)
         if fixed is None:
             return None
         fixed = self._contract(fixed, lower, upper)
@@ -132,11 +138,11 @@ class Encloser:
         lower: FloatArray,
         upper: FloatArray,
         choice: ChiralityChoice,
-        apexes: dict[tuple[int, ...], list[int]],
+        apexes_of: Callable[[Core], list[int]],
     ) -> Interval | None:
         """Return the part of an enclosure that all cores and apexes of certain sign allow."""
         for core, pose in self._poses.items():
-            for apex in apexes[core]:
+            for apex in apexes_of(core):
                 sign = _chirality_of(fixed, (*core, apex))
                 if sign == 0 or (core, apex) == (choice.core, choice.apex):
                     continue

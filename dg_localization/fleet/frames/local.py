@@ -24,6 +24,9 @@ FloatArray = NDArray[np.float64]
 MAX_APEXES = 4
 """How many apexes are tried for each core."""
 
+MAX_HEIGHTS = 2 * MAX_APEXES
+"""Of how many apexes the height is bounded, where a placement tells which are likely far."""
+
 
 def enclose_locally(
     lower: FloatArray, upper: FloatArray, frame: Sequence[int], dimension: int
@@ -79,14 +82,17 @@ def best_apexes(
     """Return the candidates that are farthest from the hyperplane of the core, best first."""
     if len(candidates) < 2:
         return list(candidates)
-    frames = np.array([(*core, apex) for apex in candidates])
-    spans = np.zeros(len(frames))
+    spans = dict.fromkeys(candidates, 0.0)
     if hypothesis.positions is not None:
         edges = hypothesis.positions - hypothesis.positions[core[0]]
-        spans = np.abs(np.linalg.det(edges[frames[:, 1:]]))
+        corners = edges[[(*core[1:], apex) for apex in candidates]]
+        volumes = np.abs(np.linalg.det(corners)).tolist()
+        by_span = sorted(zip(candidates, volumes, strict=True), key=lambda pair: -pair[1])
+        spans = dict(by_span[:MAX_HEIGHTS])
     heights = {}
-    for apex, frame, span in zip(candidates, frames, spans.tolist(), strict=True):
+    for apex, span in spans.items():
         # The height of the apex depends on nothing else.
+        frame = (*core, apex)
         among = np.ix_(frame, frame)
         lower, upper = hypothesis.lower[among], hypothesis.upper[among]
         local = enclose_locally(lower, upper, range(len(frame)), len(core))

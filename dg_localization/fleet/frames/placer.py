@@ -144,11 +144,7 @@ class Placer:
         self, hypothesis: Hypothesis
     ) -> list[tuple[ChiralityChoice | None, Interval]]:
         """Return the different mirror images of a hypothesis with their enclosures."""
-        found: list[tuple[ChiralityChoice | None, Interval]] = []
-        for choice in self._choices(hypothesis):
-            enclosure = self._encloser.enclose(hypothesis, choice)
-            if enclosure is not None:
-                found.append((choice, enclosure))
+        found = self._encloser.enclose(hypothesis, self._choices(hypothesis))
         if len(found) < 2:
             return found
         (_, first), (_, second) = found

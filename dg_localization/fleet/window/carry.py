@@ -85,6 +85,8 @@ class CarriedWindow:
         index = {name: i for i, name in enumerate(config.points)}
         for (observer, target), observations in window.observations.items():
             self._add(index[observer], index[target], observations)
+        for rows in self._rows.values():
+            rows.sort(key=lambda row: -row.observation.stamp_s)
         self._paths: dict[int, OdometryPath] = {}
         observing = sorted({body for pair in self._rows for body in pair} - {WORLD})
         self._stamps = {robot: self._stamps_with(robot) for robot in observing}
@@ -309,7 +311,6 @@ class CarriedWindow:
         anchor = observer if first == WORLD else target if second == WORLD else None
         rows = self._rows.setdefault(pair, [])
         rows += [_Row(seen, first == pair[1], anchor) for seen in observations]
-        rows.sort(key=lambda row: -row.observation.stamp_s)
 
     def _pair_of(self, observer: int, target: int) -> Pair | None:
         """
