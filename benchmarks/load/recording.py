@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The node on one core, on a recording that is replayed at its own pace, over DDS.
+The node on a recording that is replayed at its own pace, over DDS.
 
-    python -m benchmarks.load.recording BAG --params FILE [--duration S] [ROS arguments]
+    python -m benchmarks.load.recording BAG --params FILE [--cores N] [ROS arguments]
 
 Prints how many answers a second the node gives, and what they cost.
 """
@@ -57,6 +57,31 @@ def row(noted: Mapping[str, NDArray[np.float64]]) -> list[str]:
     ]
 
 
+def run(options: argparse.Namespace, ros_arguments: list[str], result: Path) -> None:
+    """Replay to the node, which writes down what it notes."""
+    cores = sorted(os.sched_getaffinity(0))
+    node = subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'benchmarks.load.node', str(result), '--ros-args'),
+            *('--params-file', str(options.params), '-p', 'use_sim_time:=true'),
+            *('--log-level', 'error', *ros_arguments),
+        ]
+    )
+    os.sched_setaffinity(node.pid, cores[: options.cores])
+    os.sched_setaffinity(0, cores[options.cores :] or cores)
+    try:
+        subprocess.run(
+            [
+                *(sys.executable, '-m', 'dg_localization.ros', 'replay', str(options.bag)),
+                *('--start', options.start, '--duration', options.duration, '--wait', '60'),
+            ],
+            check=True,
+        )
+    finally:
+        node.send_signal(signal.SIGINT)
+        node.wait(END_S)
+
+
 def main() -> None:
     """Replay, and print the table."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.load.recording')
@@ -64,30 +89,15 @@ def main() -> None:
     parser.add_argument('--params', type=Path, required=True, metavar='FILE')
     parser.add_argument('--start', default='0', metavar='S')
     parser.add_argument('--duration', default='60', metavar='S')
+    parser.add_argument('--cores', type=int, default=1, help='for the node (1)')
     options, ros_arguments = parser.parse_known_args()
     warm_up()
     claim = claim_domain()
     os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    core, *others = sorted(os.sched_getaffinity(0))
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / 'result.npz'
-        node = subprocess.Popen(
-            [
-                *(sys.executable, '-m', 'benchmarks.load.node', str(result), '--ros-args'),
-                *('--params-file', str(options.params), '-p', 'use_sim_time:=true'),
-                *('--log-level', 'error', *ros_arguments),
-            ]
-        )
-        os.sched_setaffinity(node.pid, {core})
-        os.sched_setaffinity(0, others or {core})
-        replay = [sys.executable, '-m', 'dg_localization.ros', 'replay', str(options.bag)]
-        subprocess.run(
-            [*replay, '--start', options.start, '--duration', options.duration, '--wait', '60'],
-            check=True,
-        )
-        node.send_signal(signal.SIGINT)
-        node.wait(END_S)
+        run(options, ros_arguments, result)
         with np.load(result) as noted:
             cells = row(noted)
     print(f'{machine()}\n')
