@@ -12,8 +12,9 @@ error of the odometry is shared by all that came before it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 import math
 
 import numpy as np
@@ -33,7 +34,7 @@ from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.memory import Ends, Observation
+from dg_localization.fleet.window.memory import STAMP_S, Ends, Observation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -109,8 +110,8 @@ def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = (
         Robots without cameras whose headings are known.
 
     """
-    config, observations = snapshot.config, snapshot.window.observations
-    if config.dimension != 2 or not observations:
+    config = snapshot.config
+    if config.dimension != 2 or not snapshot.window.observations:
         return None
     moving = _moving(snapshot, solved, headed)
     if not 0 < len(moving) <= MOST_POSES // LEAST_POSES:
@@ -126,31 +127,16 @@ def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = (
             solved.rows[robot],
             len(solved.points) + (len(times_s) - 1) * len(ways),
         )
-    parts: list[PackedTerms] = []
-    guesses, ends = _Guesses(), set()
-    fixed = config.anchors.keys() & solved.rows.keys()
-    for (observer, target), seen in observations.items():
-        if not {observer, target} <= ways.keys() | fixed or {observer, target} <= fixed:
-            continue
-        if squared_rise_m2(config, observer, target)[1] > 0.0:
-            continue
-        both = [ways.get(end) or _Fixed(solved.rows[end]) for end in (observer, target)]
-        error_rad = config.bearing_expected_error_of(observer, target)
-        since_s = max(times_s[-1], *(end.since_s for end in both))
-        recent = _Seen.of([one for one in seen if one.stamp_s >= since_s], error_rad)
-        parts += _terms_of(recent, *both)
-        ends.add((observer, target))
-        if target in fixed and observer in ways:
-            box = snapshot.anchors.boxes[config.points.index(target)]
-            guesses.add(ways[observer], recent, 0.5 * (box.lower + box.upper))
+    seen, ends = _seen(snapshot, solved, ways, float(times_s[-1]))
+    parts = _terms_of(seen, ways.values())
     parts += [part for way in ways.values() for part in way.steps(config.odometry_error)]
     return Past(
         PackedTerms.joined(parts),
         np.concatenate([np.full(len(times_s) - 1, way.row) for way in ways.values()]),
         len(solved.points),
         np.concatenate([way.seen_from_now[1:] for way in ways.values()]),
-        guesses.poses(),
-        frozenset(ends),
+        _guesses(seen, ways.values(), _landmarks_m(snapshot, solved)),
+        ends,
     )
 
 
@@ -182,46 +168,65 @@ def _times_s(snapshot: Snapshot, robots: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Observations of one target by one observer."""
+    """Observations; observers and targets are rows of points, and NaN is what was not measured."""
 
+    observers: IntArray
+    targets: IntArray
     stamps_s: FloatArray
     distances_m: FloatArray
     half_widths_m: FloatArray
     bearings_rad: FloatArray
     errors_rad: FloatArray
 
-    @classmethod
-    def of(cls, seen: list[Observation], expected_error_rad: float) -> _Seen:
-        """Return observations as arrays; NaN is what was not measured."""
-        rows = [
+    def chosen(self, kept: NDArray[np.bool_]) -> _Seen:
+        """Return some of them."""
+        return _Seen(*(getattr(self, field.name)[kept] for field in fields(self)))
+
+
+def _seen(
+    snapshot: Snapshot, solved: Constraints, ways: Mapping[str, _Poses], oldest_s: float
+) -> tuple[_Seen, frozenset[Ends]]:
+    """Return what robots on their ways and landmarks observed of each other, and who did."""
+    config = snapshot.config
+    fixed = config.anchors.keys() & solved.rows.keys()
+    rows, ends = [], set()
+    for (observer, target), seen in snapshot.window.observations.items():
+        both = {observer, target}
+        if not both <= ways.keys() | fixed or both <= fixed:
+            continue
+        if squared_rise_m2(config, observer, target)[1] > 0.0:
+            continue
+        ends.add((observer, target))
+        since_s = max([oldest_s, *(ways[end].since_s for end in both & ways.keys())])
+        error_rad = config.bearing_expected_error_of(observer, target)
+        rows += [
             (
+                solved.rows[observer],
+                solved.rows[target],
                 one.stamp_s,
                 one.likeliest_m,
                 0.5 * (one.upper_m - one.lower_m),
-                math.nan if one.direction is None else math.atan2(*one.direction[1::-1]),
+                _bearing_rad(one) - error_rad,
                 one.half_width_rad,
             )
-            for one in seen
+            for one in seen[bisect_left(seen, since_s, key=STAMP_S) :]
         ]
-        columns = np.array(rows).reshape(-1, 5).T.copy()
-        columns[3] -= expected_error_rad
-        # Who may look anywhere has seen nothing.
-        columns[3, columns[4] >= math.pi] = math.nan
-        return cls(*columns)
+    observers, targets, *columns = np.array(rows).reshape(-1, 7).T.copy()
+    return _Seen(observers.astype(int), targets.astype(int), *columns), frozenset(ends)
 
 
-class _Fixed:
-    """A landmark as an end of readings."""
+def _bearing_rad(seen: Observation) -> float:
+    """Return where a target was seen; who may look anywhere has seen nothing."""
+    if seen.direction is None or seen.half_width_rad >= math.pi:
+        return math.nan
+    return math.atan2(*seen.direction[1::-1])
 
-    since_s = -math.inf
-    """It has always been there."""
 
-    def __init__(self, row: int) -> None:
-        self._row = row
-
-    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the bodies at some times, and the pose of the point in their frames."""
-        return np.full(len(stamps_s), self._row), np.zeros((len(stamps_s), 3))
+def _landmarks_m(snapshot: Snapshot, solved: Constraints) -> dict[int, FloatArray]:
+    """Return the places of the anchors by row."""
+    points, boxes = snapshot.config.points, snapshot.anchors.boxes
+    places_m = {points[point]: 0.5 * (box.lower + box.upper) for point, box in boxes.items()}
+    return {solved.rows[name]: m for name, m in places_m.items() if name in solved.rows}
 
 
 class _Poses:
@@ -277,20 +282,34 @@ class _Poses:
         yield _packed(TURN, bodies, np.zeros((len(bodies), 2, 3)), axes, errors_rad)
 
 
-def _terms_of(
-    seen: _Seen, observer: _Poses | _Fixed, target: _Poses | _Fixed
-) -> list[PackedTerms]:
-    """Return the ranges and the rays of some observations."""
-    first, second = observer.ends(seen.stamps_s), target.ends(seen.stamps_s)
-    bodies = np.stack([first[0], second[0]], axis=-1)
+def _ends(
+    rows: IntArray, stamps_s: FloatArray, ways: Iterable[_Poses]
+) -> tuple[IntArray, FloatArray]:
+    """
+    Return the bodies that points were at some times, and their poses then in the frames of these.
+
+    What is fixed has always been the same body.
+    """
+    bodies, poses = rows.copy(), np.zeros((len(rows), 3))
+    for way in ways:
+        own = rows == way.row
+        bodies[own], poses[own] = way.ends(stamps_s[own])
+    return bodies, poses
+
+
+def _terms_of(seen: _Seen, ways: Collection[_Poses]) -> list[PackedTerms]:
+    """Return the ranges and the rays of observations."""
+    first_bodies, first_poses = _ends(seen.observers, seen.stamps_s, ways)
+    second_bodies, second_poses = _ends(seen.targets, seen.stamps_s, ways)
+    bodies = np.stack([first_bodies, second_bodies], axis=-1)
     arms_m = np.zeros((len(bodies), 2, 3))
-    arms_m[:, 0, :2], arms_m[:, 1, :2] = first[1][:, :2], second[1][:, :2]
+    arms_m[:, 0, :2], arms_m[:, 1, :2] = first_poses[:, :2], second_poses[:, :2]
     distances_m = np.zeros((len(bodies), 3))
     distances_m[:, 0] = seen.distances_m
-    directions = _directions(first[1][:, 2] + seen.bearings_rad)
+    directions = _directions(first_poses[:, 2] + seen.bearings_rad)
     ranged = np.isfinite(seen.distances_m) & np.isfinite(seen.half_widths_m)
     # How what is fixed is turned is not known.
-    sighted = np.isfinite(seen.bearings_rad) & isinstance(observer, _Poses)
+    sighted = np.isfinite(seen.bearings_rad) & np.isin(seen.observers, [way.row for way in ways])
     return [
         _packed(kind, bodies[known], arms_m[known], values[known], half_widths[known])
         for kind, known, values, half_widths in (
@@ -313,27 +332,19 @@ def _directions(angles_rad: FloatArray) -> FloatArray:
     return np.stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))], axis=-1)
 
 
-class _Guesses:
-    """Poses of robots from the landmarks that they saw: these laid on the map, roughly."""
-
-    def __init__(self) -> None:
-        self._pairs: dict[int, list[tuple[FloatArray, FloatArray]]] = {}
-
-    def add(self, robot: _Poses, seen: _Seen, place_m: FloatArray) -> None:
-        """Add where a robot saw a landmark."""
-        points_m = robot.points_now(seen)
-        points_m = points_m[np.isfinite(points_m).all(axis=1)]
-        pair = points_m, np.tile(place_m, (len(points_m), 1))
-        self._pairs.setdefault(robot.row, []).append(pair)
-
-    def poses(self) -> dict[int, FloatArray]:
-        """Return x, y and yaw by the row of the robot."""
-        found = {}
-        for row, pairs in self._pairs.items():
-            seen_m, true_m = (np.concatenate(column) for column in zip(*pairs, strict=True))
-            if len(np.unique(true_m, axis=0)) > 1:
-                found[row] = _laid_on(seen_m, true_m)
-        return found
+def _guesses(
+    seen: _Seen, ways: Iterable[_Poses], landmarks_m: Mapping[int, FloatArray]
+) -> dict[int, FloatArray]:
+    """Return poses of robots from the landmarks that they saw: these laid on the map, roughly."""
+    found = {}
+    for way in ways:
+        own = seen.chosen((seen.observers == way.row) & np.isin(seen.targets, [*landmarks_m]))
+        points_m = way.points_now(own)
+        known = np.isfinite(points_m).all(axis=1)
+        true_m = np.array([landmarks_m[row] for row in own.targets[known].tolist()])
+        if len(np.unique(true_m, axis=0)) > 1:
+            found[way.row] = _laid_on(points_m[known], true_m)
+    return found
 
 
 def _laid_on(seen_m: FloatArray, true_m: FloatArray) -> FloatArray:
