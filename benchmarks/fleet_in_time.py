@@ -8,6 +8,7 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
         [--fitted]
     python -m benchmarks.fleet_in_time rate [--data ../shared/data/mrclam] [--outliers 0]
+        [--start 95]
     python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
 
 Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
@@ -284,11 +285,11 @@ def report_mrclam(
     )
 
 
-def report_rate(folder: Path, outliers: int, memory_s: float) -> None:
+def report_rate(folder: Path, outliers: int, memory_s: float, from_s: float) -> None:
     """Print what an answer takes at 5 Hz, once the memory is full."""
     excerpt = Excerpt(folder)
     config = mrclam_config(excerpt, outliers, memory_s)
-    begin_s = excerpt.events[0].stamp_s + RATE_FROM_S
+    begin_s = excerpt.events[0].stamp_s + from_s
     often_s = begin_s + np.arange(RATE_TICKS) / RATE_HZ
     before_s = ticks_s(excerpt, 4.0)
     inside, spent = 0, []
@@ -433,13 +434,14 @@ def main() -> None:
     parser.add_argument('--data', type=Path, default=Path('../shared/data/mrclam'))
     parser.add_argument('--outliers', type=int, default=0)
     parser.add_argument('--every', type=float, default=5.0, metavar='SECONDS')
+    parser.add_argument('--start', type=float, default=RATE_FROM_S, metavar='SECONDS')
     parser.add_argument('--fitted', action='store_true', help='bounds learned by fit_bounds')
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
     elif arguments.study == 'rate':
         print('| memory (s) | outliers | truth inside | ms (95 %) |')
-        report_rate(arguments.data, arguments.outliers, arguments.memory)
+        report_rate(arguments.data, arguments.outliers, arguments.memory, arguments.start)
     elif arguments.study == 'robots':
         print(
             '| memory (s) | outliers | ticks | frames | one hypothesis | true distances inside '

@@ -120,7 +120,7 @@ class Doubts:
         Returns
         -------
         float
-            What it observed since then is forgotten; -inf for all.
+            When it agreed last; -inf where it never did, or where all is to be forgotten.
 
         """
         agreed_s = self._agreed_s.get(pair, math.inf)

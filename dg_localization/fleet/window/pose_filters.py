@@ -21,7 +21,7 @@ import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.carry import WORLD
+from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.forgetting import Doubts, Forgotten
 from dg_localization.fleet.window.memory import Ends, Observation
 from dg_localization.pairs import (
@@ -178,9 +178,10 @@ class PoseFilters:
         self._steps[robot] = tuple(walk.steps)
         return place
 
-    def set_back(self, robot: int) -> None:
-        """Undo the last `place` of a robot: what it measured since contradicts itself."""
-        if robot in self._before:
+    def set_back(self, pair: Pair) -> None:
+        """Undo the last `place` of a robot among anchors: what it measured since is in doubt."""
+        world, robot = pair
+        if world == WORLD and robot in self._before:
             self._filters[robot] = self._before[robot]
 
     def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:

@@ -114,24 +114,28 @@ def place_robots(
     ]
     covers: dict[Pair, Cover] = {}
     forgotten: list[Forgotten] = []
+    in_doubt: set[int] = set()
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
         placed = pair[0] != WORLD and all((WORLD, robot) in covers for robot in pair)
-        doubtful = pair[0] != WORLD and not filters.doubts.robots.isdisjoint(pair)
-        if doubtful or (placed and pair not in apart):
+        if not in_doubt.isdisjoint(pair) or (placed and pair not in apart):
             continue
         found = _place(
             snapshot, carried, pair, filters, newest_s if pair in apart else math.inf, stopped
         )
-        if not isinstance(found, Cover):
-            after_s = filters.doubts.contradicted(pair, snapshot.stamp_s)
-            filters.set_back(pair[1])
+        if isinstance(found, Cover):
+            stamps_s, complete = carried.stamps_s(pair), not stopped()
+            if filters.doubts.settled(pair, stamps_s, snapshot.stamp_s, complete):
+                if found.bounded:
+                    covers[pair] = found
+                continue
+        else:
+            agreed_s = filters.doubts.contradicted(pair, snapshot.stamp_s)
+            # What came late may be as old as this.
+            after_s = agreed_s - snapshot.config.max_age_s
             forgotten += _what_contradicts(snapshot, pair, found, after_s)
-            continue
-        stamps_s = carried.stamps_s(pair)
-        settled = filters.doubts.settled(pair, stamps_s, snapshot.stamp_s, not stopped())
-        if settled and found.bounded:
-            covers[pair] = found
+        filters.set_back(pair)
+        in_doubt |= {pair[1]} if pair[0] == WORLD else set()
     pose_sets = PoseSets(
         {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
         {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},
