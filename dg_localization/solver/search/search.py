@@ -71,10 +71,22 @@ def search(
         cover = Cover(empty=1)
     else:
         starts = [whole] if within is None else _common_parts(whole, within)
+        at_gaps = at_gaps or _is_convex(problem)
         cover = _cover(starts, pruners, options.resolution, at_gaps, budget, progress)
     if not cover.pending and options.tighten_slices:
         _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
     return cover, budget.statistics(cover, len(cover.pending))
+
+
+def _is_convex(problem: Problem) -> bool:
+    """
+    Return whether the distances of the placements in any box are a convex set.
+
+    Those of three points obey the triangle inequalities and nothing else, off a line. Contraction
+    finds the hull of such a set, and parts of it would be parts of one hypothesis.
+    """
+    most_points = 2 if problem.dimension == 1 else 3
+    return problem.n_points <= most_points and len(problem.chiralities) < 2
 
 
 def _common_parts(
