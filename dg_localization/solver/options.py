@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 import math
 from numbers import Integral, Real
@@ -56,6 +57,14 @@ class SolverOptions:
             raise ValueError(f'resolution is {self.resolution} m, it must be positive and finite')
         for name, least in (('max_boxes', 1), ('tighten_slices', 0), ('max_hypotheses', 1)):
             self._check_whole(name, least)
+
+    def limited(self, max_boxes: int, max_seconds: float, tighten_seconds: float) -> SolverOptions:
+        """Return a copy with other limits, which are known to be valid."""
+        options = copy(self)
+        options.__dict__.update(
+            max_boxes=max_boxes, max_seconds=max_seconds, tighten_seconds=tighten_seconds
+        )
+        return options
 
     def _check_real(self, name: str, unit: str) -> None:
         """Refuse what is no positive number, and keep the others as floats."""

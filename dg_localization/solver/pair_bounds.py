@@ -6,13 +6,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+MOST_REMEMBERED = 64
+"""The pairs of so many points are listed once; they are needed again and again."""
+
+
+def pairs_among(n_points: int) -> tuple[IntArray, IntArray]:
+    """Return the rows and the columns of all pairs of so many points, in their order."""
+    return _remembered(n_points) if n_points <= MOST_REMEMBERED else np.triu_indices(n_points, 1)
+
+
+@cache
+def _remembered(n_points: int) -> tuple[IntArray, IntArray]:
+    """Return the same, read only."""
+    rows, columns = np.triu_indices(n_points, 1)
+    rows.flags.writeable = columns.flags.writeable = False
+    return rows, columns
 
 
 class PairBounds:
@@ -72,7 +89,7 @@ class PairBounds:
         """
         members = np.array(points, dtype=np.int64)
         lower, upper = np.zeros((2, len(members), len(members)))
-        rows, columns = np.triu_indices(len(members), 1)
+        rows, columns = pairs_among(len(members))
         low, high = self.of(members[rows], members[columns])
         lower[rows, columns] = lower[columns, rows] = low
         upper[rows, columns] = upper[columns, rows] = high

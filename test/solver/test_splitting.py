@@ -4,7 +4,8 @@
 """Where a box is split."""
 
 import numpy as np
-from solver_cases import box_of, squared_distances
+import pytest
+from solver_cases import bounds, box_of, squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.box import GAP_LOWER, GAP_UPPER
@@ -36,3 +37,30 @@ def test_exact_pairs_beside_wide_ones_do_not_make_a_patch_flexible():
     result = solve(Problem(lower, upper, 3), SolverOptions(resolution=0.01, max_boxes=20))
     assert result.verdict is Verdict.COVERED
     assert len(result.hypotheses) == result.statistics.kept == 1
+
+
+@pytest.mark.parametrize('dimension', [1, 2, 3])
+def test_a_bar_of_any_length_takes_one_box(dimension):
+    result = solve(Problem(*bounds(2, {(0, 1): (1.0, 9.0)}), dimension))
+    assert result.verdict is Verdict.COVERED
+    assert (result.statistics.processed, result.n_hypotheses) == (1, 1)
+    assert (result.lower[0, 1], result.upper[0, 1]) == pytest.approx((1.0, 9.0), rel=1e-12)
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_wide_triangle_takes_one_box_whose_ends_are_all_placements(dimension):
+    ranges_m = {(0, 1): (3.0, 9.0), (0, 2): (1.0, 4.0), (1, 2): (1.0, 3.0)}
+    ranges = {pair: (low**2, high**2) for pair, (low, high) in ranges_m.items()}
+    result = solve(Problem(*bounds(3, ranges), dimension))
+    assert result.verdict is Verdict.COVERED
+    assert (result.statistics.processed, result.n_hypotheses) == (1, 1)
+    # The far end of the first pair needs both others at their longest.
+    ends = [(np.sqrt(result.lower[i, j]), np.sqrt(result.upper[i, j])) for i, j in ranges_m]
+    assert ends == [pytest.approx(end) for end in ((3.0, 7.0), (1.0, 4.0), (1.0, 3.0))]
+
+
+def test_three_points_on_a_line_are_split_where_they_cannot_be():
+    ranges = {(0, 1): (9.0, 10.0), (0, 2): (1.0, 1.1)}
+    result = solve(Problem(*bounds(3, ranges), 1))
+    assert result.verdict is Verdict.COVERED
+    assert result.n_hypotheses == 2

@@ -78,6 +78,10 @@ class CallBudget:
         if self._progress:
             self._progress(self.spent + statistics)
 
+    def _reporter(self) -> Callable[[Statistics], None] | None:
+        """Return what a search calls after every box, nothing where nobody asked for it."""
+        return self._report if self._progress else None
+
     def take_back(self, n_pending: int) -> None:
         """Note that boxes which a search left pending are examined after all."""
         self.spent = replace(self.spent, pending=self.spent.pending - n_pending)
@@ -146,7 +150,8 @@ class CallBudget:
         options = self._share(share, most_boxes)
         has_boxes = self._boxes() > 0
         cancel = self._cancel if has_boxes else _Stopped()
-        cover, statistics = search(problem, options, cancel, self._report, within, at_gaps=at_gaps)
+        report = self._reporter()
+        cover, statistics = search(problem, options, cancel, report, within, at_gaps=at_gaps)
         self._spend(statistics, has_boxes)
         return cover
 
@@ -237,7 +242,7 @@ class CallBudget:
         """Solve one part in this process."""
         has_boxes = self._boxes() > 0
         cancel = self._cancel if has_boxes else _Stopped()
-        solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._report)
+        solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._reporter())
         self._spend(solved.statistics, has_boxes)
         return solved
 
@@ -253,11 +258,10 @@ class CallBudget:
 
     def _limited(self, max_boxes: int, max_seconds: float) -> SolverOptions:
         """Return the options for some boxes and time."""
-        return replace(
-            self.options,
-            max_boxes=max_boxes,
-            max_seconds=max(LEAST_S, max_seconds),
-            tighten_seconds=max(LEAST_S, self.options.tighten_seconds - self.seconds()),
+        return self.options.limited(
+            max_boxes,
+            max(LEAST_S, max_seconds),
+            max(LEAST_S, self.options.tighten_seconds - self.seconds()),
         )
 
     def _spend(self, statistics: Statistics, has_boxes: bool) -> None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 import time
 
@@ -140,10 +140,10 @@ def _solve_batch(
 
 def _left_of(options: SolverOptions, passed_s: float) -> SolverOptions:
     """Return the options with what is left of the time."""
-    return replace(
-        options,
-        max_seconds=max(LEAST_S, options.max_seconds - passed_s),
-        tighten_seconds=max(LEAST_S, options.tighten_seconds - passed_s),
+    return options.limited(
+        options.max_boxes,
+        max(LEAST_S, options.max_seconds - passed_s),
+        max(LEAST_S, options.tighten_seconds - passed_s),
     )
 
 

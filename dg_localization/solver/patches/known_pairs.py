@@ -21,7 +21,7 @@ from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import BoolArray, Pair
 from dg_localization.solver.decompose.rigid_components import Points
-from dg_localization.solver.pair_bounds import PairBounds
+from dg_localization.solver.pair_bounds import PairBounds, pairs_among
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -108,7 +108,7 @@ class KnownPairs:
     def _keys(self, points: Points) -> IntArray:
         """Return one number for each pair of some points."""
         members = np.array(points)
-        rows, columns = np.triu_indices(len(points), 1)
+        rows, columns = pairs_among(len(points))
         return np.asarray(members[rows] * self._n_points + members[columns])
 
     def narrow(self) -> int | None:
@@ -165,7 +165,7 @@ class KnownPairs:
 
 def _bounds_of(patch: Patch) -> FloatArray:
     """Return the bounds in m^2 of the pairs of a patch by hypothesis, shape (2, k, m)."""
-    rows, columns = np.triu_indices(len(patch.points), 1)
+    rows, columns = pairs_among(len(patch.points))
     ends = [(h.lower[rows, columns], h.upper[rows, columns]) for h in patch.hypotheses]
     return np.array(ends).reshape(-1, 2, len(rows)).transpose(1, 0, 2)
 

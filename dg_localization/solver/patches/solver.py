@@ -148,16 +148,17 @@ class PatchSolver:
         if empty is None and any(patch.pending for patch in patches):
             patches = [new for patch in patches for new in self._redone(patch, known)]
             known, empty = self._narrowed(patches)
+        bodies = self._bodies(patches)
         while empty is None and not self._is_over():
-            new = list(self._further(known, patches))
+            new = list(self._further(known, patches, bodies))
             if not new:
                 break
             patches += new
+            bodies = self._bodies(patches)
             known, empty = self._narrowed(patches)
         if empty is not None:
             return SolvedPatches([empty], known)
-        is_one_body = self._hold_together(self._bodies(patches))
-        return SolvedPatches(patches, known, is_one_body, n_unsolved)
+        return SolvedPatches(patches, known, self._hold_together(bodies), n_unsolved)
 
     def _is_over(self) -> bool:
         """Return whether there is no time left for another patch."""
@@ -214,11 +215,12 @@ class PatchSolver:
         """Return what the patches make together, the largest first."""
         return bodies_of([patch.points for patch in patches], self._problem.dimension)
 
-    def _further(self, known: KnownPairs, patches: Sequence[Patch]) -> Iterator[Patch]:
+    def _further(
+        self, known: KnownPairs, patches: Sequence[Patch], bodies: Sequence[set[int]]
+    ) -> Iterator[Patch]:
         """Return more patches about what is open."""
         q = self._problem.dimension
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
-        bodies = self._bodies(patches)
         is_open = not self._hold_together(bodies) and not self._is_over()
         seams = seam_patches(graph, bodies, q, self._is_over) if is_open else []
         reviews = [

@@ -14,6 +14,8 @@ import numpy as np
 
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.fixed_point import Pruned
+from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
@@ -65,6 +67,9 @@ def search(
 
     """
     budget = Budget(options, cancel)
+    if _is_convex(problem):
+        cover = _cover_by_triangles(problem, within, budget, progress)
+        return cover, budget.statistics(cover, len(cover.pending))
     pruners = [Pruner(problem, options) for _ in range(at_once or _n_workers(problem))]
     whole = pruners[0].whole()
     if whole is None:
@@ -75,6 +80,39 @@ def search(
     if not cover.pending and options.tighten_slices:
         _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
     return cover, budget.statistics(cover, len(cover.pending))
+
+
+def _is_convex(problem: Problem) -> bool:
+    """
+    Return whether the distances of the placements in any box are a convex set.
+
+    Those of three points obey the triangle inequalities and nothing else, in the plane and in
+    space. These give the hull of the set, and parts of it would be parts of one hypothesis.
+    """
+    most_points = 2 if problem.dimension == 1 else 3
+    return problem.n_points <= most_points and len(problem.chiralities) < 2
+
+
+def _cover_by_triangles(
+    problem: Problem,
+    within: Sequence[tuple[FloatArray, FloatArray]] | None,
+    budget: Budget,
+    progress: Callable[[Statistics], None] | None,
+) -> Cover:
+    """Cover the placements of a convex problem by a box, or by one in each of some boxes."""
+
+    def smoothed(box: FloatArray) -> Pruned:
+        is_left = smooth_triangles(box, np.empty_like(box), np.arange(problem.n_points))
+        status = Status.CONTRACTED if is_left else Status.EMPTY
+        return Pruned(status, box, np.zeros(box.shape[1:]))
+
+    whole = np.array([problem.lower, problem.upper, *np.zeros((2, *problem.lower.shape))])
+    if smoothed(whole).status is Status.EMPTY:
+        return Cover(empty=1)
+    starts = [whole] if within is None else _common_parts(whole, within)
+    return branch_and_prune(
+        starts, lambda boxes: map(smoothed, boxes), lambda _: [], budget, 1, progress
+    )
 
 
 def _common_parts(
