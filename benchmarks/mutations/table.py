@@ -397,6 +397,26 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'search/common_frame',
+        ('test/solver/test_common_frame.py',),
+        (
+            'of the parts of a box that is cut only one is looked at',
+            'for half in softest.halves():',
+            'for half in softest.halves()[:1]:',
+        ),
+    ),
+    *_in(
+        'solver',
+        'contract/procrustes',
+        ('test/solver/test_common_frame.py',),
+        (
+            'the length does not scale the crossing of a pair',
+            'low, high = sub(*mul(*length, *across), *at_reference)',
+            'low, high = sub(*across, *at_reference)',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/links',
         ('test/solver/test_pieces.py',),
         (

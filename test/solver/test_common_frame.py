@@ -14,7 +14,14 @@ from solver_cases import bounds, squared_distances
 from dg_localization import Problem, SolverOptions
 from dg_localization.interval.kernels import COMPILED
 from dg_localization.solver.contract.groups import groups_of
+from dg_localization.solver.contract.linearization import new_linearization
+from dg_localization.solver.contract.procrustes import (
+    new_procrustes_frame,
+    set_crossing,
+    set_frame,
+)
 from dg_localization.solver.place.placements import place
+from dg_localization.solver.search import common_frame
 from dg_localization.solver.search.common_frame import CommonFrame, narrow_in_common_frame
 from dg_localization.solver.search.pruning import Pruner
 
@@ -83,6 +90,14 @@ def hostile(seed):
     return box, truth, groups_of(np.where(np.isinf(known), 0.0, lower), known), reference
 
 
+@pytest.fixture(params=['cut where pairs are wide', 'always cut'])
+def cuts(request, monkeypatch):
+    if request.param == 'always cut':
+        monkeypatch.setattr(common_frame, 'MOST_EXCESS', {1: 0.0, 3: 0.0})
+        monkeypatch.setattr(common_frame, 'MOST_CUTS', 3)
+
+
+@pytest.mark.usefixtures('cuts')
 def test_the_truth_is_never_lost():
     for seed in range(FIRST_SEED, FIRST_SEED + N_HOSTILE):
         box, truth, groups, reference = hostile(seed)
@@ -93,6 +108,25 @@ def test_the_truth_is_never_lost():
         assert (box[0] <= squared * (1.0 + ROUNDING)).all(), seed
         assert (box[1] >= squared * (1.0 - ROUNDING)).all(), seed
         assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all(), seed
+
+
+def test_the_crossing_of_a_pair_holds_all_its_turns():
+    rng = np.random.default_rng(FIRST_SEED)
+    for seed in range(FIRST_SEED, FIRST_SEED + N_HOSTILE):
+        box, truth, groups, reference = hostile(seed)
+        n_points = len(truth)
+        linear = new_linearization(np.array([[0, n_points - 1]]), n_points, 2)
+        turned = new_procrustes_frame(n_points)
+        if len(groups.offsets) != 2 or not set_frame(box, reference, linear, turned):
+            continue
+        g, v = linear.reference[0] - linear.reference[-1], truth[0] - truth[-1]
+        turn = np.arctan2(g[0] * v[1] - g[1] * v[0], g @ v)
+        low, high = turn - rng.random() ** 3, turn + rng.random() ** 3
+        turned.turns[0, :, -1] = max(low, -np.pi), min(high, np.pi)
+        set_crossing(box, linear, turned, 0, rng.uniform(low, high))
+        crossing = linear.gradients[0] @ (v - g)
+        slack = 1e-12 * np.hypot(*linear.gradients[0]) * (np.hypot(*v) + np.hypot(*g))
+        assert linear.residuals[0, 0] - slack <= crossing <= linear.residuals[0, 1] + slack, seed
 
 
 def fits(frame, truth, slack_m):
@@ -186,6 +220,33 @@ def test_pairs_are_narrowed_close_to_what_the_errors_explain(relative_error, mos
         i, j = pairs.T
         excess.extend((box[1, i, j] - box[0, i, j]) / explained)
     assert np.median(excess) < most
+
+
+def excess_of(problem):
+    """Return the widths that linear programs leave of the unknown pairs, over the explained."""
+    pruner = Pruner(problem, SolverOptions())
+    pruned = pruner.prune(pruner.whole())
+    box, pairs = pruned.box, np.argwhere(np.triu(np.isinf(problem.upper)))
+    explained = pruned.explained[tuple(pairs.T)]
+    assert pruner.narrow_in_common_frame(box, place(box, 2), pairs, explained, never)
+    i, j = pairs.T
+    return box[:2, i, j], (box[1, i, j] - box[0, i, j]) / explained
+
+
+def test_a_box_is_cut_where_pairs_are_wide_and_nowhere_else(monkeypatch):
+    wide = common_frame.MOST_EXCESS[1]
+    n_cut = 0
+    for seed in range(20):
+        _, problem = fleet(seed, 0.01, 6)
+        monkeypatch.setattr(common_frame, 'MOST_CUTS', 0)
+        whole, excess = excess_of(problem)
+        monkeypatch.undo()
+        parts, excess_of_parts = excess_of(problem)
+        assert (parts[0] >= whole[0]).all() and (parts[1] <= whole[1]).all()
+        assert (parts[:, excess < wide] == whole[:, excess < wide]).all()
+        assert excess_of_parts.max() < wide
+        n_cut += excess.max() > wide
+    assert n_cut == 2
 
 
 def test_time_that_is_up_leaves_the_box_as_it_is():

@@ -76,7 +76,8 @@ def test_no_more_slices_than_allowed_are_examined(paper_fleet, monkeypatch):
     for slices in (1, 3, 7, 150):
         examined.clear()
         solve(problem, SolverOptions(tighten_slices=slices))
-        assert (len(examined) > 0) == (slices > 3)
+        # Seven are too few for all ends, and linear programs leave no pair open.
+        assert (len(examined) > 0) == (slices > 7)
         assert len(examined) <= slices
 
 

@@ -21,6 +21,9 @@ The first is a linear function of the displacements that a measured length and b
 bound: the chord of the arc where v ends, and the tangent. It is best with a in the middle of the
 bounds of the turn, where a chord is closest to its arc. No squares are left out.
 
+**Crossings.** The second one is a row of its own where a turn is bounded by more than the measured
+pairs: where the box has been cut in two at one of its values.
+
 **Programs.** With these rows, linear programs bound the second one, and by it the turn. Any
 multiple of sum_k r_k x e_k may be added to a linear function, because it is zero here. The first
 bounds of the turns come from triangles (`turns`).
@@ -36,7 +39,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import rounding_error, sqrt_down, sqrt_up, up
 from dg_localization.interval.scalars import add, div, mul, sqrt, square, sub
-from dg_localization.interval.trigonometry import angle_between, arcsine, cosine
+from dg_localization.interval.trigonometry import angle_between, arcsine, cosine, sine
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.linearization import Linearization
 from dg_localization.solver.contract.newton import narrow_bounds
@@ -224,6 +227,23 @@ def set_chord(box: FloatArray, linear: Linearization, turned: ProcrustesFrame, m
     length = mul(*norm(vector), sqrt_down(box[LOWER, i, j]), sqrt_up(box[UPPER, i, j]))
     at_reference = product_with_reference(linear, i, j, vector[0], vector[1])
     low, high = sub(*mul(*length, *along), *at_reference)
+    linear.residuals[m, LOWER], linear.residuals[m, UPPER] = low, high
+
+
+@kernel
+def set_crossing(
+    box: FloatArray, linear: Linearization, turned: ProcrustesFrame, m: int, direction: float
+) -> None:
+    """Write the gradient and the residual of a row for the bounds of the turn of its pair."""
+    i, j, vector = linear.edges[m, 0], linear.edges[m, 1], np.empty(2)
+    turned_pair(linear, i, j, direction, vector)
+    turn = turned.turns[i, LOWER, j], turned.turns[i, UPPER, j]
+    across = sine(*sub(*turn, *angle_from(linear, i, j, vector)))
+    length = mul(*norm(vector), sqrt_down(box[LOWER, i, j]), sqrt_up(box[UPPER, i, j]))
+    # w x v = v . (w turned by a quarter)
+    linear.gradients[m, 0], linear.gradients[m, 1] = -vector[1], vector[0]
+    at_reference = product_with_reference(linear, i, j, -vector[1], vector[0])
+    low, high = sub(*mul(*length, *across), *at_reference)
     linear.residuals[m, LOWER], linear.residuals[m, UPPER] = low, high
 
 

@@ -37,6 +37,7 @@ from dg_localization.solver.contract.procrustes import (
     set_gradient,
     turned_pair,
 )
+from dg_localization.solver.contract.reference import reference_distance_m2
 from dg_localization.solver.contract.simplex import set_multipliers
 
 LENGTH_TOLERANCE = 0.03
@@ -49,6 +50,9 @@ lengths, and in those for turns that serve to bound a length: errors of these ar
 SECTOR_RAD = 0.2
 MOST_SECTORS = 3
 """Width of a sector, and how many there are at most."""
+
+LEAST_EXPLAINED = 0.65
+"""The errors are taken to explain at least this fraction of what they do by least squares."""
 
 
 @kernel
@@ -87,6 +91,21 @@ def _explained(multipliers: FloatArray, errors: FloatArray) -> float:
 
 
 @kernel
+def _add_losses(
+    linear: Linearization,
+    multipliers: FloatArray,
+    errors: FloatArray,
+    weight: float,
+    losses: FloatArray,
+) -> None:
+    """Add what each row adds to a bound by being wider than its errors."""
+    for m in range(len(multipliers)):
+        extra = linear.residuals[m, UPPER] - linear.residuals[m, LOWER] - errors[m]
+        if extra > 0.0:
+            losses[m] += weight * abs(multipliers[m]) * extra
+
+
+@kernel
 def bound_by_program(
     linear: Linearization,
     table: FloatArray,
@@ -118,20 +137,18 @@ def _bound_end(
     target: FloatArray,
     end: int,
     tolerance: float,
-    errors: FloatArray,
-) -> tuple[float, float]:
+    multipliers: FloatArray,
+) -> float:
     """
     Bound a linear function of the displacements in the Procrustes frame from one side.
 
-    Returns the bound, and half the width that its multipliers explain.
+    The multipliers are written.
     """
-    multipliers = np.empty(len(linear.edges))
     _solve(linear, table, active, target, end, tolerance, multipliers)
     balanced = target.copy()
     slack = balance(linear, turned, multipliers, balanced)
     bound = bound_linear_function(linear, multipliers, balanced)[end]
-    bound = up(bound + slack) if end == UPPER else down(bound - slack)
-    return bound, _explained(multipliers, errors)
+    return up(bound + slack) if end == UPPER else down(bound - slack)
 
 
 @kernel
@@ -178,7 +195,7 @@ def narrow_turns(
 
     """
     target, vector = np.zeros_like(linear.reference), np.empty(2)
-    nothing = np.zeros(len(linear.edges))
+    multipliers = np.empty(len(linear.edges))
     largest_gain = 0.0
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
@@ -188,7 +205,7 @@ def narrow_turns(
         for end in range(2):
             turned_pair(linear, i, j, _direction(turned, i, j, end), vector)
             set_gradient(i, j, -vector[1], vector[0], target)
-            bound, _ = _bound_end(linear, turned, table, active, target, end, tolerance, nothing)
+            bound = _bound_end(linear, turned, table, active, target, end, tolerance, multipliers)
             low, high = (-math.inf, bound) if end == UPPER else (bound, math.inf)
             if narrow_turn(box, linear, turned, i, j, vector, low, high) < 0.0:
                 return -1.0
@@ -212,6 +229,48 @@ def _direction(turned: ProcrustesFrame, i: int, j: int, end: int) -> float:
 
 
 @kernel
+def _shortest(
+    linear: Linearization,
+    turned: ProcrustesFrame,
+    table: FloatArray,
+    active: IntArray,
+    i: int,
+    j: int,
+    multipliers: FloatArray,
+) -> float:
+    """Bound the length of a pair from below, in m; the multipliers are written."""
+    target, vector = np.zeros_like(linear.reference), np.empty(2)
+    turned_pair(linear, i, j, middle_of_turn(turned, i, j), vector)
+    set_gradient(i, j, vector[0], vector[1], target)
+    low = _bound_end(linear, turned, table, active, target, LOWER, LENGTH_TOLERANCE, multipliers)
+    low = max(0.0, down(low + product_with_reference(linear, i, j, vector[0], vector[1])[0]))
+    return div(low, low, *norm(vector))[0]
+
+
+@kernel
+def _longest(
+    linear: Linearization,
+    turned: ProcrustesFrame,
+    table: FloatArray,
+    active: IntArray,
+    i: int,
+    j: int,
+    first: float,
+    last: float,
+    multipliers: FloatArray,
+) -> float:
+    """Bound the length of a pair whose turn is in a sector from above, in m; see `_shortest`."""
+    target, vector = np.zeros_like(linear.reference), np.empty(2)
+    turned_pair(linear, i, j, 0.5 * (first + last), vector)
+    set_gradient(i, j, vector[0], vector[1], target)
+    high = _bound_end(linear, turned, table, active, target, UPPER, LENGTH_TOLERANCE, multipliers)
+    high = up(high + product_with_reference(linear, i, j, vector[0], vector[1])[1])
+    along = cosine(*sub(first, last, *angle_from(linear, i, j, vector)))[0]
+    least = down(along * norm(vector)[0])
+    return up(max(high, 0.0) / least) if least > 0.0 else math.inf
+
+
+@kernel
 def narrow_pairs(
     box: FloatArray,
     linear: Linearization,
@@ -221,6 +280,8 @@ def narrow_pairs(
     pairs: IntArray,
     errors: FloatArray,
     explained: FloatArray,
+    most_excess: float,
+    losses: FloatArray,
 ) -> bool:
     """
     Narrow some pairs of a box in place, in the Procrustes frame.
@@ -230,10 +291,15 @@ def narrow_pairs(
     box, linear, turned, table, active, pairs
         See `narrow_turns`.
     errors : ndarray, shape (m,)
-        Width of the measured intervals of the problem in m^2.
+        Width of the measured intervals of the problem in m^2; zero for other rows.
     explained : ndarray, shape (k,)
-        Where the width of the linear program for each pair is written, in m^2: what the errors
-        explain to first order. Left as it is where there is no linear program.
+        What the errors explain of the width of each pair by least squares, in m^2. What they
+        explain by linear programs is written, which is less.
+    most_excess : float
+        A pair that stays wider than so many times what is explained is open.
+    losses : ndarray, shape (m,)
+        What each row adds to the widths of open pairs, relatively, by being wider than its errors,
+        is added here.
 
     Returns
     -------
@@ -243,41 +309,32 @@ def narrow_pairs(
     """
     if narrow_turns(box, linear, turned, table, active, pairs, ROUGH_TOLERANCE, -1, 0) < 0.0:
         return False
-    target, vector = np.zeros_like(linear.reference), np.empty(2)
+    multipliers, own = np.empty(len(linear.edges)), np.empty(len(linear.edges))
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
-        turned_pair(linear, i, j, middle_of_turn(turned, i, j), vector)
-        if not norm(vector)[0] > 0.0:
+        if not reference_distance_m2(linear.reference, i, j) > 0.0:
             continue
-        set_gradient(i, j, vector[0], vector[1], target)
-        low, below = _bound_end(
-            linear, turned, table, active, target, LOWER, LENGTH_TOLERANCE, errors
-        )
-        low = down(low + product_with_reference(linear, i, j, vector[0], vector[1])[0])
-        low = div(max(low, 0.0), max(low, 0.0), *norm(vector))[0]
+        own[:] = 0.0
+        low = _shortest(linear, turned, table, active, i, j, multipliers)
+        # In the middle of the turn: near its ends the errors may explain far less.
+        by_program = 4.0 * _explained(multipliers, errors)
+        explained[p] = max(by_program, LEAST_EXPLAINED * explained[p])
+        _add_losses(linear, multipliers, errors, 1.0, own)
         width = turned.turns[i, UPPER, j] - turned.turns[i, LOWER, j]
         sectors = int(min(max(1.0, math.ceil(width / SECTOR_RAD)), MOST_SECTORS))
-        high, above = 0.0, 0.0
+        high = 0.0
         for sector in range(sectors):
             first = turned.turns[i, LOWER, j] + width * sector / sectors
             last = turned.turns[i, LOWER, j] + width * (sector + 1) / sectors
             if sector == sectors - 1:
                 last = turned.turns[i, UPPER, j]
-            turned_pair(linear, i, j, 0.5 * (first + last), vector)
-            set_gradient(i, j, vector[0], vector[1], target)
-            end, above = _bound_end(
-                linear, turned, table, active, target, UPPER, LENGTH_TOLERANCE, errors
-            )
-            end = up(end + product_with_reference(linear, i, j, vector[0], vector[1])[1])
-            along = cosine(*sub(first, last, *angle_from(linear, i, j, vector)))[0]
-            if along > 0.0:
-                least = down(along * norm(vector)[0])
-                high = max(high, up(max(end, 0.0) / least)) if least > 0.0 else math.inf
-            else:
-                high = math.inf
-        target[i] = 0.0
-        target[j] = 0.0
-        explained[p] = 2.0 * (below + above)
+            end = _longest(linear, turned, table, active, i, j, first, last, multipliers)
+            high = max(high, end)
+            _add_losses(linear, multipliers, errors, 1.0 / sectors, own)
         if not narrow(box, i, j, square_down(low), square_up(high)):
             return False
+        width_m2 = box[UPPER, i, j] - box[LOWER, i, j]
+        if width_m2 > most_excess * explained[p]:
+            for m in range(len(losses)):
+                losses[m] += own[m] / width_m2
     return True

@@ -5,22 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.contract.groups import Groups
-from dg_localization.solver.contract.linearization import Linearization, new_linearization
+from dg_localization.solver.contract.linearization import new_linearization
 from dg_localization.solver.contract.procrustes import (
     new_procrustes_frame,
     set_chords,
     set_frame,
-    set_free_rows,
 )
-from dg_localization.solver.contract.programs import narrow_pairs, narrow_turns
-from dg_localization.solver.contract.simplex import set_table
 from dg_localization.solver.contract.turns import (
     complete,
     narrow_turns_by_differences,
@@ -28,18 +24,22 @@ from dg_localization.solver.contract.turns import (
     set_differences,
     shorten_chains,
 )
+from dg_localization.solver.search.frame_parts import FramePart, batches
 
 MOST_ROUNDS = 8
 """Linear programs for the turns of the measured pairs are solved at most so often."""
 
-LEAST_GAIN_OF_ROUND = 0.03
-"""Only those are repeated whose turns have become narrower by this fraction."""
+MOST_EXCESS = {1: 1.25, 3: 1.45}
+"""
+A pair is open when it is so many times wider than the errors explain, by how many chords there are
+of each arc: where turns are wide, more is left by all pairs.
+"""
 
-TOLERANCE = 0.03
-"""Of those linear programs (`set_multipliers`)."""
-
-WIDE_RAD = 0.35
-"""Where the bounds of turns are wider in the median, arcs have tangents at their ends as well."""
+MOST_CUTS, MOST_ROUNDS_OF_PART, MOST_OPEN = 2, 2, 20
+"""
+While a pair is open, the box is cut into one part more. Parts have fewer rounds, and bound no more
+than the widest open pairs, so that all cuts together take about as long as the box did at most.
+"""
 
 MOST_INFLATED = 5.0
 """
@@ -52,9 +52,6 @@ MOST_POINTS = 40
 
 MOST_POINTS_OF_ALL_CHAINS = 24
 """In larger groups chains lead through measured pairs only."""
-
-EXCHANGES = 10
-"""About how often a program writes its table, for how many are solved between looks."""
 
 
 class CommonFrame:
@@ -112,51 +109,38 @@ class CommonFrame:
             return False
         if self._stopped() or self._inflation() > MOST_INFLATED:
             return True
-        linear, n_chords = self._with_chords()
-        table = np.empty((self._n_unknowns + 3, self._n_unknowns))
-        active = np.full(self._n_unknowns, -1)
-        state = (self._box, linear, self._turned, table, active)
-        measured, size = self._linear.edges, self._n_unknowns * (self._n_unknowns + len(errors))
-        some_gain = list(self._batches(len(measured), size))
-        for _ in range(MOST_ROUNDS):
-            if not self._set_table(linear, n_chords, table, active):
-                return True
-            gains = []
-            for some in some_gain:
-                if self._stopped():
-                    return True
-                first_row = some.start * n_chords
-                gains.append(narrow_turns(*state, measured[some], TOLERANCE, first_row, n_chords))
-                if gains[-1] < 0.0:
-                    return False
-            pairs_and_gains = zip(some_gain, gains, strict=True)
-            some_gain = [some for some, gain in pairs_and_gains if gain > LEAST_GAIN_OF_ROUND]
-        if not self._set_table(linear, n_chords, table, active):
-            return True
-        errors = np.repeat(errors, n_chords)
-        for some in self._batches(len(pairs), size):
-            if not narrow_pairs(*state, pairs[some], errors, explained[some]):
-                return False
-        return True
+        whole = FramePart(self._box, self._linear, self._turned, errors, self._n_unknowns)
+        most_excess = MOST_EXCESS[whole.n_chords]
+        if not whole.narrow(pairs, explained, most_excess, MOST_ROUNDS, self._stopped):
+            return False
+        return self._narrow_parts(whole, pairs, explained, most_excess)
 
-    def _set_table(
-        self, linear: Linearization, n_chords: int, table: FloatArray, active: IntArray
+    def _narrow_parts(
+        self, whole: FramePart, pairs: IntArray, explained: FloatArray, most_excess: float
     ) -> bool:
-        """Write the chords and the table of the programs; False where there is none."""
-        set_chords(self._box, linear, self._turned, n_chords)
-        set_free_rows(linear, self._turned, table)
-        return bool(set_table(linear, table, active))
-
-    def _with_chords(self) -> tuple[Linearization, int]:
-        """Return the measured pairs, each with as many rows as its arcs need, and how many."""
-        linear = self._linear
-        i, j = linear.edges.T
-        widths_rad = self._turned.turns[i, UPPER, j] - self._turned.turns[i, LOWER, j]
-        n_chords = 1 if np.median(widths_rad) < WIDE_RAD else 3
-        edges = np.repeat(linear.edges, n_chords, axis=0)
-        gradients, residuals = np.empty((len(edges), 2)), np.empty((len(edges), 2))
-        chords = linear._replace(edges=edges, gradients=gradients, residuals=residuals)
-        return chords, n_chords
+        """Cut the box where that narrows pairs; narrow those that are open to what parts leave."""
+        parts, (i, j) = [whole], pairs.T
+        for _ in range(MOST_CUTS):
+            low = np.min([part.box[LOWER, i, j] for part in parts], axis=0)
+            high = np.max([part.box[UPPER, i, j] for part in parts], axis=0)
+            excess = np.zeros(len(pairs))
+            np.divide(high - low, explained, out=excess, where=explained > 0.0)
+            widest = np.argsort(-excess, kind='stable')[:MOST_OPEN]
+            chosen = widest[excess[widest] > most_excess]
+            softest = max(parts, key=lambda part: part.total_loss)
+            if self._stopped() or not len(chosen) or softest.total_loss == 0.0:
+                break
+            parts.remove(softest)
+            limits = most_excess, MOST_ROUNDS_OF_PART, self._stopped
+            for half in softest.halves():
+                if half.narrow(pairs[chosen], explained[chosen], *limits):
+                    parts.append(half)
+            if not parts:
+                return False
+        self._box[LOWER, i, j] = np.min([part.box[LOWER, i, j] for part in parts], axis=0)
+        self._box[UPPER, i, j] = np.max([part.box[UPPER, i, j] for part in parts], axis=0)
+        self._box[:, j, i] = self._box[:, i, j]
+        return True
 
     def _by_triangles(self) -> bool:
         """Narrow the turns by the angles of triangles."""
@@ -170,10 +154,10 @@ class CommonFrame:
         below = np.ascontiguousarray(above.T)
         measured = number[tuple(self._linear.edges.T)]
         hubs = measured if n_points > MOST_POINTS_OF_ALL_CHAINS else np.arange(len(pairs))
-        for some in self._batches(len(hubs), above.size):
+        for some in batches(len(hubs), above.size, self._stopped):
             shorten_chains(above, below, hubs[some])
         complete(above, below, len(hubs))
-        for some in self._batches(len(measured), len(pairs)):
+        for some in batches(len(measured), len(pairs), self._stopped):
             chosen = measured[some]
             if not narrow_turns_by_differences(
                 box, reference, pairs, above, below, chosen, self._turned.turns
@@ -191,14 +175,6 @@ class CommonFrame:
         if not open_edges.any():
             return 1.0
         return float(np.median(inflated[open_edges] / widths[open_edges]))
-
-    def _batches(self, count: int, table_size: int) -> Iterator[slice]:
-        """Yield what to do between looks at the clock, until it says stop."""
-        size = max(1, WORK_PER_LOOK // (EXCHANGES * table_size))
-        for first in range(0, count, size):
-            if self._stopped():
-                return
-            yield slice(first, first + size)
 
 
 def narrow_in_common_frame(
@@ -223,8 +199,8 @@ def narrow_in_common_frame(
     pairs : ndarray of int, shape (k, 2)
         The pairs, i < j.
     explained : ndarray, shape (k,)
-        Where the width that the errors explain to first order is written, in m^2; left as it is
-        where there is no linear program.
+        What the errors explain of the width of each pair by least squares, in m^2. What they
+        explain by linear programs is written; left as it is where there is none.
     stopped : callable
         Whether to stop early; the box is sound all the same.
 

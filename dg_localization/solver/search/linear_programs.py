@@ -90,13 +90,20 @@ class _Frames:
         return np.concatenate([[axis], others[others != axis]])
 
     def narrow_all(
-        self, pruner: Pruner, positions: FloatArray, stopped: Callable[[], bool]
+        self,
+        pruner: Pruner,
+        positions: FloatArray,
+        by_least_squares: FloatArray,
+        stopped: Callable[[], bool],
     ) -> bool:
         """Narrow all pairs in a common frame, for good; False when the box is empty."""
+        explained = by_least_squares[tuple(self._pairs.T)]
+        before = explained.copy()
         is_left = pruner.narrow_in_common_frame(
-            self._box, positions, self._pairs, self._explained, stopped
+            self._box, positions, self._pairs, explained, stopped
         )
-        self._is_done = self._explained > 0.0
+        self._is_done = explained != before
+        self._explained[self._is_done] = explained[self._is_done]
         return is_left
 
     def narrow(self, pruner: Pruner, positions: FloatArray, chosen: IntArray) -> float | None:
@@ -158,7 +165,8 @@ def narrow_by_linear_programs(pruner: Pruner, pruned: Pruned, stopped: Callable[
     frames = _Frames(pruned.box, pairs)
     n_idle, most_idle = 0, MOST_IDLE_FRAMES[problem.dimension - 1]
     with until(stopped):
-        if in_plane and not frames.narrow_all(pruner, positions, stopped):
+        by_least_squares = pruned.explained
+        if in_plane and not frames.narrow_all(pruner, positions, by_least_squares, stopped):
             return False
         while n_idle < most_idle and not stopped():
             chosen = frames.next_frame()
