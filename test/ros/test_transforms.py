@@ -277,6 +277,27 @@ def test_the_node_places_the_odometry_frame(bench, make_node, heard):
     assert entry.translation_m[:2] == pytest.approx(PLACE - turn @ [1.0, 2.0], abs=0.6)
 
 
+def test_no_time_has_two_transforms(bench, make_node, heard):
+    """Answers that come more often than the odometry are for the same time."""
+    make_anchored_node(make_node, publish_tf=True, rate=25.0)
+    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
+    sent_s = []
+
+    def send():
+        send_anchored_robot(bench)
+        now_s = bench.now_s()
+        if not sent_s or now_s - sent_s[-1] >= 0.1:
+            sent_s.append(now_s)
+            pose = np.zeros(3), yaw_xyzw(0.0)
+            moved = OdometryReading(now_s, *pose, 'robot_1/odom', 'robot_1/base')
+            bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+
+    bench.repeat(send)
+    bench.until(lambda: len(heard) > 10, 'transforms')
+    stamps_s = [entry.stamp_s for (entry,) in heard]
+    assert len(set(stamps_s)) == len(stamps_s)
+
+
 def test_there_is_no_topic_unless_asked_for(bench, make_node, transform_class):
     node = make_anchored_node(make_node)
     assert node.count_publishers('/tf') == 0

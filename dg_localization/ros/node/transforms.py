@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping
 from importlib import import_module
+import math
 
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
@@ -70,11 +71,20 @@ class TransformPublisher:
         self._fixed_frame = fixed_frame
         self._odometry = odometry
         self._publisher = make_transform_publisher(node)
+        self._last_stamp_s = -math.inf
 
     def publish(self, estimate: Estimate) -> None:
-        """Publish where the robots are, if that is known; silence says that it is not."""
+        """
+        Publish where the robots are, if that is known; silence says that it is not.
+
+        Answers are for the time of the odometry, and may come more often than that. tf2 warns of
+        transforms that repeat a time, and does not take them.
+        """
+        if estimate.stamp_s == self._last_stamp_s:
+            return
         found = transforms(estimate, self._fixed_frame, self._odometry)
         if found:
+            self._last_stamp_s = estimate.stamp_s
             self._publisher.publish(transforms_to_cdr(found))
 
     def destroy(self) -> None:
