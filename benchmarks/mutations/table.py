@@ -397,6 +397,26 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'search/search',
+        ('test/solver/test_splitting.py', 'test/solver/test_pieces_never_lose.py'),
+        (
+            'three points on a line count as convex',
+            'most_points = 2 if problem.dimension == 1 else 3',
+            'most_points = 3',
+        ),
+    ),
+    *_in(
+        'solver',
+        'search/frame_parts',
+        ('test/solver/test_common_frame.py',),
+        (
+            'there is a gap between the halves of a turn',
+            'turns[p, end, q] = middle',
+            'turns[p, end, q] = middle + (0.05 if end == LOWER else -0.05)',
+        ),
+    ),
+    *_in(
+        'solver',
         'search/common_frame',
         ('test/solver/test_common_frame.py',),
         (
@@ -558,6 +578,41 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'window/pose_sets',
+        ('test/fleet/test_window.py',),
+        (
+            'what a robot in doubt measured of others counts',
+            'in_doubt |= {pair[1]} if pair[0] == WORLD else set()',
+            'in_doubt |= set()',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'snapshot',
+        ('test/fleet/test_window.py',),
+        (
+            'what contradicts the memory counts at the moment',
+            'return key.ends not in left_out and key.ends[::-1] not in left_out',
+            'return True',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/forgetting',
+        ('test/fleet/test_forgetting.py', 'test/fleet/test_window.py'),
+        (
+            'one measurement that agrees ends a doubt',
+            'doubt is None or newer >= CONFIRMING',
+            'doubt is None or newer >= 1',
+        ),
+        (
+            'a doubt lasts for ever',
+            'if agreed_s >= now_s or not 0.0 <= now_s - doubt.since_s <= LONGEST_DOUBT_S:',
+            'if agreed_s >= now_s:',
+        ),
+    ),
+    *_in(
+        'fleet',
         'window/carry',
         ('test/fleet/test_memory_in_space.py',),
         (
@@ -667,8 +722,8 @@ FLEET = [
         ('test/fleet/test_fixed_frame.py', *SOUND),
         (
             'only one box of a hypothesis is enclosed',
-            'total = enclosure if total is None else total.hull(enclosure)',
-            'total = enclosure',
+            'images.append((choice, reduce(Interval.hull, enclosures)))',
+            'images.append((choice, enclosures[-1]))',
         ),
     ),
     *_in(
