@@ -543,7 +543,8 @@ def test_a_robot_that_was_carried_away_is_forgotten_and_found_again(outliers):
         texts.append([forgotten.text for forgotten in estimate.forgotten])
     assert texts[0] and 'r0' in texts[0][0] and 'contradicts' in texts[0][0]
     # It is in doubt for LONGEST_DOUBT_S; then all is forgotten that its odometry carries.
-    assert texts[3][-1] == 'the odometry of r0 may be wrong'
+    for found, carried in zip(texts, (True, False, False, True), strict=False):
+        assert ('the odometry of r0 may be wrong' in found) is carried
     assert not any(texts[4:])
     assert estimate.placements[0].heading_known.all()
 
@@ -562,10 +563,7 @@ def test_one_wrong_range_leaves_what_was_measured_before_and_what_others_measure
     for second, (expected, estimate) in enumerate(both, 1):
         assert fleet.holds(estimate.placements[0], estimate)
         assert bool(estimate.forgotten) is (second == 9)
-        assert {name for item in estimate.forgotten for ends in item.ends for name in ends} <= {
-            'r0',
-            *ANCHORS,
-        }
+        assert all('r0' in ends for item in estimate.forgotten for ends in item.ends)
         widths_m = [np.ptp(e.placements[0].enclosure_m, axis=1) for e in (expected, estimate)]
         assert second == 9 or np.allclose(*widths_m, rtol=0.1, atol=0.02)
         if second == 8:
@@ -588,7 +586,8 @@ def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing()
         for estimate in fleet.drive(6.0):
             assert fleet.holds(estimate.placements[0], estimate)
             forgotten += estimate.forgotten
-    assert sum('odometry' in item.text for item in forgotten) == 3
+    texts = [item.text for item in forgotten if 'odometry' in item.text]
+    assert texts == ['the odometry of r0 may be wrong'] * 6
     assert all('r0' in ends for item in forgotten for ends in item.ends)
     stamps = remembered(fleet)
     for ends in (('r1', 'west'), ('r2', 'north'), ('r1', 'r2')):

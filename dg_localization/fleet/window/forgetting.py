@@ -113,6 +113,10 @@ class Doubts:
         self._agreed_s: dict[Pair, float] = {}
         self._doubts: dict[Pair, _Doubt] = {}
 
+    def about(self, pair: Pair) -> bool:
+        """Return whether a pair is in doubt."""
+        return pair in self._doubts
+
     def contradicted(self, pair: Pair, now_s: float) -> float:
         """
         Note that what a pair observed contradicts itself.

@@ -130,10 +130,13 @@ def place_robots(
                     covers[pair] = found
                 continue
         else:
+            is_new = not filters.doubts.about(pair)
             agreed_s = filters.doubts.contradicted(pair, snapshot.stamp_s)
             # What came late may be as old as this.
             after_s = agreed_s - snapshot.config.max_age_s
-            forgotten += _what_contradicts(snapshot, pair, found, after_s)
+            forgotten.append(_what_contradicts(snapshot, pair, found, after_s))
+            if pair[0] == WORLD and (is_new or agreed_s == -math.inf):
+                forgotten.append(_what_odometry_carries(snapshot, pair[1], agreed_s, is_new))
         filters.set_back(pair)
         in_doubt |= {pair[1]} if pair[0] == WORLD else set()
     pose_sets = PoseSets(
@@ -179,15 +182,13 @@ def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
     return max(0.0, float(squared.lower.min())), float(squared.upper.max())
 
 
-def _what_contradicts(
-    snapshot: Snapshot, pair: Pair, since_s: float, after_s: float
-) -> Iterator[Forgotten]:
-    """Yield what to forget where observations of a pair up to a time contradict newer ones."""
+def _what_contradicts(snapshot: Snapshot, pair: Pair, since_s: float, after_s: float) -> Forgotten:
+    """Return what to forget where observations of a pair up to a time contradict newer ones."""
     robots, now_s = snapshot.config.robots, snapshot.stamp_s
     first, second = pair
     others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)
     name = 'the anchors' if first == WORLD else robots[first]
-    yield Forgotten(
+    return Forgotten(
         ends=frozenset((robots[second], other) for other in others),
         before_s=now_s,
         text=f'what {robots[second]} and {name} measured of each other more than '
@@ -195,12 +196,20 @@ def _what_contradicts(
         after_s=after_s,
         now_too=True,
     )
-    if first == WORLD and after_s == -math.inf:
-        yield Forgotten(
-            ends=frozenset((robots[second], other) for other in robots if other != robots[second]),
-            before_s=now_s,
-            text=f'the odometry of {robots[second]} may be wrong',
-        )
+
+
+def _what_odometry_carries(
+    snapshot: Snapshot, robot: int, agreed_s: float, now_too: bool
+) -> Forgotten:
+    """Return what to forget of robots where the odometry of one may be wrong, or to leave out."""
+    robots, now_s = snapshot.config.robots, snapshot.stamp_s
+    return Forgotten(
+        ends=frozenset((robots[robot], other) for other in robots if other != robots[robot]),
+        before_s=now_s,
+        text=f'the odometry of {robots[robot]} may be wrong',
+        after_s=-math.inf if agreed_s == -math.inf else now_s,
+        now_too=now_too,
+    )
 
 
 def poses_within(cover: Cover, lower_m: np.ndarray, upper_m: np.ndarray) -> Cover:
