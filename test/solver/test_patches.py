@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from solver_cases import bounds, random_case, squared_distances
 
-from benchmarks.pieces import Row, uwb_fleet
+from benchmarks.pieces import Row, neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import large_pieces, pieces, product
 from dg_localization.solver.assemble.budget import CallBudget
@@ -39,6 +39,7 @@ def small_patches(request, monkeypatch):
     monkeypatch.setattr(neighborhoods, 'SEAM_POINTS', 5)
     if request.param == 'chained':
         monkeypatch.setattr(large_pieces, 'MOST_TOGETHER', 0)
+        monkeypatch.setattr(large_pieces, 'MOST_UNREVIEWED', 0)
     return request.param
 
 
@@ -296,3 +297,20 @@ def test_one_box_is_tried_where_it_may_do_and_what_it_leaves_bounds_the_answer(m
     # The distances of UWB radios are too wide.
     solve(uwb_fleet(20, 8, 1), SolverOptions(max_boxes=10**4))
     assert len(covers) == n_tried
+
+
+@pytest.mark.parametrize(('n_points', 'degree', 'seed'), [(20, 8, 3), (30, 8, 5)])
+def test_patches_of_wide_distances_are_reviewed_only_on_demand(n_points, degree, seed):
+    problem = uwb_fleet(n_points, degree, seed)
+    squared = squared_distances(neighbors(n_points, degree, 2, seed)[0])
+    solved = [
+        solver.PatchSolver(problem, CallBudget(SolverOptions()), 1.0, None, is_reviewed).run()
+        for is_reviewed in (True, False)
+    ]
+    reviewed, unreviewed = (len(patches.patches) for patches in solved)
+    assert reviewed > unreviewed
+    for patches in solved:
+        rows, columns = patches.known.pairs.T
+        truth = squared[rows, columns]
+        assert (patches.known.lower <= truth * (1 + ROUNDING)).all()
+        assert (truth * (1 - ROUNDING) <= patches.known.upper).all()

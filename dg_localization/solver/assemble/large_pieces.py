@@ -29,6 +29,10 @@ from dg_localization.solver.search.branch_and_prune import Cover
 MOST_TOGETHER = 60
 """Up to so many points a piece is contracted as a whole: far pairs are bounded far better."""
 
+MOST_UNREVIEWED = 30
+"""Up to so many points a piece as a whole rules out as much as reviews of its patches, and sooner,
+where distances are wide. Few choices of larger pieces are contracted."""
+
 PATCHES_SHARE = 0.5
 """Patches may take this part of the time of a piece that is contracted afterwards,"""
 
@@ -110,8 +114,9 @@ def solve_large(
 
     """
     is_whole = problem.n_points <= MOST_TOGETHER
-    share_of_patches = PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE
-    solved = PatchSolver(problem, budget, share_of_patches * share, within).run()
+    share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
+    is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
+    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
     if solved is None:
         return None
     if solved.is_empty():

@@ -110,6 +110,8 @@ class PatchSolver:
         The fraction of the time left that the patches may take.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
+    is_reviewed : bool, optional
+        Whether patches that several hypotheses are left of are looked at again.
 
     """
 
@@ -119,10 +121,12 @@ class PatchSolver:
         budget: CallBudget,
         share: float,
         within: Sequence[Bounds] | None,
+        is_reviewed: bool = True,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
+        self._is_reviewed = is_reviewed
         self._orientations = Orientations(problem)
         self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
@@ -226,7 +230,7 @@ class PatchSolver:
         reviews = [
             self._review(patch, graph)
             for patch in patches
-            if patch.left.sum() > 1 and not self._is_over()
+            if self._is_reviewed and patch.left.sum() > 1 and not self._is_over()
         ]
         for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
