@@ -25,8 +25,7 @@ from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
 from dg_localization.fleet.rotations import level_rotations, rotations_about_z, steepness
 from dg_localization.interval.angles import angle_up, chord_up
-from dg_localization.interval.arrays import Interval, up
-from dg_localization.interval.bounds import elapsed_up
+from dg_localization.interval.arrays import Interval, elapsed_up, up
 from dg_localization.pairs import PastPoses
 from dg_localization.pairs.turns import turned
 
@@ -274,7 +273,7 @@ class OdometryPath:
         if math.isfinite(self._limits.speed_m_s) and math.isfinite(self._limits.turn_rate_rad_s):
             # Equal numbers need not be equal times (`elapsed_up`).
             largest_s = max(np.abs(stamps).max(), np.abs(times_s).max(initial=0.0))
-            slack_s = 4.0 * elapsed_up(largest_s, largest_s)
+            slack_s = 4.0 * float(elapsed_up(largest_s, largest_s))
         index = np.empty(len(times_s), np.int64)
         spans = np.empty((3, len(times_s)))
         find_nearest(
@@ -288,8 +287,7 @@ class OdometryPath:
             spans,
         )
         spans[1:] = np.where(spans[1:] > 0.0, angle_up(spans[1:]), 0.0)
-        elapsed = zip(times_s, stamps[index], strict=True)
-        reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)
+        reach_s = up(elapsed_up(times_s, stamps[index]) + latency)
         beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
         at_end = (times_s - latency <= stamps[0] + slack_s) | (
             times_s + latency >= stamps[-1] - slack_s

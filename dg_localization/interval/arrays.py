@@ -36,6 +36,12 @@ def total_up(values: np.ndarray) -> np.ndarray:
     return np.asarray(total + values.shape[-1] * (total * UNIT + TINIEST))
 
 
+def elapsed_up(first_s: np.ndarray, second_s: np.ndarray) -> np.ndarray:
+    """Return upper bounds of the times between stamps, as `bounds.elapsed_up` does for one."""
+    units_s = np.spacing(np.maximum(np.abs(first_s), np.abs(second_s)))
+    return up(up(np.abs(first_s - second_s)) + units_s)
+
+
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return a * b where 0 times infinity is 0, as bounds need it (IEEE 1788-2015, 10.5.3)."""
     with np.errstate(invalid='ignore'):

@@ -7,9 +7,10 @@ from fractions import Fraction
 import math
 
 from hypothesis import example, given, settings, strategies as st
+import numpy as np
 import pytest
 
-from dg_localization.interval import bounds, rounding
+from dg_localization.interval import arrays, bounds, rounding
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 FINITE = st.floats(-1e150, 1e150)
@@ -110,7 +111,12 @@ def test_a_negative_lower_bound_of_a_distance_says_nothing():
 def test_elapsed_time_of_stamps_in_nanoseconds(stamp_ns, passed_ns):
     first_s, second_s = stamp_ns / 10**9, (stamp_ns + passed_ns) / 10**9
     elapsed_s = Fraction(passed_ns, 10**9)
-    for bound_s in (bounds.elapsed_up(first_s, second_s), bounds.elapsed_up(second_s, first_s)):
+    of_arrays = arrays.elapsed_up(np.array([first_s, second_s]), np.array([second_s, first_s]))
+    for bound_s in (
+        bounds.elapsed_up(first_s, second_s),
+        bounds.elapsed_up(second_s, first_s),
+        *of_arrays.tolist(),
+    ):
         assert elapsed_s <= bound_s <= elapsed_s + 8 * Fraction(math.ulp(second_s))
 
 
