@@ -66,7 +66,8 @@ def estimate_snapshot(
 
     """
     recalled = recall(snapshot, proved, cancel, filters)
-    snapshot = without(snapshot, recalled.forgotten)
+    by_memory = recalled.forgotten
+    snapshot = without(snapshot, by_memory)
     if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
         return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
@@ -85,8 +86,7 @@ def estimate_snapshot(
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
         # The moment contradicts itself: that says nothing of what else is remembered.
-        forgotten = tuple(item for item in recalled.forgotten if item.now_too)
-        forgotten += estimate.forgotten
+        forgotten = (*by_memory, *estimate.forgotten)
         return replace(estimate, suspects_in_window=in_window, forgotten=forgotten), ()
     refit = partial(fit_headed, snapshot, constraints)
     narrowed = narrow_answer(found, plans, recalled, refit)
@@ -315,7 +315,9 @@ def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forg
     ends = frozenset((key.observer, key.target) for key in blamed or snapshot.keys)
     if ends.isdisjoint(snapshot.window.observations):
         return ()
-    return (Forgotten(ends, snapshot.stamp_s, 'contradicting links are not remembered'),)
+    text = 'contradicting links are not remembered'
+    after_s = snapshot.stamp_s - snapshot.config.max_age_s
+    return (Forgotten(ends, snapshot.stamp_s, text, after_s),)
 
 
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:

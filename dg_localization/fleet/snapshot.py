@@ -167,9 +167,10 @@ def take_snapshot(
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
 
     distances, rays, links = [], [], []
+    all_young = store.young_readings(now_s)
     young = {
         key: [r for r in readings if r.stamp_s > _left_out_until_s(left_out, key.ends)]
-        for key, readings in store.young_readings(now_s).items()
+        for key, readings in all_young.items()
     }
     for key, readings in young.items():
         lower_m, upper_m = 0.0, math.inf
@@ -183,7 +184,9 @@ def take_snapshot(
             moved_m = _displacement_of_ends_m(key, ray.stamp_s, displacement_m)
             rays.append(replace(ray, displacement_m=moved_m))
         age_s = now_s - store.newest_stamp_s(key)
-        links.append(LinkState(key, lower_m, upper_m, age_s, stale=not readings))
+        contradicts = bool(all_young[key]) and not readings
+        state = LinkState(key, lower_m, upper_m, age_s, not all_young[key], contradicts)
+        links.append(state)
     return Snapshot(
         config,
         now_s,

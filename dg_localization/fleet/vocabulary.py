@@ -223,9 +223,10 @@ class LinkState:
     age_s : float
         Age of the newest measurement.
     stale : bool
-        Whether all its measurements are too old, or left out, so that it was not used.
+        Whether all its measurements are too old, so that it was not used.
     contradicts : bool
-        Whether it is part of a contradiction that was found.
+        Whether it is part of a contradiction that was found. A link that contradicts what was
+        measured before is left out.
 
     """
 

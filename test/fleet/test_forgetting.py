@@ -59,12 +59,43 @@ def test_measurements_that_agree_again_end_a_doubt():
     assert doubts.contradicted(PAIR, 6.0) == 5.0
     assert doubts.robots == {0}
     assert doubts.contradicted(PAIR, 7.0) == 5.0
-    newer_s = 7.0 + np.arange(1, CONFIRMING + 1)
-    assert not doubts.settled(PAIR, newer_s[:-1], 11.0, complete=True)
-    assert not doubts.settled(PAIR, newer_s, 11.0, complete=False)
-    assert doubts.settled(PAIR, newer_s, 11.0, complete=True)
+    newer_s = 7.0 + 0.1 * np.arange(1, CONFIRMING + 1)
+    assert not doubts.settled(PAIR, newer_s[:-1], 8.0, complete=True)
+    assert not doubts.settled(PAIR, newer_s, 8.0, complete=False)
+    assert doubts.settled(PAIR, newer_s, 8.0, complete=True)
     assert doubts.robots == set()
-    assert doubts.contradicted(PAIR, 12.0) == 11.0
+    assert doubts.contradicted(PAIR, 9.0) == 8.0
+
+
+def test_a_doubt_ends_also_where_there_is_never_time_to_try_all():
+    doubts = Doubts()
+    doubts.settled(PAIR, MANY, 5.0, complete=True)
+    doubts.contradicted(PAIR, 6.0)
+    assert not doubts.settled(PAIR, MANY, 6.0 + LONGEST_DOUBT_S, complete=False)
+    assert doubts.settled(PAIR, MANY, 6.1 + LONGEST_DOUBT_S, complete=False)
+    assert doubts.robots == set()
+
+
+def test_a_doubt_begins_anew_where_measurements_agreed_in_between():
+    doubts = Doubts()
+    doubts.settled(PAIR, MANY, 5.0, complete=True)
+    assert doubts.contradicted(PAIR, 6.0) == 5.0
+    assert not doubts.settled(PAIR, np.array([4.0, 6.5]), 7.0, complete=True)
+    assert doubts.contradicted(PAIR, 6.1 + LONGEST_DOUBT_S) == 5.0
+    # Where nothing new was measured nothing agrees.
+    assert not doubts.settled(PAIR, np.array([4.0, 6.5]), 9.0, complete=True)
+    assert doubts.contradicted(PAIR, 6.2 + 2.0 * LONGEST_DOUBT_S) == -math.inf
+
+
+def test_nothing_is_in_doubt_that_is_not_remembered_any_more():
+    doubts = Doubts()
+    for pair in (PAIR, (0, 1)):
+        doubts.settled(pair, MANY, 5.0, complete=True)
+        doubts.contradicted(pair, 6.0)
+    doubts.keep([(0, 1)], 7.0)
+    assert doubts.robots == set() and doubts.about((0, 1)) and not doubts.about(PAIR)
+    doubts.keep([(0, 1)], 3.0)
+    assert not doubts.about((0, 1))
 
 
 def test_what_was_not_all_tried_is_not_known_to_agree():

@@ -577,6 +577,23 @@ def test_one_wrong_range_leaves_what_was_measured_before_and_what_others_measure
     assert all(START_S + 7.9 <= stamp_s <= START_S + 9.0 for s in lost.values() for stamp_s in s)
 
 
+def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
+    fleet = Circling(3, anchors=ANCHORS, memory_s=40.0)
+    list(fleet.drive(8.0))
+    before = remembered(fleet)
+    # A right one was measured at the same time, nearly: one is remembered of 0.13 s.
+    fleet.localizer.add_range('r0', 'west', 0.7, fleet.now_s + 0.11, fleet.now_s + 0.11)
+    assert remembered(fleet) == before
+    estimate = fleet.localizer.step(fleet.now_s + 0.12)
+    assert estimate.forgotten
+    assert all('r0' in ends for item in estimate.forgotten for ends in item.ends)
+    for estimate in fleet.drive(6.0):
+        assert fleet.holds(estimate.placements[0], estimate)
+        assert not estimate.forgotten and 'doubt' not in estimate.reason
+    after = remembered(fleet)
+    assert all(len(after[ends]) >= len(stamps) for ends, stamps in before.items())
+
+
 def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing():
     fleet = Circling(3, anchors=ANCHORS, memory_s=12.0)
     list(fleet.drive(3.0))

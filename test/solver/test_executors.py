@@ -131,6 +131,13 @@ def test_what_no_worker_solves_in_time_is_left_open():
     assert not missing(result, positions, squared_distances(positions))
 
 
+def test_workers_are_asked_also_when_the_time_is_up():
+    problem, positions = braced_grid(9, 9, 0.01)
+    result = solve(problem, SolverOptions(max_seconds=1e-5), executor=LaterExecutor())
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert not missing(result, positions, squared_distances(positions))
+
+
 def test_waiting_for_workers_ends_when_the_call_is_cancelled():
     problem, positions = braced_grid(9, 9, 0.01)
     executor, cancel = NeverExecutor(), threading.Event()

@@ -78,6 +78,9 @@ class Follower:
     ) -> Estimate:
         """Return an estimate with the numbers of its hypotheses; keep what it proved."""
         oldest_s = snapshot.stamp_s - snapshot.config.memory_s
+        if self._last.stamp_s > snapshot.stamp_s:
+            # The clock was set back: what is left out is of another time.
+            self._forgotten, self._left_out = {}, {}
         self._forgotten = also_forgotten(self._forgotten, estimate.forgotten, oldest_s)
         self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
         self.filters.forget(snapshot.config, estimate.forgotten)

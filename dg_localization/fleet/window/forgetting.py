@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -91,10 +91,21 @@ def without(snapshot: Snapshot, forgotten: Collection[Forgotten]) -> Snapshot:
 
 @dataclass(frozen=True)
 class _Doubt:
-    """For how long what two bodies observed has contradicted what they had observed before."""
+    """
+    When what two bodies observed contradicted what they had observed before.
+
+    Attributes
+    ----------
+    since_s, last_s : float
+        The first and the last time.
+    agreed_since : bool
+        Whether newer observations agree since the last time, if too few to end the doubt.
+
+    """
 
     since_s: float
-    until_s: float
+    last_s: float
+    agreed_since: bool = False
 
 
 class Doubts:
@@ -113,6 +124,19 @@ class Doubts:
         self._agreed_s: dict[Pair, float] = {}
         self._doubts: dict[Pair, _Doubt] = {}
 
+    def keep(self, pairs: Collection[Pair], now_s: float) -> None:
+        """Drop what is known of other pairs, and of times to come: the clock was set back."""
+        self._agreed_s = {
+            pair: agreed_s
+            for pair, agreed_s in self._agreed_s.items()
+            if pair in pairs and agreed_s <= now_s
+        }
+        self._doubts = {
+            pair: doubt
+            for pair, doubt in self._doubts.items()
+            if pair in pairs and doubt.last_s <= now_s
+        }
+
     def about(self, pair: Pair) -> bool:
         """Return whether a pair is in doubt."""
         return pair in self._doubts
@@ -128,7 +152,9 @@ class Doubts:
 
         """
         agreed_s = self._agreed_s.get(pair, math.inf)
-        doubt = self._doubts.get(pair, _Doubt(now_s, now_s))
+        doubt = self._doubts.get(pair)
+        if doubt is None or doubt.agreed_since:
+            doubt = _Doubt(now_s, now_s)
         if agreed_s >= now_s or not 0.0 <= now_s - doubt.since_s <= LONGEST_DOUBT_S:
             self._agreed_s.pop(pair, None)
             self._doubts.pop(pair, None)
@@ -158,9 +184,14 @@ class Doubts:
 
         """
         doubt = self._doubts.get(pair)
-        newer = 0 if doubt is None else int(np.count_nonzero(stamps_s > doubt.until_s))
-        confirmed = complete and (doubt is None or newer >= CONFIRMING)
-        if confirmed:
-            self._doubts.pop(pair, None)
+        if doubt is not None:
+            newer = int(np.count_nonzero(stamps_s > doubt.last_s))
+            # Where there is never time to try all of them, none has contradicted for long enough.
+            tried = complete or now_s - doubt.last_s > LONGEST_DOUBT_S
+            if newer < CONFIRMING or not tried:
+                self._doubts[pair] = replace(doubt, agreed_since=newer > 0)
+                return False
+            del self._doubts[pair]
+        if complete:
             self._agreed_s[pair] = now_s
-        return confirmed or doubt is None
+        return True

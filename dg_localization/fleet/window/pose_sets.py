@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.constraints.distances import PairBounds
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
@@ -19,6 +20,7 @@ from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.interval.arrays import Interval, squared_norm
+from dg_localization.interval.bounds import squared_distance
 from dg_localization.pairs import Cover, PairOptions, count_agreeing, cover_poses
 
 RESOLUTION_M = 0.1
@@ -112,6 +114,7 @@ def place_robots(
         for pair in carried.pairs
         if (anchored if pair[0] == WORLD else robots_too or pair in apart)
     ]
+    filters.doubts.keep(carried.pairs, snapshot.stamp_s)
     covers: dict[Pair, Cover] = {}
     forgotten: list[Forgotten] = []
     in_doubt: set[int] = set()
@@ -134,7 +137,7 @@ def place_robots(
             agreed_s = filters.doubts.contradicted(pair, snapshot.stamp_s)
             # What came late may be as old as this.
             after_s = agreed_s - snapshot.config.max_age_s
-            forgotten.append(_what_contradicts(snapshot, pair, found, after_s))
+            forgotten.append(_what_contradicts(snapshot, pair, found.since_s, after_s))
             if pair[0] == WORLD and (is_new or agreed_s == -math.inf):
                 forgotten.append(_what_odometry_carries(snapshot, pair[1], agreed_s, is_new))
         filters.set_back(pair)
@@ -147,6 +150,13 @@ def place_robots(
     return pose_sets, tuple(forgotten)
 
 
+@dataclass(frozen=True)
+class _Contradiction:
+    """What a pair observed leaves no pose: what is newer than this contradicts what is older."""
+
+    since_s: float
+
+
 def _place(
     snapshot: Snapshot,
     carried: CarriedWindow,
@@ -154,8 +164,8 @@ def _place(
     filters: PoseFilters,
     newest_s: float,
     stopped: Callable[[], bool],
-) -> Cover | float:
-    """Return the poses of a pair now; where it has none, since when its observations agree."""
+) -> Cover | _Contradiction:
+    """Return the poses of a pair now."""
     in_plane = snapshot.config.dimension == 2
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
     height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
@@ -163,16 +173,39 @@ def _place(
     if pair[0] == WORLD and in_plane:
         place = filters.place(snapshot, pair[1], stopped)
     if place is not None and not place.cover.empty:
-        return place.cover
+        return _unless_contradicted(snapshot, pair, place.cover)
     readings = carried.readings_on_tracks(pair, newest_s)
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
         agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
         stamps = carried.stamps_s(pair)
-        return float(stamps[min(agreeing, len(stamps) - 1)])
+        return _Contradiction(float(stamps[min(agreeing, len(stamps) - 1)]))
     if place is not None:
-        return place.agreeing_s
-    return cover.moved(*carried.tracks(pair)) if cover.bounded else cover
+        return _Contradiction(place.agreeing_s)
+    if not cover.bounded:
+        return cover
+    return _unless_contradicted(snapshot, pair, cover.moved(*carried.tracks(pair)))
+
+
+def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover | _Contradiction:
+    """
+    Return the poses of a pair, unless a range of the moment agrees with none of them.
+
+    The window does not hold all ranges of a sensor that is faster than its time slots.
+    """
+    config, anchors = snapshot.config, snapshot.anchors
+    if pair[0] != WORLD or config.window_outliers > 0:
+        return cover
+    for distance in snapshot.distances:
+        ends = {config.points.index(name) for name in distance.key.ends}
+        if pair[1] not in ends or squared_rise_m2(config, *distance.key.ends)[1] > 0.0:
+            continue
+        near_m2, far_m2 = squared_distance(distance.lower_m, distance.upper_m)
+        for anchor in ends & anchors.boxes.keys():
+            lower_m2, upper_m2 = _squared_distance_m2(cover, anchors.boxes[anchor])
+            if near_m2 <= far_m2 and (upper_m2 < near_m2 or far_m2 < lower_m2):
+                return _Contradiction(snapshot.stamp_s)
+    return cover
 
 
 def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:

@@ -237,6 +237,8 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
         return Level.WARN, 'never measured: no measurement of this robot has been accepted'
     enclosures = [placement.enclosure_m[row] for placement in estimate.placements]
     if not np.isfinite(enclosures).all():
+        if not estimate.conflicts and _is_left_out(estimate, robot):
+            return Level.WARN, 'in doubt: it contradicts what was measured before'
         return Level.WARN, 'not bounded: too few measurements'
     doubts = [
         *doubts_of_width(estimate, [row], report.localized_width_m),
@@ -262,6 +264,10 @@ def _robots_of(key: LinkKey) -> set[str]:
 def _is_measured(estimate: Estimate, robot: str) -> bool:
     fresh = [link for link in estimate.links if not link.stale]
     return any(robot in _robots_of(link.key) for link in fresh)
+
+
+def _is_left_out(estimate: Estimate, robot: str) -> bool:
+    return any(link.contradicts and robot in _robots_of(link.key) for link in estimate.links)
 
 
 def _was_ever_measured(inputs: Iterable[InputState], robot: str) -> bool:

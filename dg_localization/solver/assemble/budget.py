@@ -204,7 +204,8 @@ class CallBudget:
             return [], 0
         options = self._share(share, None)
         # They share the workers, and so the time.
-        options = replace(options, max_seconds=self.options.max_seconds - self.seconds())
+        left_s = max(LEAST_S, self.options.max_seconds - self.seconds())
+        options = options.limited(options.max_boxes, left_s, options.tighten_seconds)
         found = self.workers.solved(parts, options, self.is_over)
         return [solved for _, solved in found], options.max_boxes
 

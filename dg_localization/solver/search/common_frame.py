@@ -132,6 +132,7 @@ class CommonFrame:
                 break
             parts.remove(softest)
             limits = most_excess, MOST_ROUNDS_OF_PART, self._stopped
+            # They get a copy of what is explained: that of the whole is what they are judged by.
             for half in softest.halves():
                 if half.narrow(pairs[chosen], explained[chosen], *limits):
                     parts.append(half)

@@ -87,7 +87,8 @@ def _is_convex(problem: Problem) -> bool:
     Return whether the distances of the placements in any box are a convex set.
 
     Those of three points obey the triangle inequalities and nothing else, in the plane and in
-    space. These give the hull of the set, and parts of it would be parts of one hypothesis.
+    space. These give the hull of the set, and parts of it would be parts of one hypothesis. One
+    chirality only chooses between mirror images; two may leave flat triangles alone.
     """
     most_points = 2 if problem.dimension == 1 else 3
     return problem.n_points <= most_points and len(problem.chiralities) < 2
