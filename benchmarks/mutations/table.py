@@ -602,8 +602,8 @@ FLEET = [
         ('test/fleet/test_forgetting.py', 'test/fleet/test_window.py'),
         (
             'one measurement that agrees ends a doubt',
-            'doubt is None or newer >= CONFIRMING',
-            'doubt is None or newer >= 1',
+            'if newer < CONFIRMING or not tried:',
+            'if newer < 1 or not tried:',
         ),
         (
             'a doubt lasts for ever',
@@ -798,8 +798,8 @@ FLEET = [
         ),
         (
             'the latency of the odometry is ignored',
-            'reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]) + latency)',
-            'reach_s = up(np.array([elapsed_up(*pair) for pair in elapsed]))',
+            'reach_s = up(elapsed_up(times_s, stamps[index]) + latency)',
+            'reach_s = elapsed_up(times_s, stamps[index])',
         ),
     ),
     *_in(

@@ -64,3 +64,14 @@ def test_three_points_on_a_line_are_split_where_they_cannot_be():
     result = solve(Problem(*bounds(3, ranges), 1))
     assert result.verdict is Verdict.COVERED
     assert result.n_hypotheses == 2
+
+
+def test_three_points_on_a_line_are_told_apart():
+    """What the triangle inequalities allow is not all of it there: one of them is an equation."""
+    lower, upper = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.ones((3, 3))
+    np.fill_diagonal(upper, 0.0)
+    upper[0, 2] = upper[2, 0] = 9.0
+    result = solve(Problem(lower, upper, dimension=1))
+    assert result.verdict is Verdict.COVERED
+    widths_m2 = [(h.upper - h.lower).max() for h in result.hypotheses]
+    assert len(widths_m2) == 2 and max(widths_m2) < 1e-3
