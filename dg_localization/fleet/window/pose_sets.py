@@ -196,14 +196,17 @@ def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover 
     config, anchors = snapshot.config, snapshot.anchors
     if pair[0] != WORLD or config.window_outliers > 0:
         return cover
+    robot = config.robots[pair[1]]
     for distance in snapshot.distances:
-        ends = {config.points.index(name) for name in distance.key.ends}
-        if pair[1] not in ends or squared_rise_m2(config, *distance.key.ends)[1] > 0.0:
+        ends = distance.key.ends
+        if robot not in ends or squared_rise_m2(config, *ends)[1] > 0.0:
             continue
+        (other,) = {*ends} - {robot}
+        place = anchors.boxes.get(config.points.index(other))
         near_m2, far_m2 = squared_distance(distance.lower_m, distance.upper_m)
-        for anchor in ends & anchors.boxes.keys():
-            lower_m2, upper_m2 = _squared_distance_m2(cover, anchors.boxes[anchor])
-            if near_m2 <= far_m2 and (upper_m2 < near_m2 or far_m2 < lower_m2):
+        if place is not None and near_m2 <= far_m2:
+            lower_m2, upper_m2 = _squared_distance_m2(cover, place)
+            if upper_m2 < near_m2 or far_m2 < lower_m2:
                 return _Contradiction(snapshot.stamp_s)
     return cover
 
