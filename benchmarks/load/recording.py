@@ -41,7 +41,7 @@ def row(noted: Mapping[str, NDArray[np.float64]]) -> list[str]:
     messages, answers, resources = noted['messages'], noted['answers'], noted['resources']
     first_s, end_s = messages[0, 0] + SETTLE_S, messages[-1, 0]
     messages, answers = (
-        noted[(noted[:, 0] >= first_s) & (noted[:, 0] < end_s)] for noted in (messages, answers)
+        rows[(rows[:, 0] >= first_s) & (rows[:, 0] < end_s)] for rows in (messages, answers)
     )
     seconds = end_s - first_s
     # These are noted once a second of the recording.

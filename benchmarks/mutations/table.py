@@ -607,7 +607,7 @@ FLEET = [
         ),
         (
             'a doubt lasts for ever',
-            'if agreed_s >= now_s or not 0.0 <= now_s - doubt.since_s <= LONGEST_DOUBT_S:',
+            'if agreed_s >= now_s or now_s - doubt.since_s > LONGEST_DOUBT_S:',
             'if agreed_s >= now_s:',
         ),
     ),

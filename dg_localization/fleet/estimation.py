@@ -27,7 +27,7 @@ from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
-from dg_localization.fleet.window.forgetting import Forgotten, without
+from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.narrowing import narrow_answer
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
@@ -66,8 +66,7 @@ def estimate_snapshot(
 
     """
     recalled = recall(snapshot, proved, cancel, filters)
-    by_memory = recalled.forgotten
-    snapshot = without(snapshot, by_memory)
+    snapshot, by_memory = recalled.snapshot, recalled.forgotten
     if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
         return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
@@ -312,7 +311,7 @@ def _explained(
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:
     """Return what to forget where links contradict each other: some of them is wrong."""
-    ends = frozenset((key.observer, key.target) for key in blamed or snapshot.keys)
+    ends = frozenset(key.ends for key in blamed or snapshot.keys)
     if ends.isdisjoint(snapshot.window.observations):
         return ()
     text = 'contradicting links are not remembered'

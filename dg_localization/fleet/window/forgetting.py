@@ -155,7 +155,7 @@ class Doubts:
         doubt = self._doubts.get(pair)
         if doubt is None or doubt.agreed_since:
             doubt = _Doubt(now_s, now_s)
-        if agreed_s >= now_s or not 0.0 <= now_s - doubt.since_s <= LONGEST_DOUBT_S:
+        if agreed_s >= now_s or now_s - doubt.since_s > LONGEST_DOUBT_S:
             self._agreed_s.pop(pair, None)
             self._doubts.pop(pair, None)
             return -math.inf

@@ -89,8 +89,8 @@ class Recollection:
 
     Parameters
     ----------
-    config : FleetConfig
-    stamp_s : float
+    snapshot : Snapshot
+        Without what contradicts itself.
     allowance : Allowance
     readings : mapping of (int, int) to PairReadings
         What pairs of robots observed of each other.
@@ -110,8 +110,7 @@ class Recollection:
 
     """
 
-    config: FleetConfig
-    stamp_s: float
+    snapshot: Snapshot
     allowance: Allowance
     readings: Mapping[Pair, PairReadings] = field(default_factory=dict)
     spans_s: Mapping[Pair, float] = field(default_factory=dict)
@@ -121,6 +120,16 @@ class Recollection:
     chains: tuple[CarriedPlacements | None, ...] = (None,)
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
+
+    @property
+    def config(self) -> FleetConfig:
+        """The configuration of the snapshot."""
+        return self.snapshot.config
+
+    @property
+    def stamp_s(self) -> float:
+        """The time of the snapshot."""
+        return self.snapshot.stamp_s
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
@@ -343,7 +352,7 @@ def recall(
     allowance = Allowance(config.memory_max_seconds, cancel)
     tells = config.dimension == 2 or config.odometry_error.tilt_rad is not None
     if not tells or not (snapshot.window.observations or proved):
-        return Recollection(config, snapshot.stamp_s, allowance)
+        return Recollection(snapshot, allowance)
     if allowance.part(1)():
         proved = ()
     carried = snapshot.carried
@@ -355,8 +364,7 @@ def recall(
     carried = snapshot.carried
     replaced = carried.links_among(snapshot.keys) if config.window_outliers else frozenset()
     recalled = Recollection(
-        config,
-        snapshot.stamp_s,
+        snapshot,
         allowance,
         spans_s=spans_s,
         pose_sets=pose_sets,

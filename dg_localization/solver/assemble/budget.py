@@ -202,10 +202,9 @@ class CallBudget:
         """
         if self.workers is None:
             return [], 0
-        options = self._share(share, None)
         # They share the workers, and so the time.
-        left_s = max(LEAST_S, self.options.max_seconds - self.seconds())
-        options = options.limited(options.max_boxes, left_s, options.tighten_seconds)
+        left_s = self.options.max_seconds - self.seconds()
+        options = self._limited(self._share(share, None).max_boxes, left_s)
         found = self.workers.solved(parts, options, self.is_over)
         return [solved for _, solved in found], options.max_boxes
 
