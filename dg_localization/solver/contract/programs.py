@@ -229,6 +229,32 @@ def _direction(turned: ProcrustesFrame, i: int, j: int, end: int) -> float:
 
 
 @kernel
+def _bound_along(
+    linear: Linearization,
+    turned: ProcrustesFrame,
+    table: FloatArray,
+    active: IntArray,
+    i: int,
+    j: int,
+    direction: float,
+    end: int,
+    vector: FloatArray,
+    multipliers: FloatArray,
+) -> float:
+    """
+    Bound the product of a pair and its reference, turned to a direction, from one side.
+
+    The turned reference and the multipliers are written.
+    """
+    target = np.zeros_like(linear.reference)
+    turned_pair(linear, i, j, direction, vector)
+    set_gradient(i, j, vector[0], vector[1], target)
+    bound = _bound_end(linear, turned, table, active, target, end, LENGTH_TOLERANCE, multipliers)
+    bound += product_with_reference(linear, i, j, vector[0], vector[1])[end]
+    return up(bound) if end == UPPER else down(bound)
+
+
+@kernel
 def _shortest(
     linear: Linearization,
     turned: ProcrustesFrame,
@@ -239,11 +265,9 @@ def _shortest(
     multipliers: FloatArray,
 ) -> float:
     """Bound the length of a pair from below, in m; the multipliers are written."""
-    target, vector = np.zeros_like(linear.reference), np.empty(2)
-    turned_pair(linear, i, j, middle_of_turn(turned, i, j), vector)
-    set_gradient(i, j, vector[0], vector[1], target)
-    low = _bound_end(linear, turned, table, active, target, LOWER, LENGTH_TOLERANCE, multipliers)
-    low = max(0.0, down(low + product_with_reference(linear, i, j, vector[0], vector[1])[0]))
+    frame, vector = (linear, turned, table, active), np.empty(2)
+    direction = middle_of_turn(turned, i, j)
+    low = max(0.0, _bound_along(*frame, i, j, direction, LOWER, vector, multipliers))
     return div(low, low, *norm(vector))[0]
 
 
@@ -260,11 +284,9 @@ def _longest(
     multipliers: FloatArray,
 ) -> float:
     """Bound the length of a pair whose turn is in a sector from above, in m; see `_shortest`."""
-    target, vector = np.zeros_like(linear.reference), np.empty(2)
-    turned_pair(linear, i, j, 0.5 * (first + last), vector)
-    set_gradient(i, j, vector[0], vector[1], target)
-    high = _bound_end(linear, turned, table, active, target, UPPER, LENGTH_TOLERANCE, multipliers)
-    high = up(high + product_with_reference(linear, i, j, vector[0], vector[1])[1])
+    frame, vector = (linear, turned, table, active), np.empty(2)
+    direction = 0.5 * (first + last)
+    high = _bound_along(*frame, i, j, direction, UPPER, vector, multipliers)
     along = cosine(*sub(first, last, *angle_from(linear, i, j, vector)))[0]
     least = down(along * norm(vector)[0])
     return up(max(high, 0.0) / least) if least > 0.0 else math.inf
