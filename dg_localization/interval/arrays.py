@@ -100,12 +100,14 @@ class Interval:
         return Interval(down(self.lower - other.upper), up(self.upper - other.lower))
 
     def __mul__(self, other: Interval) -> Interval:
-        corners = [
-            _products(mine, theirs)
-            for mine in (self.lower, self.upper)
-            for theirs in (other.lower, other.upper)
-        ]
-        return Interval(down(np.minimum.reduce(corners)), up(np.maximum.reduce(corners)))
+        mine = np.array((self.lower, self.upper))
+        theirs = np.array((other.lower, other.upper))
+        # The pairs of corners along two axes of their own, before those of the elements.
+        n_axes = max(mine.ndim, theirs.ndim) - 1
+        mine = mine.reshape(2, 1, *(1,) * (n_axes + 1 - mine.ndim), *mine.shape[1:])
+        theirs = theirs.reshape(1, 2, *(1,) * (n_axes + 1 - theirs.ndim), *theirs.shape[1:])
+        corners = _products(mine, theirs)
+        return Interval(down(corners.min(axis=(0, 1))), up(corners.max(axis=(0, 1))))
 
     def square(self) -> Interval:
         """Return the squares, never below zero."""
@@ -163,7 +165,8 @@ def determinant(rows: Interval) -> Interval:
 
     """
     if rows.lower.shape[-1] == 2:
-        return rows[..., 0, 0] * rows[..., 1, 1] - rows[..., 0, 1] * rows[..., 1, 0]
+        products = rows[..., 0, :] * rows[..., 1, ::-1]
+        return products[..., 0] - products[..., 1]
     minors = cross(rows[..., 1, :], rows[..., 2, :])
     return dot(rows[..., 0, :], minors)
 
@@ -179,11 +182,8 @@ def dot(a: Interval, b: Interval) -> Interval:
 
 def cross(a: Interval, b: Interval) -> Interval:
     """Return the vector products along the last axis, of length 3."""
-    parts = [
-        a[..., (k + 1) % 3] * b[..., (k + 2) % 3] - a[..., (k + 2) % 3] * b[..., (k + 1) % 3]
-        for k in range(3)
-    ]
-    return Interval.stack(parts)
+    first, second = [1, 2, 0], [2, 0, 1]
+    return a[..., first] * b[..., second] - a[..., second] * b[..., first]
 
 
 def squared_norm(vectors: Interval) -> Interval:
@@ -216,5 +216,4 @@ def rotate(matrix: Interval, points: Interval) -> Interval:
     Interval, shape (n, q)
 
     """
-    q = matrix.lower.shape[0]
-    return Interval.stack([dot(matrix[row][None, :], points) for row in range(q)])
+    return dot(matrix[None], points[:, None, :])
