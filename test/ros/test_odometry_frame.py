@@ -44,7 +44,7 @@ def test_bearings_stop_and_no_robot_jumps_under_the_same_name(bench, make_node, 
     z, w = poses.orientations_xyzw[0, 2:]
     assert abs(math.remainder(2.0 * math.atan2(z, w) - yaws[0], 2.0 * math.pi)) < 0.05
     frame = 'odometry frame odom of robot_1'
-    bench.until(lambda: dict(bench.status('fleet').values)['frame'] == frame, 'the name')
+    bench.until(lambda: dict(bench.status('fleet').values).get('frame') == frame, 'the name')
 
     bench.play(paper_fleet, cameras=False)
     bench.sending.append(send_odometry)

@@ -1,0 +1,127 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The subscriptions of the node: it asks them for messages, and no executor looks at them."""
+
+from collections import Counter
+import time
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import Range  # noqa: E402
+
+from dg_localization.ros.interface.links import Template  # noqa: E402
+from dg_localization.ros.node.inputs import POLL_PERIOD_S, SENSOR_DATA, Inputs  # noqa: E402
+
+POINTS = ('a', 'b', 'c')
+TOPICS = [f'/{one}/range/{other}' for one in POINTS for other in POINTS if one != other]
+SETTINGS = SimpleNamespace(
+    templates=(Template('/{observer}/range/{target}', 'sensor_msgs/msg/Range'),),
+    links=(),
+    fleet=SimpleNamespace(points=POINTS),
+)
+TIMEOUT_S = 20.0
+
+
+@pytest.fixture
+def node():
+    context = Context()
+    rclpy.init(context=context)
+    node = Node('inputs', context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def connected(node, take):
+    """Return inputs that have found a publisher for every topic, and the publishers."""
+    publishers = [node.create_publisher(Range, topic, SENSOR_DATA) for topic in TOPICS]
+    inputs = Inputs(node, SETTINGS, take)
+    began_s = time.monotonic()
+    while not all(publisher.get_subscription_count() for publisher in publishers):
+        assert time.monotonic() - began_s < TIMEOUT_S, 'the inputs are not found'
+        inputs.search()
+        time.sleep(0.01)
+    return inputs, publishers
+
+
+def spin_until(node, condition):
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    began_s = time.monotonic()
+    while not condition() and time.monotonic() - began_s < TIMEOUT_S:
+        executor.spin_once(timeout_sec=1.0)
+    executor.shutdown()
+    assert condition()
+
+
+def test_every_message_of_every_topic_is_taken_once(node):
+    taken = Counter()
+    inputs, publishers = connected(node, lambda link, _: taken.update([link.topic]))
+    for _ in range(SENSOR_DATA.depth):
+        for publisher in publishers:
+            publisher.publish(Range())
+    spin_until(node, lambda: taken.total() >= SENSOR_DATA.depth * len(TOPICS))
+    assert taken == dict.fromkeys(TOPICS, SENSOR_DATA.depth)
+    inputs.destroy()
+
+
+def test_messages_are_taken_as_they_were_sent(node):
+    taken = []
+    inputs, (publisher, *_) = connected(node, lambda _, data: taken.append(data))
+    message = serialize_message(Range(range=2.5))
+    publisher.publish(message)
+    spin_until(node, lambda: taken)
+    assert taken == [message]
+    inputs.destroy()
+
+
+def test_no_executor_looks_at_inputs_or_at_events_of_them(node):
+    inputs, publishers = connected(node, lambda *_: None)
+    subscriptions = [each for each in node.subscriptions if each.topic_name in TOPICS]
+    assert len(subscriptions) == len(publishers)
+    for subscription in subscriptions:
+        assert not subscription.callback_group.can_execute(subscription)
+        assert not subscription.event_handlers
+    inputs.destroy()
+
+
+def test_where_more_arrives_than_can_be_taken_all_topics_have_their_turn(node):
+    taken = Counter()
+
+    def take_slowly(link, _):
+        taken.update([link.topic])
+        time.sleep(2.0 * POLL_PERIOD_S)
+
+    inputs, publishers = connected(node, take_slowly)
+    for _ in range(SENSOR_DATA.depth):
+        for publisher in publishers:
+            publisher.publish(Range())
+    time.sleep(0.5)
+    inputs._poll()
+    assert taken == dict.fromkeys(TOPICS, 1)
+    inputs.destroy()
+
+
+def test_nothing_is_asked_after_the_end(node):
+    taken = []
+    inputs, publishers = connected(node, lambda *each: taken.append(each))
+    for publisher in publishers:
+        publisher.publish(Range())
+    inputs.destroy()
+    assert inputs.links == ()
+    assert not [each for each in node.subscriptions if each.topic_name in TOPICS]
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    for _ in range(3):
+        executor.spin_once(timeout_sec=2.0 * POLL_PERIOD_S)
+    executor.shutdown()
+    assert taken == []
