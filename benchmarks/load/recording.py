@@ -39,6 +39,8 @@ HEADER = (
 def row(noted: Mapping[str, NDArray[np.float64]]) -> list[str]:
     """Return the line of the table from what the node noted, after `SETTLE_S`."""
     messages, answers, resources = noted['messages'], noted['answers'], noted['resources']
+    # A message may come before the first of the clock.
+    messages = messages[messages[:, 0] > 0.0]
     first_s, end_s = messages[0, 0] + SETTLE_S, messages[-1, 0]
     messages, answers = (
         rows[(rows[:, 0] >= first_s) & (rows[:, 0] < end_s)] for rows in (messages, answers)
