@@ -76,9 +76,12 @@ class Inputs:
         self._subscriptions: dict[Link, Subscription] = {}
         for link in settings.links:
             self._subscribe(link)
+        # An executor calls timers before it takes a simulated time, and guard conditions after
+        # it: where a bag is replayed many times as fast, messages would seem to be of the future.
+        self._poller = node.create_guard_condition(self._poll)
         # The node's own time stands still while a simulation pauses.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._poller = node.create_timer(POLL_PERIOD_S, self._poll, clock=steady)
+        self._timer = node.create_timer(POLL_PERIOD_S, self._poller.trigger, clock=steady)
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -97,7 +100,8 @@ class Inputs:
 
     def destroy(self) -> None:
         """Take the subscriptions off the graph."""
-        self._node.destroy_timer(self._poller)
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_guard_condition(self._poller)
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
