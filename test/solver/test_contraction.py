@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from solver_cases import bounds, box_of, random_case, squared_distances
 
-from dg_localization import Problem
+from benchmarks.pieces import neighbors, uwb_fleet
+from dg_localization import Problem, SolverOptions
+from dg_localization.solver.contract import fixed_point
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.splitting import choose_split
@@ -73,3 +75,33 @@ def test_an_unknown_pair_of_an_exact_fleet_becomes_exact(dimension):
         pruner = Pruner(Problem(lower, upper, dimension), random_case(0).options)
         box = pruner.prune(pruner.whole()).box
         assert box[1, 0, 1] - box[0, 0, 1] < 1e-4 * squared[0, 1]
+
+
+@pytest.mark.parametrize(('n_points', 'local'), [(16, []), (18, [10]), (25, [10, 16]), (31, [20])])
+def test_a_few_points_are_projected_before_all(n_points, local, monkeypatch):
+    counts = []
+    apply_axes = fixed_point.apply_axes
+
+    def noted(*args):
+        if not counts or counts[-1] != args[-1]:
+            counts.append(args[-1])
+        return apply_axes(*args)
+
+    monkeypatch.setattr(fixed_point, 'apply_axes', noted)
+    pruner = Pruner(uwb_fleet(n_points, 8, seed=0), SolverOptions())
+    pruned = pruner.prune(pruner.whole())
+    assert pruned.status is Status.CONTRACTED
+    assert counts == [*local, n_points]
+    squared = squared_distances(neighbors(n_points, 8, 2, seed=0)[0])
+    assert ((pruned.box[0] <= squared) & (squared <= pruned.box[1])).all()
+
+
+@pytest.mark.parametrize('n_points', [17, 20, 21, 30])
+def test_no_placement_of_a_fleet_of_wide_distances_is_lost(n_points):
+    for seed in range(20):
+        pruner = Pruner(uwb_fleet(n_points, 5 + seed % 4, seed), SolverOptions())
+        pruned = pruner.prune(pruner.whole())
+        squared = squared_distances(neighbors(n_points, 5 + seed % 4, 2, seed)[0])
+        assert pruned.status is not Status.EMPTY, seed
+        assert ((pruned.box[0] <= squared) & (squared <= pruned.box[1])).all(), seed
+        assert not ((pruned.box[2] < squared) & (squared < pruned.box[3])).any(), seed

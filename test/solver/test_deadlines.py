@@ -21,6 +21,7 @@ STEP_S = 1.0
 WORK = [
     (tasks, 'search'),
     (tasks, 'hypotheses_of'),
+    (tasks, 'unplaced_hypotheses_of'),
     (neighborhoods.Neighborhoods, 'rigid_part'),
     (neighborhoods.Neighborhoods, 'paths'),
     (neighborhoods.Neighborhoods, 'within_hops'),

@@ -116,7 +116,9 @@ def solve_large(
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
     is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
-    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
+    # The hypotheses of a piece that is contracted as a whole are placed, and not its patches.
+    is_placed = not is_whole
+    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed, is_placed).run()
     if solved is None:
         return None
     if solved.is_empty():

@@ -20,7 +20,7 @@ import time
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.options import Cancel, SolverOptions
-from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.place.hypotheses import hypotheses_of, unplaced_hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Statistics
 from dg_localization.solver.search.branch_and_prune import Cover
@@ -49,12 +49,15 @@ class Part:
         The boxes in m^2 to search in; everywhere when there are none.
     all_or_nothing : bool
         Whether a cover with boxes that were not examined is of no use.
+    is_placed : bool
+        Whether placements are sought at once, not when somebody asks for them.
 
     """
 
     problem: Problem | None
     within: Sequence[Bounds] | None
     all_or_nothing: bool = False
+    is_placed: bool = True
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,8 @@ def solve_part(
     cover, statistics = search(*args, at_once=1)
     if part.all_or_nothing and cover.pending:
         return SolvedPart(cover, statistics, ())
-    return SolvedPart(cover, statistics, hypotheses_of(part.problem, cover.kept + cover.pending))
+    of_cover = hypotheses_of if part.is_placed else unplaced_hypotheses_of
+    return SolvedPart(cover, statistics, of_cover(part.problem, cover.kept + cover.pending))
 
 
 @default_environment()

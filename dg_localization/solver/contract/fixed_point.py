@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,14 +35,42 @@ from dg_localization.solver.contract.widths import (
 )
 from dg_localization.solver.problem import Problem
 
-LOCAL_POINTS = (20, 20, 12)
-"""In a larger fleet of 1, 2, 3 dimensions the first sweep projects only so many points."""
-
 SMOOTHED_SWEEPS = 2
 """The first sweeps begin with the triangle inequalities; later ones gain nothing from them."""
 
-AXES_BEFORE_SPLIT = (12, 12, 2)
-"""How many axes per point are tried, by dimension, before a box with a gap is split."""
+
+class Schedule(NamedTuple):
+    """
+    The sweeps over the axes of a fleet.
+
+    Parameters
+    ----------
+    most_points : float
+        The largest fleet that this is for.
+    local : tuple of int
+        How many points the first sweeps project, one number for each: those best known from the
+        axis. They take a fraction of the time of a sweep over all points, and leave less to gain.
+    axes_before_split : int
+        How many axes per point are tried with all points before a box with a gap is split.
+
+    """
+
+    most_points: float
+    local: tuple[int, ...]
+    axes_before_split: int
+
+
+SCHEDULES = (
+    (Schedule(20, (), 12), Schedule(math.inf, (20,), 12)),
+    (
+        Schedule(MOST_THROUGH, (), 12),
+        Schedule(20, (10,), 2),
+        Schedule(30, (10, 16), 2),
+        Schedule(math.inf, (20,), 12),
+    ),
+    (Schedule(12, (), 2), Schedule(math.inf, (12,), 2)),
+)
+"""The schedules in 1, 2 and 3 dimensions, for smaller fleets first (docs/projections.md)."""
 
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
@@ -49,6 +78,9 @@ LEAST_GAIN = 0.05
 MOST_IDLE_TESTS, MOST_IDLE_TESTS_OF_LARGER = 4, 2
 """So many tests of the same sweep without such a gain end it: later axes are known less well. One
 of a larger fleet takes many times as long."""
+
+LARGER = (20, 20, 12)
+"""A fleet of more points than this is a larger one, by dimension."""
 
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
@@ -114,8 +146,9 @@ class Contractor:
         self._scratch = (*work, *sides_of(problem))
         # What a contraction starts from: the box itself is the first level of the workspace.
         self._box, self._points, self._distance = work.boxes[0], work.points[0], work.distance
-        self._n_local = LOCAL_POINTS[dimension - 1]
-        is_larger = n_points > self._n_local
+        fitting = (s for s in SCHEDULES[dimension - 1] if n_points <= s.most_points)
+        self._schedule = next(fitting)
+        is_larger = n_points > LARGER[dimension - 1]
         self._most_idle = MOST_IDLE_TESTS_OF_LARGER if is_larger else MOST_IDLE_TESTS
         self._widths_of_sweep = np.zeros((n_points, n_points))
         self._widths_of_test = np.zeros((n_points, n_points))
@@ -167,15 +200,15 @@ class Contractor:
         self, groups: Groups, goal: Goal, explained: FloatArray, stopped: Callable[[], bool]
     ) -> Status:
         """Sweep over all axes until the goal is reached or a sweep gains little."""
-        box, n_local = self._box, self._n_local
+        box, local = self._box, self._schedule.local
         for sweep in range(goal.max_sweeps):
             if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, self._distance, self._points):
                 return Status.EMPTY
             axes = rank_axes(box, self.axes)
-            if sweep == 0 and self._n_points > n_local:
+            if sweep < len(local):
                 # The best axes are the measured pairs and what they soon reveal.
                 best = axes[: len(groups.edges)]
-                status = self._project(best, n_local, stopped)
+                status = self._project(best, local[sweep], stopped)
             else:
                 remember_widths(box, self._widths_of_sweep)
                 status = self._project_and_combine(axes, groups, goal, explained, stopped)
@@ -195,7 +228,7 @@ class Contractor:
     ) -> Status | None:
         """Apply all axes, and test the box after every few; None when there is more to gain."""
         box = self._box
-        enough = min(len(axes), AXES_BEFORE_SPLIT[self._dimension - 1] * self._n_points)
+        enough = min(len(axes), self._schedule.axes_before_split * self._n_points)
         n_idle = 0
         for first in range(0, max(1, len(axes)), goal.axes_per_test):
             some = axes[first : first + goal.axes_per_test]

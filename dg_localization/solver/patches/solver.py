@@ -112,6 +112,8 @@ class PatchSolver:
         The boxes in m^2 that placements have to lie in; everywhere without any.
     is_reviewed : bool, optional
         Whether patches that several hypotheses are left of are looked at again.
+    is_placed : bool, optional
+        Whether placements of the patches are sought at once, not when somebody asks for them.
 
     """
 
@@ -122,11 +124,13 @@ class PatchSolver:
         share: float,
         within: Sequence[Bounds] | None,
         is_reviewed: bool = True,
+        is_placed: bool = True,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
         self._is_reviewed = is_reviewed
+        self._is_placed = is_placed
         self._orientations = Orientations(problem)
         self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
@@ -201,7 +205,7 @@ class PatchSolver:
         problem = restricted(self._problem, points, bounds, constraints)
         index = np.ix_(points, points)
         within = self._within and [(low[index], high[index]) for low, high in self._within]
-        return Part(problem, within)
+        return Part(problem, within, is_placed=self._is_placed)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
         """Return the pairs of all patches, and a patch that is left without a hypothesis."""

@@ -158,6 +158,9 @@ def _cover(
     with ThreadPoolExecutor(len(pruners)) as pool:
 
         def prune_in_threads(boxes: list[FloatArray]) -> list[Pruned]:
+            if len(boxes) == 1:
+                # Handing over the only box would take as long as some boxes do.
+                return prune_here(boxes)
             return list(pool.map(Pruner.prune, pruners, boxes, repeat(budget.stopped)))
 
         at_once = len(pruners)
