@@ -15,7 +15,9 @@ from solver_cases import bounds, random_case
 from dg_localization import Problem, SolverOptions, solve
 from dg_localization.interval import environment as float_environment
 from dg_localization.interval.environment import default_environment, is_default
-from dg_localization.solver.search.search import POINTS_PER_WORKER
+from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.place.unplaced_hypotheses import unplaced_hypotheses_of
+from dg_localization.solver.search.search import POINTS_PER_WORKER, search
 
 # FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO.
 MODES = {'x86_64': (0x400, 0x800, 0xC00), 'aarch64': (0x800000, 0x400000, 0xC00000)}
@@ -84,6 +86,21 @@ def test_the_answer_is_the_same_to_the_bit(request_problem, other_mode):
     for one, other in zip(found.hypotheses, expected.hypotheses, strict=True):
         assert np.array_equal(one.boxes, other.boxes)
         assert np.array_equal(one.positions, other.positions)
+
+
+def test_what_is_sought_later_is_the_same_to_the_bit(other_mode):
+    """Placements of patches are proved when somebody asks for them, perhaps in another mode."""
+    library, mode = other_mode
+    library.fesetround(0)
+    case = random_case(12)
+    cover, _ = search(case.problem, case.options)
+    expected = hypotheses_of(case.problem, cover.kept)
+    found = unplaced_hypotheses_of(case.problem, cover.kept)
+    library.fesetround(mode)
+    for one, other in zip(found, expected, strict=True):
+        assert np.array_equal(one.positions, other.positions)
+        assert (one.proved, one.flexible) == (other.proved, other.flexible)
+    assert library.fegetround() == mode
 
 
 def test_the_mode_is_restored_after_an_error(other_mode):

@@ -17,7 +17,7 @@ from dg_localization.solver.assemble import large_pieces, pieces, product
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
-from dg_localization.solver.place import hypotheses
+from dg_localization.solver.place import hypotheses, unplaced_hypotheses
 from dg_localization.solver.search.branch_and_prune import Cover
 from dg_localization.solver.search.search import search
 
@@ -322,13 +322,14 @@ def test_patches_of_wide_distances_are_reviewed_only_on_demand(n_points, degree,
 def test_patches_are_placed_when_somebody_asks(monkeypatch):
     """Placements of patches are no part of the answer of a piece that is contracted as a whole."""
     sizes = []
-    placement = hypotheses._placement
+    placement_in = unplaced_hypotheses.placement_in
 
     def noted(problem, *args):
         sizes.append(problem.n_points)
-        return placement(problem, *args)
+        return placement_in(problem, *args)
 
-    monkeypatch.setattr(hypotheses, '_placement', noted)
+    for module in (hypotheses, unplaced_hypotheses):
+        monkeypatch.setattr(module, 'placement_in', noted)
     result = solve(uwb_fleet(20, 8, seed=7), SolverOptions(max_boxes=10**6))
     assert [len(piece.points) for piece in result.pieces] == [20]
     assert sizes == [20] * len(result.pieces[0].hypotheses)
@@ -339,7 +340,9 @@ def test_a_placement_is_the_same_whenever_it_is_sought():
         case = random_case(seed)
         cover, _ = search(case.problem, case.options)
         boxes = cover.kept + cover.pending
-        later = pickle.loads(pickle.dumps(hypotheses.unplaced_hypotheses_of(case.problem, boxes)))
+        later = pickle.loads(
+            pickle.dumps(unplaced_hypotheses.unplaced_hypotheses_of(case.problem, boxes))
+        )
         now = hypotheses.hypotheses_of(case.problem, boxes)
         assert len(now) == len(later) > 0, seed
         for placed, unplaced in zip(now, later, strict=True):

@@ -20,7 +20,8 @@ import time
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.options import Cancel, SolverOptions
-from dg_localization.solver.place.hypotheses import hypotheses_of, unplaced_hypotheses_of
+from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.place.unplaced_hypotheses import unplaced_hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Statistics
 from dg_localization.solver.search.branch_and_prune import Cover

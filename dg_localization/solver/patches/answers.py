@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
+from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.pair_bounds import PairBounds
@@ -44,11 +45,21 @@ MOST_RANKED = 150
 """Up to so many points the rank of a placement is computed, which takes their cube of time."""
 
 
+_Placement = tuple[FloatArray | None, bool]
+"""A placement in m, None where none could be computed, and whether it is proved."""
+
+
+def _never() -> bool:
+    """Return False: nothing stops a placement that is asked for."""
+    return False
+
+
 class ChainedHypothesis(Hypothesis):
     """
     A hypothesis of a large piece, which keeps the bounds of known pairs only.
 
-    Those of all pairs follow from chains of known ones when they are asked for.
+    Those of all pairs follow from chains of known ones, and its placement is sought, when they
+    are asked for.
 
     Parameters
     ----------
@@ -58,10 +69,8 @@ class ChainedHypothesis(Hypothesis):
         The number of points.
     within : sequence of (lower, upper), optional
         The boxes in m^2 that placements have to lie in; everywhere without any.
-    positions : ndarray, shape (n, q), or None
-        A placement in m.
-    proved : bool
-        Whether it meets every constraint.
+    placement : callable
+        Returns a placement in m or None, and whether it meets every constraint.
     flexible : bool
         Whether the placements are a continuum even without measurement errors.
 
@@ -70,14 +79,14 @@ class ChainedHypothesis(Hypothesis):
     _graph: ChainGraph
     _n_points: int
     _within: Sequence[Bounds] | None
+    _placement: Callable[[], _Placement]
 
     def __init__(
         self,
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        positions: FloatArray | None,
-        proved: bool,
+        placement: Callable[[], _Placement],
         flexible: bool,
     ) -> None:
         # The base class is frozen.
@@ -85,11 +94,26 @@ class ChainedHypothesis(Hypothesis):
             '_graph': graph,
             '_n_points': n_points,
             '_within': within,
-            'positions': positions,
-            'proved': proved,
+            '_placement': placement,
             'flexible': flexible,
         }
         self.__dict__.update(values)
+
+    @cached_property
+    @default_environment()
+    def _placed(self) -> _Placement:
+        """A placement, and whether it is proved to agree."""
+        return self._placement()
+
+    @property
+    def positions(self) -> FloatArray | None:
+        """One placement in m, shape (n, q), None where none could be computed."""
+        return self._placed[0]
+
+    @property
+    def proved(self) -> bool:
+        """Whether it meets every constraint."""
+        return self._placed[1]
 
     def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
         """Return the bounds in m^2 of the squared distance of two points, by their rows."""
@@ -204,29 +228,31 @@ class PatchAnswers:
         most = 1 if self._stopped() else min(most, max(1, MOST_NUMBERS // n_points**2))
         choices = self._choices(most)
         graphs = [chains.with_bounds(*self._chosen(choice)) for choice in choices]
-        placed = self._placements(choices, chains)
-        flexible = self._is_flexible(placed[0][0])
+        start = self._start(chains)
+        anywhere = (None, False) if start is None else self._placement(start)
+        flexible = self._is_flexible(anywhere[0])
         return [
-            ChainedHypothesis(graph, n_points, self._within, positions, proved, flexible)
-            for graph, (positions, proved) in zip(graphs, placed, strict=True)
+            ChainedHypothesis(
+                graph,
+                n_points,
+                self._within,
+                partial(self._placement_of, choice, start, anywhere),
+                flexible,
+            )
+            for graph, choice in zip(graphs, choices, strict=True)
         ]
 
-    def _placements(
-        self, choices: Sequence[Mapping[int, int]], chains: ChainGraph
-    ) -> list[tuple[FloatArray | None, bool]]:
-        """Return a placement for each choice, and whether it is proved to agree."""
-        start = self._start(chains)
-        if start is None:
-            return [(None, False)] * len(choices)
-        anywhere, proved = self._placement(start)
+    def _placement_of(
+        self, choice: Mapping[int, int], start: FloatArray | None, anywhere: _Placement
+    ) -> _Placement:
+        """Return a placement for a choice, given one that lies anywhere."""
+        positions, proved = anywhere
+        if start is None or positions is None or not choice:
+            return anywhere
         # It belongs to the choice that it lies in; of most others there is no placement at all.
-        placed: list[tuple[FloatArray | None, bool]] = [(anywhere, False)] * len(choices)
-        for x, choice in enumerate(choices):
-            if not choice or (proved and self._is_within(anywhere, choice)):
-                placed[x] = anywhere, proved
-            elif not self._stopped():
-                placed[x] = self._placement_in(start, choice)
-        return placed
+        if proved and self._is_within(positions, choice):
+            return anywhere
+        return self._placement_in(start, choice)
 
     def _placement(self, start: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with any hypotheses of the patches, and whether it is proved."""
@@ -245,8 +271,9 @@ class PatchAnswers:
     ) -> tuple[FloatArray, bool]:
         """Return a placement for a choice of hypotheses, and whether it is proved to be one."""
         known = self._solved.known.pairs, *self._chosen(choice)
-        positions = refined(start, *known, 0.0, self._stopped, QUICK)
-        positions = refined(positions, *known, 0.5 * MARGIN, self._stopped, QUICK)
+        # Few steps, which the time of the call does not limit: it may have ended long ago.
+        positions = refined(start, *known, 0.0, _never, QUICK)
+        positions = refined(positions, *known, 0.5 * MARGIN, _never, QUICK)
         positions, proved = self._settled(positions)
         return positions, proved and self._is_within(positions, choice)
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 import math
 
 import numpy as np
@@ -143,7 +142,7 @@ def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
     return hulls
 
 
-def _placement(
+def placement_in(
     problem: Problem,
     boxes: list[FloatArray],
     starts: list[FloatArray | None],
@@ -190,77 +189,6 @@ def _placement_by_known_pairs(
     return positions, False
 
 
-class UnplacedHypothesis(Hypothesis):
-    """
-    A hypothesis whose placement is sought when it is first asked for.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    hull : ndarray, shape (2, n, n)
-        Lower and upper bounds in m^2.
-    boxes : list of ndarray, shape (4, n, n)
-        Its boxes in m^2.
-
-    """
-
-    _problem: Problem
-    _inside: list[FloatArray]
-
-    def __init__(self, problem: Problem, hull: FloatArray, boxes: list[FloatArray]) -> None:
-        # The base class is frozen.
-        bounds = np.array([box[: UPPER + 1] for box in boxes])
-        lower, upper = hull
-        values = {'lower': lower, 'upper': upper, 'boxes': bounds}
-        self.__dict__.update(values, _problem=problem, _inside=boxes)
-
-    @cached_property
-    def _placed(self) -> tuple[FloatArray, bool]:
-        """A placement in m, and whether it is proved to agree."""
-        return _placement(self._problem, self._inside, [], lambda: False)
-
-    @property
-    def positions(self) -> FloatArray:
-        """One placement in m, shape (n, q)."""
-        return self._placed[0]
-
-    @property
-    def proved(self) -> bool:
-        """Whether it meets every constraint of the problem and lies in a box."""
-        return self._placed[1]
-
-    @cached_property
-    def flexible(self) -> bool:
-        """Whether the placements are a continuum even without measurement errors."""
-        return bool(is_flexible(self.positions, np.isfinite(self._problem.upper)))
-
-
-def unplaced_hypotheses_of(
-    problem: Problem, boxes: list[FloatArray]
-) -> tuple[UnplacedHypothesis, ...]:
-    """
-    Return the hypotheses of a cover like `hypotheses_of`, their placements only when asked for.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    boxes : list of ndarray, shape (4, n, n)
-        The cover.
-
-    Returns
-    -------
-    tuple of UnplacedHypothesis
-        One for each connected component.
-
-    """
-    return tuple(
-        UnplacedHypothesis(problem, hull, [boxes[index] for index in indices])
-        for hull, indices in _hulls_of(boxes)
-    )
-
-
 def hypotheses_of(
     problem: Problem,
     boxes: list[FloatArray],
@@ -289,18 +217,31 @@ def hypotheses_of(
     """
     measured = np.isfinite(problem.upper)
     hypotheses = []
-    for (lower, upper), indices in _hulls_of(boxes):
+    for (lower, upper), indices in hulls_of(boxes):
         near = [starts[index] for index in indices] if starts else []
         inside = [boxes[index] for index in indices]
-        positions, proved = _placement(problem, inside, near, stopped)
+        positions, proved = placement_in(problem, inside, near, stopped)
         flexible = is_flexible(positions, measured)
         bounds = np.array([box[: UPPER + 1] for box in inside])
         hypotheses.append(Hypothesis(lower, upper, bounds, positions, proved, flexible))
     return tuple(hypotheses)
 
 
-def _hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:
-    """Return the hull of every connected component of a cover, and which boxes it has."""
+def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:
+    """
+    Return the hulls of the connected components of a cover, in the order of their first box.
+
+    Parameters
+    ----------
+    boxes : list of ndarray, shape (4, n, n)
+        The cover in m^2.
+
+    Returns
+    -------
+    list of tuple of (ndarray, list of int)
+        Lower and upper bounds of each component in m^2, shape (2, n, n), and its boxes by number.
+
+    """
     if not boxes:
         return []
     bounds = np.array([box[: UPPER + 1] for box in boxes])
