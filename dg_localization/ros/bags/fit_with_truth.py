@@ -3,7 +3,7 @@
 
 """Bounds from the readings of a bag beside a ground truth."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from dg_localization.ros.bags.fitted import (
     FloatArray,
     GroupFit,
     gathered,
+    odometry_parameters,
     range_parameters,
 )
 from dg_localization.ros.bags.reader import BagError
@@ -76,7 +77,7 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
             ).items()
         },
     )
-    _add_odometry(fit, samples, tracks, choice)
+    _add_odometry(fit, samples, tracks, per, choice)
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
@@ -112,13 +113,10 @@ def _bearing_group(errors_rad: FloatArray, choice: Choice) -> GroupFit:
 
 
 def _add_odometry(
-    fit: Fit,
-    samples: Samples,
-    tracks: Mapping[str, TrueTrack],
-    choice: Choice,
+    fit: Fit, samples: Samples, tracks: Mapping[str, TrueTrack], per: str, choice: Choice
 ) -> None:
-    """Add the bounds of odometry: one set for all robots, and a sentence on each."""
-    found: list[OdometryWindows] = []
+    """Add the bounds of odometry, those of all robots and of each, and a sentence on each."""
+    found: dict[str, OdometryWindows] = {}
     for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
         rows = samples.odometry[robot]
         stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
@@ -128,34 +126,47 @@ def _add_odometry(
             stamps[increasing], positions[increasing], rotations[increasing], tracks[robot]
         )
         if len(windows.seconds) >= LEAST_READINGS:
-            found.append(windows)
-            fit.notes.append(
-                f'Odometry of {robot}: {_odometry_text(fit_odometry(windows, choice))}'
-            )
+            found[robot] = windows
     if not found:
         return
-    together = OdometryWindows(
-        *(
-            np.concatenate([getattr(one, name) for one in found])
-            for name in ('seconds', 'way_m', 'turn_rad', 'error_m', 'error_rad')
-        )
-    )
+    for robot, windows in found.items():
+        bounds = fit_odometry(windows, choice)
+        fit.notes.append(f'Odometry of {robot}: {_odometry_text(bounds, windows)}')
+        fit.notes += _judged_on_the_rest(robot, windows, choice)
+        if per != 'all':
+            fit.robot_odometry[robot] = odometry_parameters(bounds)
+    together = OdometryWindows.joined(found.values())
     bounds = fit_odometry(together, choice)
-    fit.notes.append(f'Odometry of all: {_odometry_text(bounds)}')
-    fit.odometry = {
-        'translation_per_m': bounds.translation_per_m,
-        'translation_per_rad': 0.0,
-        'rotation_per_m': 0.0,
-        'rotation_per_rad': bounds.rotation_per_rad,
-        'constant_translation': bounds.constant_m,
-        'constant_rotation': bounds.constant_rad,
-        'latency': 0.0,
-    }
+    fit.notes.append(f'Odometry of all: {_odometry_text(bounds, together)}')
+    fit.odometry = odometry_parameters(bounds)
 
 
-def _odometry_text(fit: OdometryFit) -> str:
+def _odometry_text(fit: OdometryFit, windows: OdometryWindows) -> str:
+    count = len(windows.seconds)
+    excluded = fit.excluded(windows)
     return (
-        f'the way is within {fit.constant_m:.4f} m + {fit.translation_per_m:.4f} per m, the turn '
-        f'within {fit.constant_rad:.4f} rad + {fit.rotation_per_rad:.4f} per rad, in '
-        f'{fit.windows - fit.excluded} of {fit.windows} windows of 0.5 to 40 s.'
+        f'{_bounds_text(fit)}; {count} windows of 0.5 to 40 s, {100.0 * excluded / count:.2f} % '
+        'excluded.'
+    )
+
+
+def _bounds_text(fit: OdometryFit) -> str:
+    return (
+        f'true ways are {fit.translation_scale:.4f} times the reported ones, up to '
+        f'{fit.constant_m:.4f} m + {fit.translation_per_m:.4f} per m, turns are within '
+        f'{fit.constant_rad:.4f} rad + {fit.rotation_per_rad:.4f} per rad'
+    )
+
+
+def _judged_on_the_rest(robot: str, windows: OdometryWindows, choice: Choice) -> Iterator[str]:
+    """Yield how well what the first half of a recording shows holds for the second."""
+    learned, judged = windows.halves()
+    if min(len(learned.seconds), len(judged.seconds)) < LEAST_READINGS:
+        yield f'The recording is too short to judge the odometry of {robot} on a part of its own.'
+        return
+    bounds = fit_odometry(learned, choice)
+    shares = [100.0 * bounds.excluded(half) / len(half.seconds) for half in (learned, judged)]
+    yield (
+        f'Learned of the first half alone, {_bounds_text(bounds)}: {shares[0]:.2f} % of its '
+        f'windows are excluded, and {shares[1]:.2f} % of those of the second half.'
     )
