@@ -6,7 +6,7 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
-        [--fitted readings|half|whole] [--keep 0.95]
+        [--fitted readings|half|whole] [--keep 0.95] [--margin 0.1]
     python -m benchmarks.fleet_in_time rate [--data ../shared/data/mrclam] [--outliers 0]
         [--start 95]
     python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
@@ -16,7 +16,7 @@ there are no cameras and no anchors. MRCLAM: five robots among 15 landmarks, whi
 anchors; `rate` answers at 5 Hz for some seconds; `robots` leaves the landmarks out. With
 `--fitted` the bounds of ranges and bearings are those that were learned of the recording, and with
 `half` and `whole` scale and bounds of the odometry of each robot, too, which were learned of its
-first half or of the whole and hold the share `--keep` of its windows.
+first half or of the whole, hold the share `--keep` of its windows, and are widened by `--margin`.
 """
 
 from __future__ import annotations
@@ -214,8 +214,8 @@ FITTED_BEARING_ERROR_RAD = 0.060
 """What `fit_bounds --per all --keep 0.99` learns of the excerpt."""
 
 
-def fitted_odometry(excerpt: Excerpt, part: str, keep: float) -> dict[str, OdometryErrorModel]:
-    """Return what `fit_bounds --keep` learns of the odometry of each robot, without a margin."""
+def fitted_odometry(excerpt: Excerpt, part: str, choice: Choice) -> dict[str, OdometryErrorModel]:
+    """Return what `fit_bounds` learns of the odometry of each robot, of a part of the excerpt."""
     errors = {}
     for name, robot in zip(excerpt.names, excerpt.robots, strict=True):
         stamps, places, yaws = robot.truth[:, 0], robot.truth[:, 1:3], robot.truth[:, 3]
@@ -229,9 +229,7 @@ def fitted_odometry(excerpt: Excerpt, part: str, keep: float) -> dict[str, Odome
         windows = odometry_windows(
             stamps_s, positions_m, np.array([rotation(yaw) for yaw in yaws_rad]), truth
         )
-        fit = fit_odometry(
-            windows.halves()[0] if part == 'half' else windows, Choice(keep, margin=0.0)
-        )
+        fit = fit_odometry(windows.halves()[0] if part == 'half' else windows, choice)
         errors[name] = OdometryErrorModel(
             translation_per_m=fit.translation_per_m,
             rotation_per_rad=fit.rotation_per_rad,
@@ -290,7 +288,7 @@ def report_mrclam(
     memory_s: float,
     tick_s: float,
     fitted: str | None,
-    keep: float,
+    choice: Choice,
 ) -> None:
     """Print the figures of the four-minute excerpt as a row of a table."""
     excerpt = Excerpt(folder)
@@ -302,7 +300,7 @@ def report_mrclam(
             bearing_half_width_rad=FITTED_BEARING_ERROR_RAD,
         )
     if fitted in ('half', 'whole'):
-        errors = fitted_odometry(excerpt, fitted, keep)
+        errors = fitted_odometry(excerpt, fitted, choice)
         config = replace(config, robot_odometry_error=errors)
     inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
     for now_s, estimate, milliseconds in answers(excerpt, config, ticks_s(excerpt, tick_s)):
@@ -483,6 +481,7 @@ def main() -> None:
         help='bounds learned by fit_bounds: of ranges and bearings alone, or of odometry, too',
     )
     parser.add_argument('--keep', type=float, default=0.95, metavar='SHARE')
+    parser.add_argument('--margin', type=float, default=Choice.margin, metavar='SHARE')
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
@@ -506,7 +505,7 @@ def main() -> None:
             arguments.memory,
             arguments.every,
             arguments.fitted,
-            arguments.keep,
+            Choice(arguments.keep, arguments.margin),
         )
 
 
