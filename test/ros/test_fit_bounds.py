@@ -204,6 +204,33 @@ def test_each_robot_has_a_scale_of_its_own_and_is_judged_on_the_second_half(tmp_
         assert 0.0 <= float(second) < 50.0
 
 
+def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
+    count = 0
+
+    def later_longer(topic, message):
+        nonlocal count
+        if topic == 'robot_1/range/robot_2':
+            count += 1
+            message.range += 5.0 if count > 120 else 0.0
+        return message
+
+    def shares_of_links(bag):
+        code, _ = learn(bag, '--truth', TRUTH)
+        assert code == 0
+        found = re.findall(
+            r'(robot_\d->robot_\d): [^;]*; [^;]*; [^;]*; '
+            r'learned of the first half alone, (\S+) % of the second excluded',
+            ' '.join(learn.output.replace('#', ' ').split()),
+        )
+        return {pair: float(share) for pair, share in found}
+
+    shares = shares_of_links(record(tmp_path / 'bag', change=later_longer, cameras=False))
+    # The last 80 of its 100 readings.
+    assert shares['robot_1->robot_2'] == pytest.approx(80.0, abs=2.0)
+    assert shares['robot_2->robot_3'] < 20.0
+    assert shares_of_links(record(tmp_path / 'short', seconds=3.0, cameras=False)) == {}
+
+
 def test_without_truth_odometry_is_not_judged(tmp_path, learn):
     bag = record(tmp_path / 'bag', seconds=4.0, odometry=True, cameras=False)
     code, found = learn(bag)

@@ -3,9 +3,10 @@
 
 """Bounds from the readings of a bag beside a ground truth."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import (
     Choice,
@@ -38,6 +39,8 @@ from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import Samples
 from dg_localization.ros.interface.parameters.settings import Settings
 
+BoolArray = NDArray[np.bool_]
+
 
 def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choice) -> Fit:
     """
@@ -60,20 +63,22 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     tracks, dimension = samples.tracks(settings), settings.fleet.dimension
     ranges = compared_ranges(samples, tracks, dimension)
     bearings = compared_rays(samples, tracks, dimension)
-    by_group = gathered({key: (one.values, one.errors) for key, one in ranges.items()}, per)
+    by_group = gathered(
+        {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}, per
+    )
     relative = False
     if EVERYTHING in by_group:
-        readings, errors = by_group[EVERYTHING]
+        _, readings, errors = by_group[EVERYTHING]
         relative = is_relative(readings, errors, choice)
     fit = Fit(
         ranges={
-            pair: _range_group(readings, errors, choice, relative)
-            for pair, (readings, errors) in by_group.items()
+            pair: _range_group(stamps, readings, errors, choice, relative)
+            for pair, (stamps, readings, errors) in by_group.items()
         },
         bearings={
-            pair: _bearing_group(errors, choice)
-            for pair, (errors,) in gathered(
-                {key: (one.errors,) for key, one in bearings.items()}, per
+            pair: _bearing_group(stamps, errors, choice)
+            for pair, (stamps, errors) in gathered(
+                {key: (one.stamps_s, one.errors) for key, one in bearings.items()}, per
             ).items()
         },
     )
@@ -92,7 +97,11 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
 
 
 def _range_group(
-    readings_m: FloatArray, errors_m: FloatArray, choice: Choice, relative: bool
+    stamps_s: FloatArray,
+    readings_m: FloatArray,
+    errors_m: FloatArray,
+    choice: Choice,
+    relative: bool,
 ) -> GroupFit:
     model = fit_range(readings_m, errors_m, choice, relative)
     seen = (
@@ -100,16 +109,40 @@ def _range_group(
     )
     excluded = excluded_ranges(model, readings_m, errors_m)
     bounds = {**range_parameters(model), EXPECTED_ERROR: float(np.median(errors_m))}
-    return GroupFit(len(errors_m), excluded, seen, bounds)
+
+    def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
+        half = fit_range(readings_m[learned], errors_m[learned], choice, relative)
+        return excluded_ranges(half, readings_m[judged], errors_m[judged])
+
+    rest = _share_of_rest(stamps_s, excluded_of)
+    return GroupFit(len(errors_m), excluded, seen, bounds, rest)
 
 
-def _bearing_group(errors_rad: FloatArray, choice: Choice) -> GroupFit:
+def _bearing_group(stamps_s: FloatArray, errors_rad: FloatArray, choice: Choice) -> GroupFit:
     half_width_rad = fit_half_width_rad(errors_rad, choice)
     bias_rad = float(np.median(errors_rad))
     seen = f'error {errors_rad.min():.3f} to {errors_rad.max():.3f} rad, median {bias_rad:.3f}'
-    excluded = int(np.count_nonzero(np.abs(errors_rad) > half_width_rad))
+    sizes_rad = np.abs(errors_rad)
+    excluded = int(np.count_nonzero(sizes_rad > half_width_rad))
     bounds = {'half_width': half_width_rad, EXPECTED_ERROR: bias_rad}
-    return GroupFit(len(errors_rad), excluded, seen, bounds)
+
+    def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
+        half_rad = fit_half_width_rad(errors_rad[learned], choice)
+        return int(np.count_nonzero(sizes_rad[judged] > half_rad))
+
+    rest = _share_of_rest(stamps_s, excluded_of)
+    return GroupFit(len(errors_rad), excluded, seen, bounds, rest)
+
+
+def _share_of_rest(
+    stamps_s: FloatArray, excluded_of: Callable[[BoolArray, BoolArray], int]
+) -> float | None:
+    """Return what share of the second half bounds of the first exclude; None for few readings."""
+    learned = stamps_s <= 0.5 * (stamps_s.min() + stamps_s.max())
+    count = int(np.count_nonzero(~learned))
+    if min(count, len(stamps_s) - count) < LEAST_READINGS:
+        return None
+    return excluded_of(learned, ~learned) / count
 
 
 def _add_odometry(

@@ -40,6 +40,9 @@ class GroupFit:
     bounds : dict of str to float
         By the name of the parameter without its prefix; with the likeliest error, where a truth
         shows it.
+    share_of_rest : float, optional
+        Of the readings of the second half of the recording, the share that bounds learned of the
+        first half alone exclude; None where that was not tried.
 
     """
 
@@ -47,16 +50,21 @@ class GroupFit:
     excluded: int
     seen: str
     bounds: dict[str, float]
+    share_of_rest: float | None = None
 
     @property
     def text(self) -> str:
         """What was seen and what that is worth, in words."""
         share = 100.0 * self.excluded / self.count
         vouched = 100.0 * vouched_share(self.count)
-        return (
+        text = (
             f'{self.count} readings, {self.seen}; {share:.2f} % excluded; so many vouch for '
             f'{vouched:.1f} %'
         )
+        if self.share_of_rest is None:
+            return text
+        rest = 100.0 * self.share_of_rest
+        return f'{text}; learned of the first half alone, {rest:.2f} % of the second excluded'
 
 
 @dataclass
