@@ -6,14 +6,17 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
-        [--fitted]
+        [--fitted readings|half|whole] [--keep 0.95] [--margin 0.1]
     python -m benchmarks.fleet_in_time rate [--data ../shared/data/mrclam] [--outliers 0]
         [--start 95]
     python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
 
 Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
 there are no cameras and no anchors. MRCLAM: five robots among 15 landmarks, which serve as
-anchors; `rate` answers at 5 Hz for some seconds; `robots` leaves the landmarks out.
+anchors; `rate` answers at 5 Hz for some seconds; `robots` leaves the landmarks out. With
+`--fitted` the bounds of ranges and bearings are those that were learned of the recording, and with
+`half` and `whole` scale and bounds of the odometry of each robot, too, which were learned of its
+first half or of the whole, hold the share `--keep` of its windows, and are widened by `--margin`.
 """
 
 from __future__ import annotations
@@ -42,6 +45,9 @@ from benchmarks.pairs import (
     odometry_error,
     rotation,
 )
+from dg_localization.calibration.bounds import Choice
+from dg_localization.calibration.odometry import fit_odometry, odometry_windows
+from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
 from dg_localization.fleet.odometry_error import OdometryErrorModel
@@ -208,6 +214,32 @@ FITTED_BEARING_ERROR_RAD = 0.060
 """What `fit_bounds --per all --keep 0.99` learns of the excerpt."""
 
 
+def fitted_odometry(excerpt: Excerpt, part: str, choice: Choice) -> dict[str, OdometryErrorModel]:
+    """Return what `fit_bounds` learns of the odometry of each robot, of a part of the excerpt."""
+    errors = {}
+    for name, robot in zip(excerpt.names, excerpt.robots, strict=True):
+        stamps, places, yaws = robot.truth[:, 0], robot.truth[:, 1:3], robot.truth[:, 3]
+        zeros = np.zeros(len(stamps))
+        truth = TrueTrack(
+            stamps,
+            np.column_stack([places, zeros]),
+            np.column_stack([zeros, zeros, np.sin(yaws / 2.0), np.cos(yaws / 2.0)]),
+        )
+        stamps_s, positions_m, yaws_rad = robot.track
+        windows = odometry_windows(
+            stamps_s, positions_m, np.array([rotation(yaw) for yaw in yaws_rad]), truth
+        )
+        fit = fit_odometry(windows.halves()[0] if part == 'half' else windows, choice)
+        errors[name] = OdometryErrorModel(
+            translation_per_m=fit.translation_per_m,
+            rotation_per_rad=fit.rotation_per_rad,
+            constant_m=fit.constant_m,
+            constant_rad=fit.constant_rad,
+            translation_scale=fit.translation_scale,
+        )
+    return errors
+
+
 def mrclam_config(excerpt: Excerpt, outliers: int, memory_s: float) -> FleetConfig:
     """Return what the localizer is told of the excerpt."""
     return FleetConfig(
@@ -251,7 +283,12 @@ def answers(
 
 
 def report_mrclam(
-    folder: Path, outliers: int, memory_s: float, tick_s: float, fitted: bool
+    folder: Path,
+    outliers: int,
+    memory_s: float,
+    tick_s: float,
+    fitted: str | None,
+    choice: Choice,
 ) -> None:
     """Print the figures of the four-minute excerpt as a row of a table."""
     excerpt = Excerpt(folder)
@@ -262,6 +299,9 @@ def report_mrclam(
             range_error=FITTED_RANGE_ERROR,
             bearing_half_width_rad=FITTED_BEARING_ERROR_RAD,
         )
+    if fitted in ('half', 'whole'):
+        errors = fitted_odometry(excerpt, fitted, choice)
+        config = replace(config, robot_odometry_error=errors)
     inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
     for now_s, estimate, milliseconds in answers(excerpt, config, ticks_s(excerpt, tick_s)):
         spent.append(milliseconds)
@@ -435,7 +475,13 @@ def main() -> None:
     parser.add_argument('--outliers', type=int, default=0)
     parser.add_argument('--every', type=float, default=5.0, metavar='SECONDS')
     parser.add_argument('--start', type=float, default=RATE_FROM_S, metavar='SECONDS')
-    parser.add_argument('--fitted', action='store_true', help='bounds learned by fit_bounds')
+    parser.add_argument(
+        '--fitted',
+        choices=['readings', 'half', 'whole'],
+        help='bounds learned by fit_bounds: of ranges and bearings alone, or of odometry, too',
+    )
+    parser.add_argument('--keep', type=float, default=0.95, metavar='SHARE')
+    parser.add_argument('--margin', type=float, default=Choice.margin, metavar='SHARE')
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
@@ -459,6 +505,7 @@ def main() -> None:
             arguments.memory,
             arguments.every,
             arguments.fitted,
+            Choice(arguments.keep, arguments.margin),
         )
 
 

@@ -542,7 +542,7 @@ FLEET = [
         ('test/fleet/test_motion.py',),
         (
             'odometry counts as exact',
-            'error_m = greatest_errors(self.error, way_m, turned_rad)[0]',
+            'error_m = greatest_errors(error, way_m, turned_rad)[0]',
             'error_m = 0.0',
         ),
         (
@@ -774,6 +774,26 @@ FLEET = [
             'measurements never become too old',
             'return -self._config.max_future_s <= now_s - stamp_s <= self._config.max_age_s',
             'return -self._config.max_future_s <= now_s - stamp_s',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'config',
+        ('test/fleet/test_fleet_inputs.py',),
+        (
+            'the odometry of a robot errs as that of all does',
+            'return self.robot_odometry_error.get(robot, self.odometry_error)',
+            'return self.odometry_error',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry_error',
+        ('test/fleet/test_scaled_odometry.py',),
+        (
+            'the scale of odometry is ignored',
+            'if self.translation_scale == 1.0:',
+            'if self.translation_scale > 0.0:',
         ),
     ),
     *_in(

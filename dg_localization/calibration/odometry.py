@@ -2,20 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Bounds of the errors of odometry, from its path beside the true one.
+The scale of odometry and the bounds of its errors, from its path beside the true one.
 
 The turn and the way of many windows, short and long, are compared with the truth. The way is that
 of the measured steps along the true headings, so that an error of the heading does not count again
 as one of the way.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept
 from dg_localization.calibration.truth import TrueTrack
+from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
 
 FloatArray = NDArray[np.float64]
 
@@ -28,24 +30,53 @@ SLOPES = 401
 @dataclass(frozen=True)
 class OdometryWindows:
     """
-    Windows of odometry, and how wrong it was over each; all arrays of shape (k,).
+    Windows of odometry beside the truth.
 
     Attributes
     ----------
-    seconds : ndarray
-        Their lengths in time.
-    way_m, turn_rad : ndarray
+    begin_s, seconds : ndarray, shape (k,)
+        When they begin, and how long they are.
+    way_m, turn_rad : ndarray, shape (k,)
         How far the robot went and turned along the samples.
-    error_m, error_rad : ndarray
-        Of the way along true headings, and of the turn about the vertical axis.
+    stated_m, true_m : ndarray, shape (k, 3)
+        From where it was at their beginning to where it was at their end, by the samples along
+        true headings and in truth.
+    error_rad : ndarray, shape (k,)
+        Of the turn about the vertical axis.
 
     """
 
+    begin_s: FloatArray
     seconds: FloatArray
     way_m: FloatArray
     turn_rad: FloatArray
-    error_m: FloatArray
+    stated_m: FloatArray
+    true_m: FloatArray
     error_rad: FloatArray
+
+    def errors_m(self, scale: float) -> FloatArray:
+        """Return the errors of the ways, once they are scaled, shape (k,)."""
+        return np.asarray(np.linalg.norm(scale * self.stated_m - self.true_m, axis=1))
+
+    def halves(self) -> tuple['OdometryWindows', 'OdometryWindows']:
+        """Return the windows that end in the first half of their time, and those after it."""
+        ends_s = self.begin_s + self.seconds
+        middle_s = 0.5 * (self.begin_s.min() + ends_s.max()) if len(ends_s) else 0.0
+        return self._chosen(ends_s <= middle_s), self._chosen(self.begin_s >= middle_s)
+
+    def where_known(self) -> 'OdometryWindows':
+        """Return the windows whose truth is known."""
+        columns = np.column_stack([getattr(self, field.name) for field in fields(self)])
+        return self._chosen(np.isfinite(columns).all(axis=1))
+
+    def _chosen(self, rows: NDArray[np.bool_]) -> 'OdometryWindows':
+        return OdometryWindows(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Iterable['OdometryWindows']) -> 'OdometryWindows':
+        """Return the windows of all parts, at least one."""
+        columns = [[getattr(part, field.name) for field in fields(cls)] for part in parts]
+        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -55,19 +86,27 @@ class OdometryFit:
 
     Attributes
     ----------
+    translation_scale : float
+        True ways over reported ones.
     constant_m, translation_per_m, constant_rad, rotation_per_rad : float
-        The bounds.
-    windows, excluded : int
-        How many windows there were, and how many of them exceed the bounds.
+        The bounds, of ways that are scaled.
 
     """
 
+    translation_scale: float
     constant_m: float
     translation_per_m: float
     constant_rad: float
     rotation_per_rad: float
-    windows: int
-    excluded: int
+
+    def excluded(self, windows: OdometryWindows) -> int:
+        """Return how many windows exceed the bounds."""
+        ways_m = self.translation_scale * windows.way_m
+        errors_m = windows.errors_m(self.translation_scale)
+        beyond = (errors_m > self.constant_m + self.translation_per_m * ways_m) | (
+            windows.error_rad > self.constant_rad + self.rotation_per_rad * windows.turn_rad
+        )
+        return int(np.count_nonzero(beyond))
 
 
 def odometry_windows(
@@ -97,31 +136,32 @@ def odometry_windows(
     turned_rad = _cumulative(np.abs(_remainder(np.diff(yaws))))
     # As many of each length: the short ones must not decide alone.
     begins = np.searchsorted(stamps, np.arange(stamps[0], stamps[-1], EVERY_S))
-    columns = []
+    parts = []
     for seconds in WINDOWS_S:
         ends = np.searchsorted(stamps, stamps[begins] + seconds)
         first, last = begins[ends < len(stamps)], ends[ends < len(stamps)]
         whole_m = np.array(
             [along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)]
         ).reshape(-1, 3)
-        error_m = np.linalg.norm(whole_m - (true_m[last] - true_m[first]), axis=1)
         error_rad = _remainder((yaws[last] - yaws[first]) - (true_yaws[last] - true_yaws[first]))
-        columns.append(
-            (
-                stamps[last] - stamps[first],
-                way_m[last] - way_m[first],
-                turned_rad[last] - turned_rad[first],
-                error_m,
-                np.abs(error_rad),
-            )
+        found = OdometryWindows(
+            stamps[first],
+            stamps[last] - stamps[first],
+            way_m[last] - way_m[first],
+            turned_rad[last] - turned_rad[first],
+            whole_m,
+            true_m[last] - true_m[first],
+            np.abs(error_rad),
         )
-    joined = np.concatenate([np.array(column) for column in columns], axis=1)
-    return OdometryWindows(*joined[:, np.all(np.isfinite(joined), axis=0)])
+        parts.append(found.where_known())
+    return OdometryWindows.joined(parts)
 
 
 def fit_odometry(windows: OdometryWindows, choice: Choice) -> OdometryFit:
     """
-    Return bounds, a constant and a slope for the way and for the turn.
+    Return a scale of the way, and bounds, a constant and a slope for the way and for the turn.
+
+    The scale is that of least squares, or 1 where that makes the bounds of the way narrower.
 
     Parameters
     ----------
@@ -130,14 +170,23 @@ def fit_odometry(windows: OdometryWindows, choice: Choice) -> OdometryFit:
     choice : Choice
 
     """
-    constant_m, per_m = _fit_line(windows.way_m, windows.error_m, choice)
+    lines = [
+        (scale, *_fit_line(scale * windows.way_m, windows.errors_m(scale), choice))
+        for scale in (1.0, _least_squares_scale(windows))
+    ]
+    way_m = float(np.mean(windows.way_m))
+    scale, constant_m, per_m = min(lines, key=lambda line: line[1] + line[2] * line[0] * way_m)
     constant_rad, per_rad = _fit_line(windows.turn_rad, windows.error_rad, choice)
-    beyond = (windows.error_m > constant_m + per_m * windows.way_m) | (
-        windows.error_rad > constant_rad + per_rad * windows.turn_rad
-    )
-    return OdometryFit(
-        constant_m, per_m, constant_rad, per_rad, len(beyond), int(np.count_nonzero(beyond))
-    )
+    return OdometryFit(scale, constant_m, per_m, constant_rad, per_rad)
+
+
+def _least_squares_scale(windows: OdometryWindows) -> float:
+    """Return the scale of the ways that fits best, in the decimals that are printed."""
+    squares_m2 = float(np.sum(windows.stated_m**2))
+    if squares_m2 == 0.0:
+        return 1.0
+    scale = round(float(np.sum(windows.stated_m * windows.true_m)) / squares_m2, DECIMALS)
+    return min(MOST_SCALE, max(LEAST_SCALE, scale))
 
 
 def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float, float]:

@@ -32,6 +32,9 @@ from dg_localization.solver.options import SolverOptions
 LEAST_MEMORY_S = 0.001
 """A shorter memory remembers nothing, and its time slots are shorter than a stamp resolves."""
 
+OF_ROBOTS = ('robot_max_speed_m_s', 'robot_odometry_error')
+"""Settings of single robots, by their names."""
+
 
 @dataclass(frozen=True)
 class FleetConfig:
@@ -81,6 +84,8 @@ class FleetConfig:
         robots without a range need it: the direction to a very near point may turn at once.
     odometry_error : OdometryErrorModel
         Greatest errors of odometry along its path, which carry older measurements to now.
+    robot_odometry_error : mapping of str to OdometryErrorModel
+        Those of the robots that differ from it.
     memory_s : float
         How long measurements between points with odometry, and with anchors, are remembered; 0
         remembers nothing.
@@ -138,6 +143,7 @@ class FleetConfig:
         constant_m=0.02,
         constant_rad=0.02,
     )
+    robot_odometry_error: Mapping[str, OdometryErrorModel] = field(default_factory=dict)
     memory_s: float = 30.0
     memory_max_seconds: float = 0.15
     window_outliers: int = 0
@@ -157,9 +163,8 @@ class FleetConfig:
         object.__setattr__(self, 'mounts', _frozen_mounts(self.mounts))
         elevations_m = {point: tuple(bounds_m) for point, bounds_m in self.elevations_m.items()}
         object.__setattr__(self, 'elevations_m', MappingProxyType(elevations_m))
-        object.__setattr__(
-            self, 'robot_max_speed_m_s', MappingProxyType(dict(self.robot_max_speed_m_s))
-        )
+        for name in OF_ROBOTS:
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         check_mounts(self.mounts, self.robots, self.dimension)
         self._check_names()
         self._check_numbers()
@@ -188,12 +193,13 @@ class FleetConfig:
                     f'points: {name!r} is not allowed twice, robots, anchors and sensors '
                     '(robot/sensor) must have different names'
                 )
-        for name in self.robot_max_speed_m_s:
-            if name not in self.robots:
-                raise ConfigError(
-                    f'robot_max_speed_m_s: {name!r} is not allowed, it must be one of '
-                    f'{list(self.robots)}'
-                )
+        for setting in OF_ROBOTS:
+            for name in getattr(self, setting):
+                if name not in self.robots:
+                    raise ConfigError(
+                        f'{setting}: {name!r} is not allowed, it must be one of '
+                        f'{list(self.robots)}'
+                    )
         self._check_links()
 
     def _check_links(self) -> None:
@@ -235,6 +241,12 @@ class FleetConfig:
         require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
         for robot, speed in self.robot_max_speed_m_s.items():
             require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
+        for robot, error in self.robot_odometry_error.items():
+            if not isinstance(error, OdometryErrorModel):
+                raise ConfigError(
+                    f'robot_odometry_error[{robot}]: {error!r} is not allowed, it must be an '
+                    'OdometryErrorModel'
+                )
         require_number(
             'bearing_half_width_rad', self.bearing_half_width_rad, at_least=0.0, at_most=math.pi
         )
@@ -298,6 +310,14 @@ class FleetConfig:
         if robot in self.anchors:
             return 0.0
         return float(self.robot_max_speed_m_s.get(robot, self.max_speed_m_s))
+
+    def odometry_error_of(self, robot: str) -> OdometryErrorModel:
+        """Return the greatest errors of the odometry of a robot."""
+        return self.robot_odometry_error.get(robot, self.odometry_error)
+
+    def is_upright(self, robot: str) -> bool:
+        """Return whether the odometry of a robot tells its level frames, as in the plane."""
+        return self.dimension == 2 or self.odometry_error_of(robot).tilt_rad is not None
 
     @cached_property
     def _overrides(self) -> dict[tuple[str, str], LinkOverride]:

@@ -193,7 +193,9 @@ class MeasurementStore:
         stamp_s = float(stamp_s)
         # New arrays: they are kept, and the caller may use its own again.
         position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
-        if position is None or quaternion is None or not _is_pose(position, quaternion):
+        error = self._config.odometry_error_of(key.observer)
+        scaled = None if position is None else error.scaled(position)
+        if scaled is None or quaternion is None or not _is_pose(scaled, quaternion):
             text = (
                 f'position {_written(position, position_xyz)}, orientation '
                 f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
@@ -204,7 +206,8 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
-        self._track(key.observer).append(OdometryReading(stamp_s, position, rotation, frame))
+        reading = OdometryReading(stamp_s, scaled, rotation, frame, reported_m=position)
+        self._track(key.observer).append(reading)
         self._input(key).count_accepted(stamp_s)
         return None
 
@@ -319,7 +322,7 @@ class MeasurementStore:
             self._tracks[robot] = OdometryTrack(
                 self._config.speed_m_s(robot),
                 self._config.max_turn_rate_rad_s,
-                self._config.odometry_error,
+                self._config.odometry_error_of(robot),
                 keep_s,
             )
         return self._tracks[robot]

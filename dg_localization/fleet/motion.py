@@ -108,8 +108,8 @@ class Motion:
     max_speed_m_s : mapping of str to float
         By point.
     max_turn_rate_rad_s : float
-    error : OdometryErrorModel
-        Of odometry, along the path of its samples.
+    errors : mapping of str to OdometryErrorModel
+        By point, of its odometry, along the path of the samples.
     odometry : mapping of str to tuple of OdometryReading
         By robot, oldest first.
     in_plane : bool
@@ -119,7 +119,7 @@ class Motion:
 
     max_speed_m_s: Mapping[str, float]
     max_turn_rate_rad_s: float
-    error: OdometryErrorModel
+    errors: Mapping[str, OdometryErrorModel]
     odometry: Mapping[str, tuple[OdometryReading, ...]]
     in_plane: bool = False
 
@@ -130,17 +130,18 @@ class Motion:
         track = self.odometry.get(point)
         if not track:
             return by_speed_m
+        error = self.errors[point]
         start, end = _nearest(track, first_s), _nearest(track, second_s)
         way_m, turned_rad = _way_between(start, end)
-        error_m = greatest_errors(self.error, way_m, turned_rad)[0]
+        error_m = greatest_errors(error, way_m, turned_rad)[0]
         # An error of a turn swings what lies before it, and makes no way longer.
         swing_rad = sum_up(
-            product_up(self.error.rotation_per_m, way_m),
-            product_up(self.error.rotation_per_rad, turned_rad),
+            product_up(error.rotation_per_m, way_m),
+            product_up(error.rotation_per_rad, turned_rad),
         )
         chord_m = _distance_up_m(start.position_m, end.position_m)
         chord_m = min(sum_up(chord_m, product_up(swing_rad, way_m)), way_m)
-        beyond_s = self._beyond_up_s(start, end, first_s, second_s)
+        beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
         return min(by_speed_m, sum_up(chord_m, error_m, product_up(speed_m_s, beyond_s)))
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
@@ -160,13 +161,12 @@ class Motion:
         by_rate_rad = _most_between(rate_rad_s, first_s, second_s)
         track = self.odometry.get(point)
         if track:
+            error = self.errors[point]
             start, end = _nearest(track, first_s), _nearest(track, second_s)
-            beyond_s = self._beyond_up_s(start, end, first_s, second_s)
-            error_rad = greatest_errors(self.error, *_way_between(start, end))[1]
+            beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
+            error_rad = greatest_errors(error, *_way_between(start, end))[1]
             error_rad = angle_up(
-                sum_up(
-                    error_rad, 2.0 * self.error.least_tilt_rad, product_up(rate_rad_s, beyond_s)
-                )
+                sum_up(error_rad, 2.0 * error.least_tilt_rad, product_up(rate_rad_s, beyond_s))
             )
             if error_rad < by_rate_rad:
                 before, after = start.rotation, end.rotation
@@ -180,16 +180,6 @@ class Motion:
         """Return an upper bound of the angle by which `point` turned between two times."""
         rotation, half_width_rad = self.turn(point, first_s, second_s)
         return angle_up(sum_up(angle_up(rotation_angle_rad(rotation)), half_width_rad))
-
-    def _beyond_up_s(
-        self, start: OdometryReading, end: OdometryReading, first_s: float, second_s: float
-    ) -> float:
-        """Return for how long the motion between two times is not that between two readings."""
-        return sum_up(
-            elapsed_up(start.stamp_s, first_s),
-            elapsed_up(end.stamp_s, second_s),
-            2.0 * self.error.latency_s,
-        )
 
 
 # What a robot measured at one time is asked for all that it measured.
@@ -214,6 +204,21 @@ def greatest_errors(
             product_up(error.rotation_per_rad, turned_rad),
             error.constant_rad,
         ),
+    )
+
+
+def _beyond_up_s(
+    error: OdometryErrorModel,
+    start: OdometryReading,
+    end: OdometryReading,
+    first_s: float,
+    second_s: float,
+) -> float:
+    """Return for how long the motion between two times is not that between two readings."""
+    return sum_up(
+        elapsed_up(start.stamp_s, first_s),
+        elapsed_up(end.stamp_s, second_s),
+        2.0 * error.latency_s,
     )
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How much odometry may be wrong.
+How odometry is scaled, and how much it may be wrong then.
 
 The terms are those of Thrun, Burgard, Fox, Probabilistic Robotics, 2005, Section 5.4, as bounds
 in place of deviations.
@@ -12,13 +12,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from dg_localization.fleet.checks import require_number
+
+LEAST_SCALE, MOST_SCALE = 0.01, 100.0
+"""More than what another unit of length explains is a mistake."""
 
 
 @dataclass(frozen=True)
 class OdometryErrorModel:
     """
-    Greatest errors of odometry.
+    Greatest errors of odometry, once it is scaled.
 
     Parameters
     ----------
@@ -29,17 +34,20 @@ class OdometryErrorModel:
     constant_m, constant_rad : float
         What does not add up along the way. The stated poses are those of a track that errs by the
         other terms alone, each with an error of its own. Any two errors of positions differ by
-        `constant_m` at most, and each error of a heading is `constant_rad` at most.
+        `constant_m` at most, any two of headings by `constant_rad`, and no heading errs by more.
     latency_s : float
         The pose stamped t was the true one at some time within this of t.
     tilt_rad : float, optional
         Error of roll and pitch together, as an angle, where the z axis of the odometry frame is
         upright. Without it nothing is remembered in space.
+    translation_scale : float
+        True ways are this times the reported ones, up to the errors. These count per m of the
+        scaled way.
 
     Raises
     ------
     ConfigError
-        If a bound is negative or not a finite number.
+        If a bound is negative or not a finite number, or the scale is beyond 0.01 and 100.
 
     """
 
@@ -51,12 +59,27 @@ class OdometryErrorModel:
     constant_rad: float = 0.0
     latency_s: float = 0.0
     tilt_rad: float | None = None
+    translation_scale: float = 1.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None or field.name != 'tilt_rad':
-                require_number(f'odometry_error.{field.name}', value, at_least=0.0)
+            name = f'odometry_error.{field.name}'
+            if field.name == 'translation_scale':
+                require_number(name, value, at_least=LEAST_SCALE, at_most=MOST_SCALE)
+            elif value is not None or field.name != 'tilt_rad':
+                require_number(name, value, at_least=0.0)
+
+    def scaled(self, position_m: np.ndarray) -> np.ndarray:
+        """
+        Return where a reported position is on the track.
+
+        The product as it is rounded is the track by definition: nothing is widened for it.
+        """
+        if self.translation_scale == 1.0:
+            return position_m
+        with np.errstate(over='ignore'):
+            return np.asarray(self.translation_scale * position_m)
 
     @property
     def least_tilt_rad(self) -> float:

@@ -151,7 +151,7 @@ def take_snapshot(
     motion = Motion(
         max_speed_m_s={point: config.speed_m_s(robot) for point, robot in robot_of.items()},
         max_turn_rate_rad_s=config.max_turn_rate_rad_s,
-        error=config.odometry_error,
+        errors={point: config.odometry_error_of(robot) for point, robot in robot_of.items()},
         odometry={
             point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
         },

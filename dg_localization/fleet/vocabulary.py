@@ -121,6 +121,7 @@ class OdometryReading:
     ----------
     stamp_s : float
     position_m : numpy.ndarray, shape (3,)
+        On the track: as reported, times the scale of its odometry.
     rotation : numpy.ndarray, shape (3, 3)
         From body to odometry frame.
     frame : str
@@ -130,6 +131,8 @@ class OdometryReading:
     way_m, turned_rad : float
         Sums of the steps and of the turns since the odometry began, rounded up: what lies between
         two readings is at most the difference.
+    reported_m : numpy.ndarray, shape (3,), optional
+        The position that was reported, in the odometry frame; None where it is that on the track.
 
     """
 
@@ -140,6 +143,12 @@ class OdometryReading:
     restarted_s: float = 0.0
     way_m: float = 0.0
     turned_rad: float = 0.0
+    reported_m: np.ndarray | None = None
+
+    @property
+    def position_in_frame_m(self) -> np.ndarray:
+        """The position in the odometry frame, as it was reported."""
+        return self.position_m if self.reported_m is None else self.reported_m
 
 
 class RejectionReason(Enum):

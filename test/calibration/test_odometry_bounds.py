@@ -3,11 +3,13 @@
 
 """Bounds learned from odometry beside the truth hold it, and are near those it was made with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dg_localization.calibration.bounds import Choice
-from dg_localization.calibration.odometry import fit_odometry, odometry_windows
+from dg_localization.calibration.odometry import OdometryWindows, fit_odometry, odometry_windows
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.simulation.moving_fleet import FleetMotion, Path
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
@@ -34,7 +36,8 @@ def flat(places):
     return np.column_stack([places, np.zeros(len(places))])
 
 
-def windows_of(errors, seed=0, seconds=90.0):
+def windows_of(errors, seed=0, seconds=90.0, scale=1.0):
+    """Return windows of odometry whose ways are to be multiplied by the scale."""
     motion = FleetMotion(0.2, seed, Path.LOOPS)
     odometry = FleetOdometry(motion, errors, seed)
     stamps = np.arange(0.0, seconds, 0.05)
@@ -47,7 +50,7 @@ def windows_of(errors, seed=0, seconds=90.0):
     )
     return odometry_windows(
         stamps,
-        flat([sample.position_m for sample in samples]),
+        flat([sample.position_m for sample in samples]) / scale,
         rotations(np.array([sample.yaw_rad for sample in samples])),
         truth,
     )
@@ -58,12 +61,59 @@ def test_what_it_was_made_with_is_found(seed):
     stated = OdometryErrors(translation_per_m=0.1, rotation_per_rad=0.2)
     windows = windows_of(stated, seed)
     fit = fit_odometry(windows, EXACT)
-    assert fit.excluded == 0
+    assert fit.excluded(windows) == 0
     # Bounds of steps that add up: what is learned of windows is not above them.
     assert fit.translation_per_m <= 0.1 and fit.rotation_per_rad <= 0.2
     assert fit.constant_m < 0.05 and fit.constant_rad < 0.05
     assert np.all(windows.error_rad <= 0.2 * windows.turn_rad * 1.3 + 1e-3)
     assert fit.rotation_per_rad + fit.translation_per_m > 0.01
+
+
+@pytest.mark.parametrize('scale', [0.8, 1.25])
+@pytest.mark.parametrize('seed', range(3))
+def test_a_scale_is_found(scale, seed):
+    errors = OdometryErrors(translation_per_m=0.03, rotation_per_rad=0.05)
+    windows = windows_of(errors, seed, scale=scale)
+    fit = fit_odometry(windows, EXACT)
+    assert fit.translation_scale == pytest.approx(scale, rel=0.03)
+    # The errors of the simulated robot are per m of its own ways.
+    assert fit.translation_per_m <= 0.06
+    assert fit.excluded(windows) == 0
+    unscaled = replace(fit, translation_scale=1.0)
+    assert unscaled.excluded(windows) > 0.5 * len(windows.seconds)
+
+
+def test_a_scale_that_makes_nothing_narrower_is_not_learned():
+    rng = np.random.default_rng(0)
+    way_m = np.full(200, 1.0)
+    stated_m = np.column_stack([way_m, 0.0 * way_m, 0.0 * way_m])
+    true_m = stated_m.copy()
+    # One in ten went nowhere: least squares shortens the ways of all.
+    true_m[::10] = 0.0
+    ones = np.ones(200)
+    windows = OdometryWindows(ones, ones, way_m, 0.0 * ones, stated_m, true_m, rng.random(200))
+    assert fit_odometry(windows, Choice(0.85, 0.0)).translation_scale == 1.0
+    still = replace(windows, way_m=0.0 * way_m, stated_m=0.0 * stated_m, true_m=0.0 * stated_m)
+    assert fit_odometry(still, EXACT).translation_scale == 1.0
+
+
+def test_halves_share_no_time():
+    windows = windows_of(OdometryErrors(), seconds=60.0)
+    first, second = windows.halves()
+    assert np.max(first.begin_s + first.seconds) <= 30.0 <= np.min(second.begin_s)
+    assert len(first.seconds) > 100 and len(second.seconds) > 100
+    assert np.max(first.seconds) < 21.0, 'windows across the middle are in neither'
+
+
+def test_a_scale_that_changes_shows_in_the_second_half():
+    errors = OdometryErrors(translation_per_m=0.02, rotation_per_rad=0.0)
+    windows = windows_of(errors, scale=0.9)
+    later = windows.begin_s >= 45.0
+    windows.true_m[later] *= 0.8
+    first, second = windows.halves()
+    fit = fit_odometry(first, EXACT)
+    assert fit.excluded(first) == 0
+    assert fit.excluded(second) > 0.5 * len(second.seconds)
 
 
 def test_errors_of_the_heading_do_not_count_as_those_of_the_way():
@@ -83,8 +133,9 @@ def test_latency_is_a_constant():
 
 def test_a_share_of_windows_may_be_left_out():
     windows = windows_of(OdometryErrors())
-    windows.error_m[:3] = 50.0
-    assert fit_odometry(windows, Choice(0.9, 0.0)).excluded <= 0.2 * len(windows.seconds)
+    windows.true_m[:3] = 50.0
+    fit = fit_odometry(windows, Choice(0.9, 0.0))
+    assert fit.excluded(windows) <= 0.2 * len(windows.seconds)
     assert fit_odometry(windows, Choice(0.9, 0.0)).constant_m < 1.0
     assert fit_odometry(windows, EXACT).constant_m > 40.0
 

@@ -36,6 +36,12 @@ class Drive:
 
     true: np.ndarray
     stated: np.ndarray
+    scale: float = 1.0
+
+    def reported(self, sample):
+        """Return the pose that is reported, before it is scaled."""
+        x, y, yaw = self.stated[sample]
+        return np.array([x / self.scale, y / self.scale, yaw])
 
     def pose(self, time_s):
         """Return the true pose at a time since the start, on straight lines between samples."""
@@ -72,7 +78,28 @@ def draw_drive(rng, count, error, worst):
         stated = stated + [c * way, s * way, turn]
         poses[0].append(true)
         poses[1].append(stated)
-    return Drive(np.array(poses[0]), np.array(poses[1]))
+    return Drive(np.array(poses[0]), np.array(poses[1]), error.translation_scale)
+
+
+def draw_errors(rng, robots, own):
+    """Draw the errors of the odometry of each robot: those of all, or its own, and its scale."""
+    of_all = draw_terms(rng)
+    return [
+        OdometryErrorModel(
+            **(of_all if own.random() < 0.5 else draw_terms(own)),
+            translation_scale=float(own.choice([1.0, 1.0, 0.8, 1.25])),
+        )
+        for _robot in range(robots)
+    ]
+
+
+def draw_terms(rng):
+    return {
+        'translation_per_m': rng.choice([0.0, 0.05, 0.2]),
+        'translation_per_rad': rng.choice([0.0, 0.02]),
+        'rotation_per_m': rng.choice([0.0, 0.05]),
+        'rotation_per_rad': rng.choice([0.0, 0.05, 0.2]),
+    }
 
 
 @dataclass
@@ -91,15 +118,10 @@ class History:
     def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
         """Draw a history of a seed; `mounted` robots have two sensors each."""
         rng = np.random.default_rng(seed)
-        error = OdometryErrorModel(
-            translation_per_m=rng.choice([0.0, 0.05, 0.2]),
-            translation_per_rad=rng.choice([0.0, 0.02]),
-            rotation_per_m=rng.choice([0.0, 0.05]),
-            rotation_per_rad=rng.choice([0.0, 0.05, 0.2]),
-        )
+        errors = draw_errors(rng, robots, own=np.random.default_rng(np.append(seed, 2)))
         worst = bool(rng.random() < 0.5)
         count = round(seconds / SAMPLE_S) + 1
-        drives = [draw_drive(rng, count, error, worst) for _robot in range(robots)]
+        drives = [draw_drive(rng, count, error, worst) for error in errors]
         high = float(rng.choice([0.01, 0.05, 0.1]))
         config = FleetConfig(
             robots=tuple(f'r{i}' for i in range(robots)),
@@ -112,7 +134,8 @@ class History:
             bearing_half_width_rad=float(rng.choice([0.02, 0.1])),
             max_speed_m_s=1.0,
             max_turn_rate_rad_s=1.3,
-            odometry_error=error,
+            odometry_error=errors[0],
+            robot_odometry_error={f'r{i}': error for i, error in enumerate(errors) if i},
             memory_max_seconds=math.inf,
             max_hypotheses=1000,
             solver=SolverOptions(resolution=0.2, max_boxes=60),
@@ -147,7 +170,7 @@ class History:
         return self.start_s + time_s + self.rng.choice([0.0, 0.05, 0.3])
 
     def _odometry(self, robot, drive, sample):
-        x, y, yaw = drive.stated[sample]
+        x, y, yaw = drive.reported(sample)
         stamp_s = self.start_s + sample * SAMPLE_S
         orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
         name = self.config.robots[robot]
@@ -235,7 +258,7 @@ class History:
     def _in_odometry_frame(self, robot, time_s, places, yaws):
         """Return a truth in the frame where the newest odometry of a robot states its pose."""
         sample = min(math.floor(time_s / SAMPLE_S + 1e-9), len(self.drives[robot].true) - 1)
-        true, stated = self.drives[robot].true[sample], self.drives[robot].stated[sample]
+        true, stated = self.drives[robot].true[sample], self.drives[robot].reported(sample)
         c, s = math.cos(stated[2] - true[2]), math.sin(stated[2] - true[2])
         moved = (places - true[:2]) @ np.array([[c, s], [-s, c]]) + stated[:2]
         return moved, yaws + stated[2] - true[2]

@@ -16,6 +16,7 @@ from dg_localization.fleet import (
     LinkOverride,
     Localizer,
     Mount,
+    OdometryErrorModel,
     RangeErrorModel,
 )
 
@@ -36,6 +37,12 @@ WRONG = [
     ({'max_speed_m_s': -0.5}, 'max_speed_m_s: -0.5', '>= 0'),
     ({'robot_max_speed_m_s': {'z': 1.0}}, "'z'", "['a', 'b']"),
     ({'robot_max_speed_m_s': {'a': -1.0}}, 'robot_max_speed_m_s[a]: -1.0', '>= 0'),
+    ({'robot_odometry_error': {'z': OdometryErrorModel()}}, "'z'", "['a', 'b']"),
+    (
+        {'robot_odometry_error': {'a': 0.1}},
+        'robot_odometry_error[a]: 0.1',
+        'must be an OdometryErrorModel',
+    ),
     ({'max_turn_rate_rad_s': 'fast'}, "max_turn_rate_rad_s: 'fast'", 'number'),
     ({'bearing_half_width_rad': 4.0}, 'bearing_half_width_rad: 4.0', '<= 3.14159'),
     ({'min_separation_m': -1.0}, 'min_separation_m: -1.0', '>= 0'),
@@ -162,6 +169,15 @@ def test_overrides_replace_the_model_of_their_link_only():
     assert config.range_error_of('b', 'a') is config.range_error
     assert config.bearing_half_width_of('a', 'b') == config.bearing_half_width_rad
     assert config.bearing_half_width_of('b', 'a') == 0.2
+
+
+def test_a_robot_has_odometry_errors_of_its_own_or_those_of_all():
+    all_robots, of_b = OdometryErrorModel(), OdometryErrorModel(translation_scale=0.9)
+    config = FleetConfig(('a', 'b'), odometry_error=all_robots, robot_odometry_error={'b': of_b})
+    assert config.odometry_error_of('a') is all_robots
+    assert config.odometry_error_of('b') is of_b
+    with pytest.raises(TypeError):
+        config.robot_odometry_error['a'] = of_b
 
 
 def test_settings_cannot_change():

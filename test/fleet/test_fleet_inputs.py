@@ -15,6 +15,7 @@ from dg_localization.fleet import (
     LinkKey,
     LinkKind,
     Localizer,
+    OdometryErrorModel,
     RangeErrorModel,
     RejectionReason,
 )
@@ -340,6 +341,27 @@ def test_odometry_says_how_far_a_robot_really_moved(localizer):
     error = localizer.config.odometry_error
     moved_m = 0.04 * (1.0 + error.translation_per_m) + error.constant_m
     assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
+
+
+def test_a_scale_counts_and_the_errors_are_those_of_the_scaled_way(config):
+    error = OdometryErrorModel(translation_per_m=0.1, translation_scale=0.5)
+    localizer = Localizer(replace(config, robot_odometry_error={'a': error}))
+    drive(localizer, 'a', [0.0, 0.02, 0.04, 0.06, 0.08])
+    drive(localizer, 'b', [0.0, 0.02, 0.04, 0.06, 0.08])
+    for robot in 'ab':
+        localizer.add_range(robot, 'c', 3.0, NOW_S - 0.4, NOW_S)
+    of_b = config.odometry_error
+    moved_m = [0.5 * 0.08 * 1.1, 0.08 * (1.0 + of_b.translation_per_m) + of_b.constant_m]
+    for row in (0, 1):
+        assert link(localizer, row=row).upper_m == pytest.approx(3.0 + moved_m[row])
+
+
+def test_a_position_that_its_scale_makes_infinite_is_no_odometry(config):
+    error = OdometryErrorModel(translation_scale=10.0)
+    localizer = Localizer(replace(config, odometry_error=error))
+    rejection = localizer.add_odometry('a', [1e308, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_ODOMETRY
+    assert localizer.add_odometry('a', [1e307, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S) is None
 
 
 def test_odometry_never_says_more_than_the_speed_limit(localizer):

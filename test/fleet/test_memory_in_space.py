@@ -3,7 +3,9 @@
 
 """Robots that fly among anchors: what they measured before, and their odometry, still counts."""
 
-from flights import Flight
+from dataclasses import replace
+
+from flights import ERROR, Flight
 import numpy as np
 import pytest
 
@@ -33,6 +35,23 @@ def test_positions_are_sharper_and_headings_known():
     (placement,) = estimate.placements
     assert placement.heading_known.all() and np.all(placement.heading_half_width_rad < 1.0)
     assert not any(p.heading_known.any() for p in moment.placements)
+
+
+def test_of_a_robot_whose_odometry_may_be_tilted_nothing_is_remembered():
+    """Its roll and pitch are not bounded, and the others remember all the same."""
+    error = replace(ERROR, tilt_rad=None)
+    flight = Flight(7, robot_odometry_error={'r1': error})
+    forgetful = Flight(7, memory_s=0.0)
+    for estimate in flight.fly(12.0):
+        assert not flight.lost(estimate), flight.time_s
+    *_, moment = forgetful.fly(12.0)
+    widths = [
+        np.max([np.ptp(p.enclosure_m, axis=1).max(axis=1) for p in e.placements], axis=0)
+        for e in (estimate, moment)
+    ]
+    assert widths[0][0] < 0.6 * widths[1][0]
+    placement = estimate.placements[0]
+    assert placement.heading_known.tolist() == [True, False]
 
 
 def test_a_robot_that_measures_nothing_for_a_moment_stays_placed():

@@ -22,7 +22,7 @@ def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
     track = OdometryTrack(1e9, 1e9, error, 1e9)
     for reading in readings:
         track.append(reading)
-    return Motion({'a': speed}, turn_rate, error, {'a': track.readings})
+    return Motion({'a': speed}, turn_rate, {'a': error}, {'a': track.readings})
 
 
 def yaw_rotation(yaw):
@@ -43,7 +43,7 @@ def test_the_displacement_is_never_below_the_exact_distance(start, end):
 
 
 def test_a_point_that_cannot_move_has_no_displacement():
-    still = Motion({'p': 0.0}, 1.0, OdometryErrorModel(translation_per_m=0.1), {})
+    still = Motion({'p': 0.0}, 1.0, {}, {})
     assert still.displacement_m('p', 1.0, 5.0) == 0.0
 
 

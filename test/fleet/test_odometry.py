@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from dg_localization.fleet.checks import ConfigError
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
@@ -69,6 +70,19 @@ def angles_of(turned):
         -math.asin(turned[2, 0]),
         math.atan2(turned[2, 1], turned[2, 2]),
     )
+
+
+@pytest.mark.parametrize('scale', [0.0, -1.0, 0.009, 101.0, math.inf, math.nan, 'half'])
+def test_a_scale_that_cannot_be_is_refused(scale):
+    wanted = r'translation_scale: .* is not allowed, it must be a finite number >= 0.01 and <= 100'
+    with pytest.raises(ConfigError, match=wanted):
+        OdometryErrorModel(translation_scale=scale)
+
+
+def test_a_track_is_the_reported_one_times_its_scale():
+    place = np.array([0.1, -3.0, 1e6])
+    assert OdometryErrorModel().scaled(place) is place
+    assert np.array_equal(OdometryErrorModel(translation_scale=0.7).scaled(place), 0.7 * place)
 
 
 def path_of(stamps, track, error, limits=None):

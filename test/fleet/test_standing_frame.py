@@ -46,6 +46,7 @@ class Circling:
         self.localizer = Localizer(FleetConfig(robots=ROBOTS, **{**defaults, **settings}))
         self.names = {robot: f'{robot}/odom' for robot in ROBOTS}
         self.shift_m = np.zeros(2)
+        self.scale = 1.0
         self.time_s = 0.0
 
     @property
@@ -67,7 +68,7 @@ class Circling:
             now_s = self.now_s
             for robot in odometry:
                 row = ROBOTS.index(robot)
-                place = [*(places[row] + self.shift_m), 0.0]
+                place = [*((places[row] + self.shift_m) / self.scale), 0.0]
                 rejection = self.localizer.add_odometry(
                     robot, place, unturned(yaws[row]), now_s, now_s, self.names[robot]
                 )
@@ -107,6 +108,23 @@ def test_the_frame_is_that_of_the_odometry_and_stands_still():
         assert fleet.holds(placement)
         assert placement.heading_known.all()
         assert np.all(np.ptp(placement.enclosure_m, axis=1) < 1.0)
+
+
+def test_in_the_frame_a_robot_is_where_its_messages_say_however_they_are_scaled():
+    error = OdometryErrorModel(
+        translation_per_m=0.02, rotation_per_rad=0.02, translation_scale=0.8
+    )
+    fleet = Circling(odometry_error=error)
+    fleet.scale = 0.8
+    for estimate in fleet.drive(5.0):
+        assert estimate.frame.name == 'robot_1/odom'
+        (placement,) = estimate.placements
+        places, _ = fleet.truth()
+        # The newest odometry states where the robot is; all else is as far from it as it truly is.
+        shifted = places + places[0] / 0.8 - places[0]
+        low, high = placement.enclosure_m[:, 0] - 1e-9, placement.enclosure_m[:, 1] + 1e-9
+        assert np.all((low <= shifted) & (shifted <= high))
+        assert np.ptp(placement.enclosure_m[0], axis=0).max() < 1e-6
 
 
 def test_coordinates_do_not_jump_when_the_bearings_stop():

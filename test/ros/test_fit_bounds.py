@@ -115,7 +115,7 @@ def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
     # It is simulated with 0.05 per m and per rad, step by step.
     assert 0.0 < odometry['translation_per_m'] + odometry['constant_translation'] < 0.1
     assert 0.0 < odometry['rotation_per_rad'] + odometry['constant_rotation'] < 0.1
-    assert 'links' not in found
+    assert 'links' not in found and 'robot_odometry' not in found
     assert 'all: 5400 readings' in learn.output and '0.0' in learn.output
     assert 'Odometry of robot_1' in learn.output
 
@@ -158,6 +158,7 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
     assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
     assert fleet.bearing_half_width_of('robot_1', 'robot_2') <= 0.025
     assert len(found['links']) == 9 + 18
+    assert set(fleet.robot_odometry_error) == set(ROBOTS)
     error, learned = fleet.odometry_error, found['odometry']
     assert error.translation_per_m == learned['translation_per_m']
     assert error.rotation_per_rad == learned['rotation_per_rad']
@@ -166,6 +167,76 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
         learned['constant_rotation'],
     )
     assert error.translation_per_rad == error.rotation_per_m == error.latency_s == 0.0
+
+
+def test_each_robot_has_a_scale_of_its_own_and_is_judged_on_the_second_half(tmp_path, learn):
+    def shorter(topic, message):
+        if topic == 'robot_2/odom':
+            message.pose.pose.position.x *= 0.8
+            message.pose.pose.position.y *= 0.8
+        return message
+
+    bag = record(tmp_path / 'bag', seconds=40.0, change=shorter, odometry=True, cameras=False)
+    code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
+    assert code == 0
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(learn.output)
+    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    learned = found['robot_odometry']
+    assert set(learned) == set(ROBOTS)
+    # It is simulated to 5 %.
+    for robot, scale in zip(ROBOTS[:3], (1.0, 1.25, 1.0), strict=True):
+        error = fleet.odometry_error_of(robot)
+        assert error.translation_scale == learned[robot]['translation_scale']
+        assert error.translation_scale == pytest.approx(scale, rel=0.06)
+        assert error.translation_per_m < 0.08
+    text = ' '.join(learn.output.replace('#', ' ').split())
+    found = re.findall(
+        r'Odometry of (robot_\d): true ways are (\S+) times .*?; (\d+) windows of .*? s, (\S+) % '
+        r'excluded. Learned of the first half alone, .*?: (\S+) % of its windows are excluded, '
+        r'and (\S+) % of those of the second half.',
+        text,
+    )
+    assert [robot for robot, *_ in found] == list(ROBOTS)
+    for robot, scale, count, excluded, first, second in found:
+        assert float(scale) == learned[robot]['translation_scale']
+        assert int(count) > 100 and float(excluded) == float(first) == 0.0
+        assert 0.0 <= float(second) < 50.0
+
+
+def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
+    count = 0
+
+    def later_longer(topic, message):
+        nonlocal count
+        if topic == 'robot_1/range/robot_2':
+            count += 1
+            message.range += 5.0 if count > 120 else 0.0
+        return message
+
+    def shares_of_links(bag):
+        code, _ = learn(bag, '--truth', TRUTH)
+        assert code == 0
+        found = re.findall(
+            r'(robot_\d->robot_\d): [^;]*; [^;]*; [^;]*; '
+            r'learned of the first half alone, (\S+) % of the second excluded',
+            ' '.join(learn.output.replace('#', ' ').split()),
+        )
+        return {pair: float(share) for pair, share in found}
+
+    shares = shares_of_links(record(tmp_path / 'bag', change=later_longer, cameras=False))
+    # The last 80 of its 100 readings.
+    assert shares['robot_1->robot_2'] == pytest.approx(80.0, abs=2.0)
+    assert shares['robot_2->robot_3'] < 20.0
+    assert shares_of_links(record(tmp_path / 'short', seconds=3.0, cameras=False)) == {}
+
+
+def test_without_truth_odometry_is_not_judged(tmp_path, learn):
+    bag = record(tmp_path / 'bag', seconds=4.0, odometry=True, cameras=False)
+    code, found = learn(bag)
+    assert code == 0
+    assert not {'odometry', 'robot_odometry'} & set(found)
+    assert 'scale and bounds of odometry cannot be learned' in learn.output.replace('\n#  ', '')
 
 
 def test_the_truth_is_localized_within_the_bounds_that_were_learned(tmp_path, learn):

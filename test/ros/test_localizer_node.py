@@ -300,6 +300,24 @@ def test_robots_have_parameters_of_their_own(make_node):
     )
 
 
+def test_robots_have_odometry_errors_of_their_own(make_node):
+    node = make_node(robot_odometry__robot_2__translation_scale=0.9, odometry__latency=0.1)
+    fleet = node.settings.fleet
+    assert fleet.odometry_error_of('robot_2').translation_scale == 0.9
+    assert fleet.odometry_error_of('robot_2').latency_s == 0.1
+    assert fleet.odometry_error_of('robot_1') is fleet.odometry_error
+    name = 'robot_odometry.robot_1.translation_scale'
+    assert node.get_parameter(name).value == -1.0
+    description = node.describe_parameter(name).description
+    assert 'negative for odometry.translation_scale' in description
+
+
+def test_a_scale_that_cannot_be_is_refused_with_its_robot(make_node):
+    wanted = "'robot_odometry.robot_2.translation_scale': 0.0 is not allowed, it must be a number"
+    with pytest.raises(WrongParameterError, match=wanted):
+        make_node(robot_odometry__robot_2__translation_scale=0.0)
+
+
 def test_misspelled_parameter_is_refused(make_node):
     with pytest.raises(WrongParameterError, match="did you mean 'max_speed'"):
         make_node(max_sped=1.0)

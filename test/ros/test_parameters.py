@@ -3,6 +3,7 @@
 
 """The parameter table, without a node."""
 
+from dataclasses import replace
 import math
 from pathlib import Path
 import re
@@ -200,6 +201,21 @@ def test_recording_has_six_links_and_no_templates():
         ('min_separation', -0.1, "'min_separation': -0.1 is not allowed, it must be .* >= 0"),
         ('robot_max_speed.a', 'fast', "'robot_max_speed.a': 'fast' is not allowed"),
         ('robot_max_speed.z', 1.0, "'robot_max_speed.z' is unknown; name the robot in 'robots'"),
+        (
+            'robot_odometry.a.translation_scale',
+            0.0,
+            "'robot_odometry.a.translation_scale': 0.0 is not allowed, it must be a number "
+            '>= 0.01 and <= 100',
+        ),
+        ('robot_odometry.b.latency', math.nan, "'robot_odometry.b.latency': nan is not allowed"),
+        ('robot_odometry.b.tilt', math.inf, "'robot_odometry.b.tilt': inf is not allowed"),
+        ('robot_odometry.z.tilt', 0.1, "'robot_odometry.z.tilt' is unknown; name the robot in"),
+        (
+            'robot_odometry.a.latencie',
+            0.1,
+            "'robot_odometry.a.latencie' is unknown; did you mean 'robot_odometry.a.latency'",
+        ),
+        ('odometry.translation_scale', -1.0, "'odometry.translation_scale': -1.0 is not allowed"),
         ('anchors.beacon.position', [0.0, 0.0], "name the anchor in 'anchors.names'"),
     ],
 )
@@ -217,6 +233,24 @@ def test_integers_are_taken_for_numbers_as_people_write_them():
 def test_robot_has_its_own_speed_or_the_common_one():
     found = settings(max_speed=0.5, **{'robot_max_speed.b': 2, 'robot_max_speed.c': 0.0})
     assert [found.fleet.speed_m_s(robot) for robot in 'abc'] == [0.5, 2.0, 0.0]
+
+
+def test_robot_has_odometry_errors_of_its_own_or_the_common_ones():
+    fleet = settings(
+        **{
+            'odometry.translation_per_m': 0.3,
+            'odometry.tilt': 0.1,
+            'robot_odometry.b.translation_scale': 0.9,
+            'robot_odometry.b.constant_rotation': 0,
+            'robot_odometry.b.tilt': math.nan,
+            'robot_odometry.c.latency': -2.0,
+        }
+    ).fleet
+    assert set(fleet.robot_odometry_error) == {'b'}
+    of_all, of_b = fleet.odometry_error, fleet.odometry_error_of('b')
+    assert (of_all.translation_per_m, of_all.translation_scale, of_all.tilt_rad) == (0.3, 1.0, 0.1)
+    assert of_b == replace(of_all, translation_scale=0.9, constant_rad=0.0, tilt_rad=None)
+    assert fleet.odometry_error_of('a') == fleet.odometry_error_of('c') == of_all
 
 
 def test_separation_is_the_fleets():

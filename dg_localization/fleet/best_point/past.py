@@ -129,7 +129,8 @@ def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = (
         )
     seen, ends = _seen(snapshot, solved, ways, float(times_s[-1]))
     parts = _terms_of(seen, ways.values())
-    parts += [part for way in ways.values() for part in way.steps(config.odometry_error)]
+    for robot, way in ways.items():
+        parts += way.steps(config.odometry_error_of(robot))
     return Past(
         PackedTerms.joined(parts),
         np.concatenate([np.full(len(times_s) - 1, way.row) for way in ways.values()]),

@@ -97,7 +97,8 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
     last = next((reading for reading in reversed(track) if reading.stamp_s <= now_s), None)
     if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s:
         return None
-    if np.abs(last.position_m).max() > FARTHEST_M:
+    position_m = last.position_in_frame_m
+    if np.abs(position_m).max() > FARTHEST_M:
         return None
     turn, error_rad = snapshot.motion.turn(robot, last.stamp_s, now_s)
     rotation = last.rotation
@@ -107,7 +108,7 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
         rotation = level_rotations(rotation[None])[0]
     return BodyPose(
         _frame_of(robot, last),
-        last.position_m[: config.dimension],
+        position_m[: config.dimension],
         rotation @ turn.T,
         snapshot.motion.displacement_m(robot, last.stamp_s, now_s),
         error_rad,

@@ -327,13 +327,15 @@ class CarriedWindow:
         return min(first, second), max(first, second)
 
     def _body_of(self, point: int) -> int | None:
-        """Return the body of a point; None for a sensor, or a robot whose motion is not known."""
+        """Return the body of a point; None for a sensor, or where the motion is not known."""
         name = self._config.points[point]
         if name in self._config.sensors:
             return None
         if name in self._config.anchors:
             return WORLD
-        return point if self._motion.odometry.get(name) else None
+        if not (self._motion.odometry.get(name) and self._config.is_upright(name)):
+            return None
+        return point
 
     def _stamps_of(self, pair: Pair) -> list[float]:
         return [row.observation.stamp_s for row in self._rows[pair]]
@@ -391,7 +393,7 @@ def odometry_path(config: FleetConfig, motion: Motion, robot: int) -> OdometryPa
         [reading.stamp_s for reading in track],
         [reading.position_m for reading in track],
         [reading.rotation for reading in track],
-        config.odometry_error,
+        config.odometry_error_of(name),
         MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
         config.dimension,
     )

@@ -350,7 +350,7 @@ def recall(
     """
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
-    tells = config.dimension == 2 or config.odometry_error.tilt_rad is not None
+    tells = any(map(config.is_upright, config.robots))
     if not tells or not (snapshot.window.observations or proved):
         return Recollection(snapshot, allowance)
     if allowance.part(1)():

@@ -43,6 +43,7 @@ def as_yaml(fit: Fit, links: Sequence[Link], bag: str) -> str:
         *_section('range', _of_all(fit.ranges)),
         *_section('bearing', _of_all(fit.bearings)),
         *_section('odometry', fit.odometry),
+        *_robots(fit.robot_odometry),
         *_links(fit, links),
     ]
     return '\n'.join(lines)
@@ -73,6 +74,15 @@ def _section(name: str, bounds: Mapping[str, float]) -> Iterator[str]:
     if taken:
         yield f'    {name}:'
         yield from (f'      {key}: {_number(value)}' for key, value in taken.items())
+
+
+def _robots(bounds: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Yield the bounds of the odometry of single robots, if there are any."""
+    if bounds:
+        yield '    robot_odometry:'
+    for robot, of_robot in bounds.items():
+        yield f'      {robot}:'
+        yield from (f'        {key}: {_number(value)}' for key, value in of_robot.items())
 
 
 def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:

@@ -3,9 +3,10 @@
 
 """Bounds from the readings of a bag beside a ground truth."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import (
     Choice,
@@ -31,11 +32,14 @@ from dg_localization.ros.bags.fitted import (
     FloatArray,
     GroupFit,
     gathered,
+    odometry_parameters,
     range_parameters,
 )
 from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import Samples
 from dg_localization.ros.interface.parameters.settings import Settings
+
+BoolArray = NDArray[np.bool_]
 
 
 def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choice) -> Fit:
@@ -59,24 +63,26 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     tracks, dimension = samples.tracks(settings), settings.fleet.dimension
     ranges = compared_ranges(samples, tracks, dimension)
     bearings = compared_rays(samples, tracks, dimension)
-    by_group = gathered({key: (one.values, one.errors) for key, one in ranges.items()}, per)
+    by_group = gathered(
+        {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}, per
+    )
     relative = False
     if EVERYTHING in by_group:
-        readings, errors = by_group[EVERYTHING]
+        _, readings, errors = by_group[EVERYTHING]
         relative = is_relative(readings, errors, choice)
     fit = Fit(
         ranges={
-            pair: _range_group(readings, errors, choice, relative)
-            for pair, (readings, errors) in by_group.items()
+            pair: _range_group(stamps, readings, errors, choice, relative)
+            for pair, (stamps, readings, errors) in by_group.items()
         },
         bearings={
-            pair: _bearing_group(errors, choice)
-            for pair, (errors,) in gathered(
-                {key: (one.errors,) for key, one in bearings.items()}, per
+            pair: _bearing_group(stamps, errors, choice)
+            for pair, (stamps, errors) in gathered(
+                {key: (one.stamps_s, one.errors) for key, one in bearings.items()}, per
             ).items()
         },
     )
-    _add_odometry(fit, samples, tracks, choice)
+    _add_odometry(fit, samples, tracks, per, choice)
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
@@ -91,7 +97,11 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
 
 
 def _range_group(
-    readings_m: FloatArray, errors_m: FloatArray, choice: Choice, relative: bool
+    stamps_s: FloatArray,
+    readings_m: FloatArray,
+    errors_m: FloatArray,
+    choice: Choice,
+    relative: bool,
 ) -> GroupFit:
     model = fit_range(readings_m, errors_m, choice, relative)
     seen = (
@@ -99,26 +109,47 @@ def _range_group(
     )
     excluded = excluded_ranges(model, readings_m, errors_m)
     bounds = {**range_parameters(model), EXPECTED_ERROR: float(np.median(errors_m))}
-    return GroupFit(len(errors_m), excluded, seen, bounds)
+
+    def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
+        half = fit_range(readings_m[learned], errors_m[learned], choice, relative)
+        return excluded_ranges(half, readings_m[judged], errors_m[judged])
+
+    rest = _share_of_rest(stamps_s, excluded_of)
+    return GroupFit(len(errors_m), excluded, seen, bounds, rest)
 
 
-def _bearing_group(errors_rad: FloatArray, choice: Choice) -> GroupFit:
+def _bearing_group(stamps_s: FloatArray, errors_rad: FloatArray, choice: Choice) -> GroupFit:
     half_width_rad = fit_half_width_rad(errors_rad, choice)
     bias_rad = float(np.median(errors_rad))
     seen = f'error {errors_rad.min():.3f} to {errors_rad.max():.3f} rad, median {bias_rad:.3f}'
-    excluded = int(np.count_nonzero(np.abs(errors_rad) > half_width_rad))
+    sizes_rad = np.abs(errors_rad)
+    excluded = int(np.count_nonzero(sizes_rad > half_width_rad))
     bounds = {'half_width': half_width_rad, EXPECTED_ERROR: bias_rad}
-    return GroupFit(len(errors_rad), excluded, seen, bounds)
+
+    def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
+        half_rad = fit_half_width_rad(errors_rad[learned], choice)
+        return int(np.count_nonzero(sizes_rad[judged] > half_rad))
+
+    rest = _share_of_rest(stamps_s, excluded_of)
+    return GroupFit(len(errors_rad), excluded, seen, bounds, rest)
+
+
+def _share_of_rest(
+    stamps_s: FloatArray, excluded_of: Callable[[BoolArray, BoolArray], int]
+) -> float | None:
+    """Return what share of the second half bounds of the first exclude; None for few readings."""
+    learned = stamps_s <= 0.5 * (stamps_s.min() + stamps_s.max())
+    count = int(np.count_nonzero(~learned))
+    if min(count, len(stamps_s) - count) < LEAST_READINGS:
+        return None
+    return excluded_of(learned, ~learned) / count
 
 
 def _add_odometry(
-    fit: Fit,
-    samples: Samples,
-    tracks: Mapping[str, TrueTrack],
-    choice: Choice,
+    fit: Fit, samples: Samples, tracks: Mapping[str, TrueTrack], per: str, choice: Choice
 ) -> None:
-    """Add the bounds of odometry: one set for all robots, and a sentence on each."""
-    found: list[OdometryWindows] = []
+    """Add the bounds of odometry, those of all robots and of each, and a sentence on each."""
+    found: dict[str, OdometryWindows] = {}
     for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
         rows = samples.odometry[robot]
         stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
@@ -128,34 +159,47 @@ def _add_odometry(
             stamps[increasing], positions[increasing], rotations[increasing], tracks[robot]
         )
         if len(windows.seconds) >= LEAST_READINGS:
-            found.append(windows)
-            fit.notes.append(
-                f'Odometry of {robot}: {_odometry_text(fit_odometry(windows, choice))}'
-            )
+            found[robot] = windows
     if not found:
         return
-    together = OdometryWindows(
-        *(
-            np.concatenate([getattr(one, name) for one in found])
-            for name in ('seconds', 'way_m', 'turn_rad', 'error_m', 'error_rad')
-        )
-    )
+    for robot, windows in found.items():
+        bounds = fit_odometry(windows, choice)
+        fit.notes.append(f'Odometry of {robot}: {_odometry_text(bounds, windows)}')
+        fit.notes += _judged_on_the_rest(robot, windows, choice)
+        if per != 'all':
+            fit.robot_odometry[robot] = odometry_parameters(bounds)
+    together = OdometryWindows.joined(found.values())
     bounds = fit_odometry(together, choice)
-    fit.notes.append(f'Odometry of all: {_odometry_text(bounds)}')
-    fit.odometry = {
-        'translation_per_m': bounds.translation_per_m,
-        'translation_per_rad': 0.0,
-        'rotation_per_m': 0.0,
-        'rotation_per_rad': bounds.rotation_per_rad,
-        'constant_translation': bounds.constant_m,
-        'constant_rotation': bounds.constant_rad,
-        'latency': 0.0,
-    }
+    fit.notes.append(f'Odometry of all: {_odometry_text(bounds, together)}')
+    fit.odometry = odometry_parameters(bounds)
 
 
-def _odometry_text(fit: OdometryFit) -> str:
+def _odometry_text(fit: OdometryFit, windows: OdometryWindows) -> str:
+    count = len(windows.seconds)
+    excluded = fit.excluded(windows)
     return (
-        f'the way is within {fit.constant_m:.4f} m + {fit.translation_per_m:.4f} per m, the turn '
-        f'within {fit.constant_rad:.4f} rad + {fit.rotation_per_rad:.4f} per rad, in '
-        f'{fit.windows - fit.excluded} of {fit.windows} windows of 0.5 to 40 s.'
+        f'{_bounds_text(fit)}; {count} windows of 0.5 to 40 s, {100.0 * excluded / count:.2f} % '
+        'excluded.'
+    )
+
+
+def _bounds_text(fit: OdometryFit) -> str:
+    return (
+        f'true ways are {fit.translation_scale:.4f} times the reported ones, up to '
+        f'{fit.constant_m:.4f} m + {fit.translation_per_m:.4f} per m, turns are within '
+        f'{fit.constant_rad:.4f} rad + {fit.rotation_per_rad:.4f} per rad'
+    )
+
+
+def _judged_on_the_rest(robot: str, windows: OdometryWindows, choice: Choice) -> Iterator[str]:
+    """Yield how well what the first half of a recording shows holds for the second."""
+    learned, judged = windows.halves()
+    if min(len(learned.seconds), len(judged.seconds)) < LEAST_READINGS:
+        yield f'The recording is too short to judge the odometry of {robot} on a part of its own.'
+        return
+    bounds = fit_odometry(learned, choice)
+    shares = [100.0 * bounds.excluded(half) / len(half.seconds) for half in (learned, judged)]
+    yield (
+        f'Learned of the first half alone, {_bounds_text(bounds)}: {shares[0]:.2f} % of its '
+        f'windows are excluded, and {shares[1]:.2f} % of those of the second half.'
     )

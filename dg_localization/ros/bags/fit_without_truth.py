@@ -151,7 +151,7 @@ def _limits_without_truth(samples: Samples, bias_m: Sequence[float] | None) -> I
     if samples.rays:
         yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
     if samples.odometry:
-        yield 'Odometry cannot be judged without a ground truth.'
+        yield 'Without a ground truth scale and bounds of odometry cannot be learned.'
 
 
 def _directions(samples: Samples) -> Iterator[str]:

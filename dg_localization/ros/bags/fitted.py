@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import vouched_share
+from dg_localization.calibration.odometry import OdometryFit
 from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -39,6 +40,9 @@ class GroupFit:
     bounds : dict of str to float
         By the name of the parameter without its prefix; with the likeliest error, where a truth
         shows it.
+    share_of_rest : float, optional
+        Of the readings of the second half of the recording, the share that bounds learned of the
+        first half alone exclude; None where that was not tried.
 
     """
 
@@ -46,16 +50,21 @@ class GroupFit:
     excluded: int
     seen: str
     bounds: dict[str, float]
+    share_of_rest: float | None = None
 
     @property
     def text(self) -> str:
         """What was seen and what that is worth, in words."""
         share = 100.0 * self.excluded / self.count
         vouched = 100.0 * vouched_share(self.count)
-        return (
+        text = (
             f'{self.count} readings, {self.seen}; {share:.2f} % excluded; so many vouch for '
             f'{vouched:.1f} %'
         )
+        if self.share_of_rest is None:
+            return text
+        rest = 100.0 * self.share_of_rest
+        return f'{text}; learned of the first half alone, {rest:.2f} % of the second excluded'
 
 
 @dataclass
@@ -68,7 +77,9 @@ class Fit:
     ranges, bearings : dict of (str, str) to GroupFit
         By observer and target, those of a sensor with an empty target, of all with empty names.
     odometry : dict of str to float
-        By the name of the parameter without its prefix.
+        By the name of the parameter without its prefix; of all robots.
+    robot_odometry : dict of str to dict of str to float
+        The same by robot.
     notes : list of str
         Sentences on what was learned, and what cannot be.
 
@@ -77,6 +88,7 @@ class Fit:
     ranges: dict[Pair, GroupFit] = field(default_factory=dict)
     bearings: dict[Pair, GroupFit] = field(default_factory=dict)
     odometry: dict[str, float] = field(default_factory=dict)
+    robot_odometry: dict[str, dict[str, float]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     def of_link(self, kind: LinkKind, observer: str, target: str) -> Iterator[GroupFit]:
@@ -140,4 +152,18 @@ def range_parameters(model: RangeErrorModel) -> dict[str, float]:
         'max_error_relative': model.max_error_relative,
         # The errors that were seen are all there is.
         'sigma_factor': 0.0,
+    }
+
+
+def odometry_parameters(fit: OdometryFit) -> dict[str, float]:
+    """Return learned bounds of odometry by the names of the parameters of the node."""
+    return {
+        'translation_scale': fit.translation_scale,
+        'translation_per_m': fit.translation_per_m,
+        'translation_per_rad': 0.0,
+        'rotation_per_m': 0.0,
+        'rotation_per_rad': fit.rotation_per_rad,
+        'constant_translation': fit.constant_m,
+        'constant_rotation': fit.constant_rad,
+        'latency': 0.0,
     }

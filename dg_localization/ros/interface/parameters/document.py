@@ -8,6 +8,7 @@ import textwrap
 from typing import Any
 
 from dg_localization.ros.interface.parameters.mounts import elevation_spec, mount_specs
+from dg_localization.ros.interface.parameters.odometry import robot_odometry_specs
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
@@ -142,6 +143,8 @@ def _with_named(specs: Iterable[Spec]) -> Iterator[Spec]:
         yield spec
         if spec.name == 'max_speed':
             yield robot_spec('NAME')
+        if spec.name == 'odometry.tilt':
+            yield from robot_odometry_specs('NAME')
         if spec.name == 'anchors.bound':
             yield from anchor_specs('NAME')
         if spec.name == 'mounts.names':

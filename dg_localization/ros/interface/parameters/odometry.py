@@ -3,21 +3,34 @@
 
 """The parameters of odometry, and of what it makes of older measurements."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 import math
 from typing import Any
 
 from dg_localization.fleet import OdometryErrorModel
 from dg_localization.fleet.config import LEAST_MEMORY_S
+from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
 from dg_localization.ros.interface.parameters.spec import DOUBLE, INTEGER, STRING, Section, Spec
 
 ODOMETRY = Section(
     'Odometry',
     'Messages of type nav_msgs/Odometry. They are optional and keep older measurements sharp. The '
     'bounds per m and per rad are those of each step between two messages; seen from now they add '
-    'up along the way.',
+    'up along the way. A robot may have each of these numbers of its own, '
+    'robot_odometry.NAME.translation_scale and so on.',
     (
         Spec('odometry.topic', STRING, '{robot}/odom', 'template of the topics; empty for none'),
+        Spec(
+            'odometry.translation_scale',
+            DOUBLE,
+            1.0,
+            'true ways are this times the reported ones, up to the errors',
+            '',
+            LEAST_SCALE,
+            MOST_SCALE,
+            details='The errors count per meter of the scaled way.',
+        ),
         Spec(
             'odometry.translation_per_m',
             DOUBLE,
@@ -88,6 +101,19 @@ ODOMETRY = Section(
     ),
 )
 
+ERRORS = {
+    'translation_scale': 'translation_scale',
+    'translation_per_m': 'translation_per_m',
+    'translation_per_rad': 'translation_per_rad',
+    'rotation_per_m': 'rotation_per_m',
+    'rotation_per_rad': 'rotation_per_rad',
+    'constant_translation': 'constant_m',
+    'constant_rotation': 'constant_rad',
+    'latency': 'latency_s',
+    'tilt': 'tilt_rad',
+}
+"""By the name of the parameter without its prefix, the field of `OdometryErrorModel`."""
+
 REPLACED = {
     'odometry.relative_error': 'the error of odometry is stated by odometry.translation_per_m, '
     'odometry.rotation_per_rad and the like, along its way and not at full speed'
@@ -134,15 +160,50 @@ MEMORY = Section(
 )
 
 
+def robot_odometry_specs(robot: str) -> Iterator[Spec]:
+    """Yield the parameters of the odometry of one robot; negative for those of all robots."""
+    for spec in ODOMETRY.specs:
+        of_all, name = spec.name, spec.name.removeprefix('odometry.')
+        if name in ERRORS:
+            yield Spec(
+                f'robot_odometry.{robot}.{name}',
+                DOUBLE,
+                -1.0,
+                f'the same of this robot; negative for {of_all}',
+                spec.unit,
+                may_be_nan=spec.may_be_nan,
+            )
+
+
 def odometry_error(values: Mapping[str, Any]) -> OdometryErrorModel:
     """Return the bounds that checked values of the parameters stand for."""
-    return OdometryErrorModel(
-        translation_per_m=values['odometry.translation_per_m'],
-        translation_per_rad=values['odometry.translation_per_rad'],
-        rotation_per_m=values['odometry.rotation_per_m'],
-        rotation_per_rad=values['odometry.rotation_per_rad'],
-        constant_m=values['odometry.constant_translation'],
-        constant_rad=values['odometry.constant_rotation'],
-        latency_s=values['odometry.latency'],
-        tilt_rad=None if math.isnan(values['odometry.tilt']) else values['odometry.tilt'],
-    )
+    return _error({name: values[f'odometry.{name}'] for name in ERRORS})
+
+
+def robot_odometry_errors(values: Mapping[str, Any]) -> dict[str, OdometryErrorModel]:
+    """
+    Return the bounds of the robots that have some of their own.
+
+    Raises
+    ------
+    WrongParameterError
+        If a number is not negative, which stands for that of all robots, and not allowed.
+
+    """
+    specs = {spec.name.removeprefix('odometry.'): spec for spec in ODOMETRY.specs}
+    errors = {}
+    for robot in values['robots']:
+        own = {}
+        for name in ERRORS:
+            full_name = f'robot_odometry.{robot}.{name}'
+            if not values[full_name] < 0.0:
+                own[name] = replace(specs[name], name=full_name).check(values[full_name])
+        if own:
+            errors[robot] = _error({name: values[f'odometry.{name}'] for name in ERRORS} | own)
+    return errors
+
+
+def _error(numbers: Mapping[str, float]) -> OdometryErrorModel:
+    """Return the bounds with a field for each parameter; a tilt that is NaN is not stated."""
+    fields = {ERRORS[name]: value for name, value in numbers.items() if not math.isnan(value)}
+    return OdometryErrorModel(**fields)

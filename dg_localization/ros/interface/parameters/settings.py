@@ -35,7 +35,11 @@ from dg_localization.ros.interface.parameters.mounts import (
     mounts_from,
     specs_of_mounts,
 )
-from dg_localization.ros.interface.parameters.odometry import REPLACED, odometry_error
+from dg_localization.ros.interface.parameters.odometry import (
+    REPLACED,
+    odometry_error,
+    robot_odometry_errors,
+)
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
@@ -166,10 +170,18 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
         return "; name the sensor in 'mounts.names'"
     if name.startswith('elevations.'):
         return "; name the point in 'elevations.names'"
-    if name.startswith('robot_max_speed.'):
+    if name.startswith('robot_max_speed.') or _is_of_unknown_robot(name, known):
         return "; name the robot in 'robots'"
     close = get_close_matches(name, list(known), n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def _is_of_unknown_robot(name: str, known: Iterable[str]) -> bool:
+    """Return whether a name is that of the odometry of a robot that has no parameters."""
+    of_robot = '.'.join(name.split('.')[:2]) + '.'
+    return of_robot.startswith('robot_odometry.') and not any(
+        other.startswith(of_robot) for other in known
+    )
 
 
 def in_root_namespace(topic: str) -> str:
@@ -335,6 +347,7 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         max_turn_rate_rad_s=values['max_turn_rate'],
         min_separation_m=values['min_separation'],
         odometry_error=odometry_error(values),
+        robot_odometry_error=robot_odometry_errors(values),
         memory_s=values['memory.seconds'],
         memory_max_seconds=values['memory.max_seconds'],
         window_outliers=values['window_outliers'],

@@ -11,7 +11,11 @@ from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.contradictions import CONTRADICTIONS
 from dg_localization.ros.interface.parameters.links import LINKS
 from dg_localization.ros.interface.parameters.mounts import MOUNTS
-from dg_localization.ros.interface.parameters.odometry import MEMORY, ODOMETRY
+from dg_localization.ros.interface.parameters.odometry import (
+    MEMORY,
+    ODOMETRY,
+    robot_odometry_specs,
+)
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
@@ -112,7 +116,7 @@ TIME = Section(
 
 
 def robot_spec(name: str) -> Spec:
-    """Return the parameter of one robot; a negative speed stands for `max_speed`."""
+    """Return the speed limit of one robot; a negative one stands for `max_speed`."""
     return Spec(
         f'robot_max_speed.{name}',
         DOUBLE,
@@ -331,6 +335,8 @@ TABLE = tuple(spec for section in SECTIONS for spec in section.specs)
 
 def named_specs(robots: Iterable[str], anchors: Iterable[str]) -> Iterator[Spec]:
     """Yield the parameters that each robot and each anchor has of its own."""
-    yield from (robot_spec(name) for name in robots)
+    for name in robots:
+        yield robot_spec(name)
+        yield from robot_odometry_specs(name)
     for name in anchors:
         yield from anchor_specs(name)
