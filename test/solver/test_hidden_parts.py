@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from solver_cases import squared_distances
 
-from benchmarks.pieces import Row, neighbors
+from benchmarks.pieces import Row, neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import pieces as solved_by
-from dg_localization.solver.assemble.hidden_parts import hidden_parts
+from dg_localization.solver.assemble.hidden_parts import PartsTogether, hidden_parts
 from dg_localization.solver.problem import Chirality
 
 ROUNDING = 1e-12
@@ -97,3 +97,15 @@ def test_fifty_points_take_few_boxes(degree, error, seed):
     assert result.verdict is Verdict.COVERED
     positions, _ = neighbors(50, degree, 2, seed)
     assert all(holds(piece, positions) for piece in result.pieces)
+
+
+def test_parts_are_laid_together_until_a_placement_is_proved(monkeypatch):
+    """Eight boxes make a hypothesis each: one placement of it is enough."""
+    laid = PartsTogether._laid
+    calls = []
+    monkeypatch.setattr(PartsTogether, '_laid', lambda *args: calls.append(args) or laid(*args))
+    result = solve(uwb_fleet(20, 5, seed=1), SolverOptions(max_boxes=10**6))
+    piece = max(result.pieces, key=lambda piece: len(piece.points))
+    assert [len(h.boxes) for h in piece.hypotheses] == [8, 8, 8, 8]
+    assert all(h.proved for h in piece.hypotheses)
+    assert len(calls) == 4

@@ -11,7 +11,7 @@ whole, all its points are contracted for every one of them; solved in parts, the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -97,7 +97,7 @@ class PartsTogether:
         links = Linker(problem, solved, budget, within).links(solved.joints)
         self._combinations = Combinations([len(p.hypotheses) for p in self._parts], links)
 
-    def boxes(self) -> tuple[list[FloatArray], list[FloatArray | None]] | None:
+    def boxes(self) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]] | None:
         """
         Return a box for each combination, None where there are too many.
 
@@ -105,23 +105,24 @@ class PartsTogether:
         -------
         boxes : list of ndarray, shape (4, n, n)
             The boxes in m^2.
-        starts : list of ndarray, shape (n, q), or None
-            A placement in m in or near each box, where its parts have placements.
+        start_of : callable
+            Returns a placement in m, (n, q), in or near a box, by its number; None where a part
+            has no placement.
 
         """
         if self._combinations.contradiction is not None:
-            return [], []
+            return [], lambda _: None
         number = self._combinations.number
         if number > self._budget.options.max_hypotheses:
             return None
         together = number * self._problem.n_points**3 <= MOST_TOGETHER
-        boxes, starts = [], []
+        boxes, left = [], []
         for combination in (self._combinations[x] for x in range(number)):
             bounds = self._bounds(combination, together)
             if bounds is not None:
                 boxes.append(np.array([*bounds, *np.zeros_like(bounds)]))
-                starts.append(self._laid(combination))
-        return boxes, starts
+                left.append(combination)
+        return boxes, lambda x: self._laid(left[x])
 
     def _laid(self, combination: Combination) -> FloatArray | None:
         """Return the placements of parts, laid against each other as a combination says."""

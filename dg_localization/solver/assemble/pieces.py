@@ -316,9 +316,9 @@ class PieceSolver:
         together = PartsTogether(problem, solved, budget, within).boxes()
         if together is None or not budget.keep(len(together[0])):
             return None
-        boxes, starts = together
+        boxes, start_of = together
         budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
-        found = hypotheses_of(problem, boxes, budget.is_over, starts)
+        found = hypotheses_of(problem, boxes, budget.is_over, start_of)
         return _Search(problem, boxes, [], found=found)
 
     def _given(self, task: _Task) -> list[Ranges]:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 import math
 
 import numpy as np
@@ -145,7 +145,7 @@ def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
 def placement_in(
     problem: Problem,
     boxes: list[FloatArray],
-    starts: list[FloatArray | None],
+    starts: Iterable[FloatArray | None],
     stopped: Callable[[], bool],
 ) -> tuple[FloatArray, bool]:
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
@@ -193,7 +193,7 @@ def hypotheses_of(
     problem: Problem,
     boxes: list[FloatArray],
     stopped: Callable[[], bool] = lambda: False,
-    starts: Sequence[FloatArray | None] = (),
+    start_of: Callable[[int], FloatArray | None] | None = None,
 ) -> tuple[Hypothesis, ...]:
     """
     Return the hypotheses that the boxes of a cover form, in the order of their first box.
@@ -206,8 +206,8 @@ def hypotheses_of(
         The cover.
     stopped : callable, optional
         Whether there is no time left to seek placements of many points.
-    starts : sequence of ndarray, shape (n, q), or None, optional
-        A placement in m that is known to be near each box, where there is one.
+    start_of : callable, optional
+        Returns a placement in m that is in or near a box, by the number of the box, or None.
 
     Returns
     -------
@@ -218,7 +218,8 @@ def hypotheses_of(
     measured = np.isfinite(problem.upper)
     hypotheses = []
     for (lower, upper), indices in hulls_of(boxes):
-        near = [starts[index] for index in indices] if starts else []
+        # Those of further boxes are computed only where the first ones prove nothing.
+        near = map(start_of, indices) if start_of else ()
         inside = [boxes[index] for index in indices]
         positions, proved = placement_in(problem, inside, near, stopped)
         flexible = is_flexible(positions, measured)
