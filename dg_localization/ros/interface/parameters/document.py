@@ -52,6 +52,10 @@ set at start, by a file (`--ros-args --params-file FILE`) or one by one (`--ros-
 NAME:=VALUE`). A wrong value or a misspelled name is refused with a message that names what is
 allowed. `config/localizer.yaml` holds all of them with their defaults.
 
+Where a parameter is given twice, by two files or by a file and `-p`, give it the same type both
+times: write `2.0`, not `2`, for a number. Of two values of different types ROS 2 may keep the
+first, without a message: after `max_speed: 2` in a file, `-p max_speed:=2.5` has no effect.
+
 This page is written from the table in `dg_localization/ros/interface/parameters/table.py` by
 `make parameters`; a test keeps it true.
 """
