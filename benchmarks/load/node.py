@@ -33,10 +33,10 @@ class WatchedNode(LocalizerNode):
         super().__init__(**kwargs)
         self.create_timer(1.0, self._note_resources)
 
-    def _on_message(self, link: Link, data: bytes) -> None:
+    def _on_message(self, link: Link, data: bytes, waited_s: float) -> None:
         begin_s = time.thread_time()
         sec, nanosec = STAMP.unpack_from(data, STAMP_OFFSET)
-        super()._on_message(link, data)
+        super()._on_message(link, data, waited_s)
         end_s = time.thread_time()
         self._messages.extend((self._clock_s(), sec + 1e-9 * nanosec, end_s - begin_s, end_s))
 

@@ -18,15 +18,21 @@ from rclpy.node import Node  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 
-from dg_localization.ros.interface.links import Template  # noqa: E402
-from dg_localization.ros.node.inputs import POLL_PERIOD_S, SENSOR_DATA, Inputs  # noqa: E402
+from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template  # noqa: E402
+from dg_localization.ros.node.inputs import (  # noqa: E402
+    POLL_PERIOD_S,
+    QUEUE_DEPTH,
+    SENSOR_DATA,
+    Inputs,
+)
 
 POINTS = ('a', 'b', 'c')
 TOPICS = [f'/{one}/range/{other}' for one in POINTS for other in POINTS if one != other]
 SETTINGS = SimpleNamespace(
     templates=(Template('/{observer}/range/{target}', 'sensor_msgs/msg/Range'),),
     links=(),
-    fleet=SimpleNamespace(points=POINTS),
+    fleet=SimpleNamespace(points=POINTS, robots=POINTS),
 )
 TIMEOUT_S = 20.0
 
@@ -65,7 +71,7 @@ def spin_until(node, condition):
 
 def test_every_message_of_every_topic_is_taken_once(node):
     taken = Counter()
-    inputs, publishers = connected(node, lambda link, _: taken.update([link.topic]))
+    inputs, publishers = connected(node, lambda link, *_: taken.update([link.topic]))
     for _ in range(SENSOR_DATA.depth):
         for publisher in publishers:
             publisher.publish(Range())
@@ -76,7 +82,7 @@ def test_every_message_of_every_topic_is_taken_once(node):
 
 def test_messages_are_taken_as_they_were_sent(node):
     taken = []
-    inputs, (publisher, *_) = connected(node, lambda _, data: taken.append(data))
+    inputs, (publisher, *_) = connected(node, lambda _, data, waited_s: taken.append(data))
     message = serialize_message(Range(range=2.5))
     publisher.publish(message)
     spin_until(node, lambda: taken)
@@ -97,7 +103,7 @@ def test_no_executor_looks_at_inputs_or_at_events_of_them(node):
 def test_where_more_arrives_than_can_be_taken_all_topics_have_their_turn(node):
     taken = Counter()
 
-    def take_slowly(link, _):
+    def take_slowly(link, *_):
         taken.update([link.topic])
         time.sleep(2.0 * POLL_PERIOD_S)
 
@@ -108,6 +114,46 @@ def test_where_more_arrives_than_can_be_taken_all_topics_have_their_turn(node):
     time.sleep(0.5)
     inputs._poll()
     assert taken == dict.fromkeys(TOPICS, 1)
+    inputs.destroy()
+
+
+def test_a_message_says_how_long_it_has_waited(node):
+    waited = []
+    inputs, (publisher, *_) = connected(node, lambda *each: waited.append(each[-1]))
+    publisher.publish(Range())
+    time.sleep(0.5)
+    spin_until(node, lambda: waited)
+    publisher.publish(Range())
+    spin_until(node, lambda: len(waited) == 2)
+    assert 0.4 < waited[0] < TIMEOUT_S
+    assert 0.0 <= waited[1] < waited[0]
+    inputs.destroy()
+
+
+def test_a_topic_that_raises_does_not_keep_the_others_from_their_turn(node):
+    taken = Counter()
+
+    def take(link, *_):
+        if link.topic == TOPICS[0]:
+            raise ValueError('wrong')
+        taken.update([link.topic])
+
+    inputs, publishers = connected(node, take)
+    for publisher in publishers:
+        publisher.publish(Range())
+    time.sleep(0.5)
+    with pytest.raises(ValueError, match='wrong'):
+        inputs._poll()
+    assert taken == dict.fromkeys(TOPICS[1:], 1)
+    inputs.destroy()
+
+
+def test_a_topic_of_all_robots_has_a_queue_for_each(node):
+    link = Link('/ranges', 'sensor_msgs/msg/Range', LinkKey(LinkKind.PEERS, ANY_OBSERVER, ''))
+    settings = SimpleNamespace(templates=(), links=(link,), fleet=SETTINGS.fleet)
+    inputs = Inputs(node, settings, lambda *_: None)
+    (subscription,) = (each for each in node.subscriptions if each.topic_name == '/ranges')
+    assert subscription.qos_profile.depth == QUEUE_DEPTH * len(POINTS)
     inputs.destroy()
 
 

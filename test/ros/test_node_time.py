@@ -12,7 +12,7 @@ from dg_localization.ros.node.clock import NodeTime  # noqa: E402
 
 def test_jump_back_is_seen_once_and_standing_still_is_measured_on_another_clock():
     clock, steady = {'s': 100.0}, {'s': 0.0}
-    node_time = NodeTime(lambda: clock['s'], lambda: steady['s'])
+    node_time = NodeTime(lambda: clock['s'], steady_s=lambda: steady['s'])
     assert node_time.now() == (100.0, 0.0)
     clock['s'], steady['s'] = 101.0, 1.0
     assert node_time.now() == (101.0, 0.0)
@@ -23,3 +23,24 @@ def test_jump_back_is_seen_once_and_standing_still_is_measured_on_another_clock(
     assert node_time.now() == (90.0, 11.0)
     assert node_time.now() == (90.0, 0.0)
     assert node_time.stands_still_s() == 0.0
+
+
+@pytest.mark.parametrize('is_simulated, arrived_s', [(False, 97.0), (True, 100.0)])
+def test_what_has_waited_arrived_before(is_simulated, arrived_s):
+    """By a simulated clock, which may be paused or fast, it is not known how long it waited."""
+    node_time = NodeTime(lambda: 100.0, is_simulated, steady_s=lambda: 5.0)
+    node_time.now()
+    assert node_time.arrived_s(3.0) == arrived_s
+    assert node_time.arrived_s(0.0) == 100.0
+
+
+@pytest.mark.parametrize('is_simulated', [False, True])
+def test_what_arrived_before_the_time_jumped_back_never_looks_new(is_simulated):
+    clock, steady = {'s': 100.0}, {'s': 0.0}
+    node_time = NodeTime(lambda: clock['s'], is_simulated, lambda: steady['s'])
+    clock['s'], steady['s'] = 1.0, 10.0
+    assert node_time.now() == (1.0, 99.0)
+    assert node_time.arrived_s(0.001) is None
+    steady['s'] = 11.0
+    assert node_time.arrived_s(1.001) is None
+    assert node_time.arrived_s(0.5) is not None

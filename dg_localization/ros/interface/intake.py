@@ -86,7 +86,9 @@ class Intake:
         self.malformed: dict[str, Malformed] = {}
         self.odometry: dict[str, OdometryPoses] = {}
 
-    def take(self, link: Link, data: bytes, now_s: float) -> Rejection | None:
+    def take(
+        self, link: Link, data: bytes, now_s: float, arrived_s: float | None = None
+    ) -> Rejection | None:
         """
         Take one message; it never raises.
 
@@ -97,7 +99,8 @@ class Intake:
         data : bytes
             The serialized message.
         now_s : float
-            When it arrived.
+        arrived_s : float, optional
+            When it arrived; now if it is not given.
 
         Returns
         -------
@@ -107,7 +110,8 @@ class Intake:
         """
         try:
             reading = self._read(link, data)
-            stamp_s = reading.stamp_s if self._use_header_stamp else now_s
+            arrived_s = now_s if arrived_s is None else arrived_s
+            stamp_s = reading.stamp_s if self._use_header_stamp else arrived_s
             return self._add(link, reading, stamp_s, now_s)
         except Exception as error:
             self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(

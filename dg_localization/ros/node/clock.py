@@ -4,6 +4,7 @@
 """The time of a node, which may be simulated: it may jump back, and it may stand still."""
 
 from collections.abc import Callable, Sequence
+import math
 import time
 
 from rcl_interfaces.msg import SetParametersResult
@@ -18,27 +19,52 @@ class NodeTime:
     ----------
     read_s : callable
         Returns the time of the clock in s.
+    is_simulated : bool
+        Whether the clock may run at another rate than real time.
     steady_s : callable
         Returns a time in s that never stands still.
 
     """
 
     def __init__(
-        self, read_s: Callable[[], float], steady_s: Callable[[], float] = time.monotonic
+        self,
+        read_s: Callable[[], float],
+        is_simulated: bool = False,
+        steady_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._read_s = read_s
+        self._is_simulated = is_simulated
         self._steady_s = steady_s
         self._last_s = read_s()
         self._moved_at_s = steady_s()
+        self._jumped_at_s = -math.inf
 
     def now(self) -> tuple[float, float]:
         """Return the time in s, and by how many seconds it has jumped back since the last call."""
         now_s = self._read_s()
         back_s = max(0.0, self._last_s - now_s)
+        if back_s > 0.0:
+            self._jumped_at_s = self._steady_s()
         if now_s != self._last_s:
             self._moved_at_s = self._steady_s()
         self._last_s = now_s
         return now_s, back_s
+
+    def arrived_s(self, waited_s: float) -> float | None:
+        """
+        Return when that arrived which has waited for some real time before the last call of `now`.
+
+        Returns
+        -------
+        float or None
+            None where the time jumped back after it had arrived: it must not look new. Of a
+            simulated time it is not known how much of it has passed; then the time is that of
+            the last call.
+
+        """
+        if self._steady_s() - waited_s < self._jumped_at_s:
+            return None
+        return self._last_s if self._is_simulated else self._last_s - waited_s
 
     def stands_still_s(self) -> float:
         """Return for how long, as far as the calls of `now` show, the time has stood still."""

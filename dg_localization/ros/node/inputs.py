@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from dg_localization.ros.interface.discovery import TopicFinder
-from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters import adapter_for
 
@@ -23,7 +23,9 @@ from msg_adapters import adapter_for
 # an answer or the diagnostics of a large fleet keeps the executor from receiving for a moment. On
 # a machine that is too busy queues stay full, and what is taken is as old as they are long: with
 # sensors at 10 Hz that must be less than the default `max_age`, or no message would be of use.
-SENSOR_DATA = QoSProfile(depth=8, reliability=ReliabilityPolicy.BEST_EFFORT)
+# A topic that several robots share has such a queue for each of them.
+QUEUE_DEPTH = 8
+SENSOR_DATA = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # A message waits for up to this long.
 POLL_PERIOD_S = 0.01
@@ -62,15 +64,17 @@ class Inputs:
         The node that subscribes.
     settings : Settings
     take : callable
-        Called with the link and the bytes of each message.
+        Called with the link and the bytes of each message, and how long it has waited since the
+        middleware received it, in s.
 
     """
 
     def __init__(
-        self, node: Node, settings: Settings, take: Callable[[Link, bytes], None]
+        self, node: Node, settings: Settings, take: Callable[[Link, bytes, float], None]
     ) -> None:
         self._node = node
         self._take = take
+        self._n_robots = len(settings.fleet.robots)
         self._group = PolledGroup()
         self._finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
         self._subscriptions: dict[Link, Subscription] = {}
@@ -112,30 +116,43 @@ class Inputs:
         Take what has arrived, one message of each topic after the other.
 
         Where more arrives than can be taken, each topic still has its turn, and so have the other
-        callbacks of the node.
+        callbacks of the node. A topic that raises does not keep the others from theirs.
         """
         end_s = time.monotonic() + POLL_PERIOD_S
         waiting = list(self._subscriptions.items())
+        failure: Exception | None = None
         while waiting:
-            waiting = [each for each in waiting if self._take_from(*each)]
+            asked, waiting = waiting, []
+            for link, subscription in asked:
+                try:
+                    if self._take_from(link, subscription):
+                        waiting.append((link, subscription))
+                except Exception as error:
+                    failure = error
             if time.monotonic() >= end_s:
                 break
+        if failure is not None:
+            raise failure
 
     def _take_from(self, link: Link, subscription: Subscription) -> bool:
         """Take the next message of a topic, and return whether there was one."""
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         if taken is None:
             return False
-        self._take(link, taken[0])
+        data, information = taken
+        # Zero where the middleware does not say; the clock may have been set back since.
+        received_ns = information['received_timestamp'] or time.time_ns()
+        self._take(link, data, max(0.0, 1e-9 * (time.time_ns() - received_ns)))
         return True
 
     def _subscribe(self, link: Link) -> None:
+        n_observers = self._n_robots if link.key.observer == ANY_OBSERVER else 1
         # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
         self._subscriptions[link] = self._node.create_subscription(
             adapter_for(link.type_name).message_class(),
             link.topic,
             _never_called,
-            SENSOR_DATA,
+            QoSProfile(depth=QUEUE_DEPTH * n_observers, reliability=SENSOR_DATA.reliability),
             callback_group=self._group,
             event_callbacks=NO_EVENTS,
             raw=True,

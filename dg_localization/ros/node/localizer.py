@@ -109,7 +109,8 @@ class LocalizerNode(LifecycleNode):
         self._transforms: TransformPublisher | None = None
         self._rate = RateMeter(self.settings.rate_hz)
         self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
-        self._time = NodeTime(self._clock_s)
+        is_simulated = bool(self.get_parameter('use_sim_time').value)
+        self._time = NodeTime(self._clock_s, is_simulated)
         self._diagnostics = DiagnosticsPublisher(self)
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -213,13 +214,14 @@ class LocalizerNode(LifecycleNode):
         else:
             self._made_to_activate.callback(end_bond)
 
-    def _on_message(self, link: Link, data: bytes) -> None:
+    def _on_message(self, link: Link, data: bytes, waited_s: float) -> None:
         """Take one measurement; whatever is wrong with it is counted, never raised."""
         now_s = self._now_s()
-        if now_s is None:
+        arrived_s = self._time.arrived_s(waited_s)
+        if now_s is None or arrived_s is None:
             return
         began_s = time.monotonic()
-        rejection = self._intake.take(link, data, now_s)
+        rejection = self._intake.take(link, data, now_s, arrived_s)
         if rejection is not None:
             self.get_logger().warning(
                 shortened(f'{link.topic}: {rejection}'), throttle_duration_sec=REPEATED_WARNING_S
