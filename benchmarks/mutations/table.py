@@ -897,6 +897,11 @@ PAIRS = [
             'half_x += abs(y) * half_yaw + beyond + swing',
             'half_x += abs(y) * half_yaw + beyond',
         ),
+        (
+            'the way does not err',
+            'half_x = abs(c) * step[1, X] + abs(s) * step[1, Y] + ball',
+            'half_x = abs(c) * step[1, X] + abs(s) * step[1, Y]',
+        ),
     ),
     *_in(
         'pairs',

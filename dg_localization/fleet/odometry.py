@@ -60,6 +60,24 @@ class TrackPoses:
 
 
 @dataclass(frozen=True)
+class TrackStep:
+    """
+    Where a track is at one sample, seen from an earlier one.
+
+    Parameters
+    ----------
+    pose : PastPoses
+        One pose, with the errors of the turns.
+    ball_m : float
+        The errors of the ways put it no farther off than this, in any direction.
+
+    """
+
+    pose: PastPoses
+    ball_m: float
+
+
+@dataclass(frozen=True)
 class _Nearest:
     """The samples nearest to some times, and how far the robot may have been from them."""
 
@@ -188,7 +206,7 @@ class OdometryPath:
         index = self._index_at(time_s)
         return (*self._positions_m[index, :2].tolist(), float(self._yaws_rad[index]))
 
-    def track_step(self, first_s: float, last_s: float) -> PastPoses:
+    def track_step(self, first_s: float, last_s: float) -> TrackStep:
         """
         Return where the track is at the sample nearest to a time, seen from that of another.
 
@@ -198,7 +216,7 @@ class OdometryPath:
             The second is not earlier. The pose at `last_s` is seen from that at `first_s`.
 
         """
-        return PastPoses(*self._walk_ahead(self._index_at(first_s), self._index_at(last_s)))
+        return self._walk_ahead(self._index_at(first_s), self._index_at(last_s))
 
     def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
         """
@@ -329,22 +347,20 @@ class OdometryPath:
         yaws = self._yaws_rad[then] - self._yaws_rad[last]
         return self._bounded(center, half), Interval.around(yaws, angle_up(turns))
 
-    def _walk_ahead(self, first: int, last: int) -> tuple[Interval, Interval]:
+    def _walk_ahead(self, first: int, last: int) -> TrackStep:
         """
         Return the pose of sample `last` seen from sample `first`, with the errors of the way.
 
         It is a walk back along the reversed track. Seen from its start, an error of a turn swings
         what lies after the end of the step: there it belongs to the step before.
         """
-        used = slice(first, last + 1)
-        positions = np.ascontiguousarray(self._positions_m[used][::-1])
-        errors_m = np.ascontiguousarray(self._step_errors_m[first:last][::-1])
+        positions = np.ascontiguousarray(self._positions_m[first : last + 1][::-1])
         errors_rad = np.ascontiguousarray(self._step_errors_rad[first:last][::-1])
         center, half, turns = np.empty((1, 3)), np.empty((1, 3)), np.empty(1)
         walk_back(
             positions,
             self._yaws_rad[first],
-            errors_m,
+            np.zeros(last - first),
             np.append(errors_rad[1:], 0.0)[: last - first],
             np.zeros(1, np.int64),
             last - first,
@@ -353,9 +369,9 @@ class OdometryPath:
             turns,
         )
         turn_rad = angle_up(up(turns + errors_rad[:1].sum()))
-        return self._bounded(center, half), Interval.around(
-            self._yaws_rad[[last]] - self._yaws_rad[first], turn_rad
-        )
+        yaw = Interval.around(self._yaws_rad[[last]] - self._yaws_rad[first], turn_rad)
+        ball_m = float(up(math.fsum(self._step_errors_m[first:last])))
+        return TrackStep(PastPoses(self._bounded(center, half), yaw), ball_m)
 
     def _bounded(self, center: np.ndarray, half: np.ndarray) -> Interval:
         """Return boxes (m, 3); positions too large to be subtracted bound nothing."""

@@ -25,7 +25,7 @@ import numpy as np
 
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.environment import default_environment
-from dg_localization.pairs.counted_kernels import ALONG_X, cut_cells, move_cells
+from dg_localization.pairs.counted_kernels import ALONG_X, cut_cells, gather_cells, move_cells
 from dg_localization.pairs.cover import Cover, arc_around
 from dg_localization.pairs.half_spaces import HIGH, LOW, YAW, Y
 from dg_localization.pairs.readings import PairReadings, PastPoses, center_and_half
@@ -149,20 +149,32 @@ class CountedCover:
         """The same poses, without what they broke."""
         return type(self)(self.cells[:, -1:])
 
-    @default_environment()
     def moved(
-        self, step: PastPoses, options: CellOptions, stated: Stated = SOMEWHERE
+        self,
+        step: PastPoses,
+        options: CellOptions,
+        stated: Stated = SOMEWHERE,
+        ball_m: float = 0.0,
     ) -> Self | None:
         """
-        Return the cover after B has moved.
+        Return the cover after B has moved, in new cells.
+
+        Parameters are those of `carried` and of `gathered`.
+        """
+        carried = self.carried(step, ball_m)
+        return None if carried is None else carried.gathered(options, stated)
+
+    @default_environment()
+    def carried(self, step: PastPoses, ball_m: float = 0.0) -> Self | None:
+        """
+        Return the cover after B has moved, in cells that overlap.
 
         Parameters
         ----------
         step : PastPoses
             One pose: where B is now, seen from where it was.
-        options : CellOptions
-        stated : Stated, optional
-            Where odometry states B to be now.
+        ball_m : float, optional
+            How far from that it may be besides, in any direction.
 
         Returns
         -------
@@ -173,17 +185,31 @@ class CountedCover:
         position_m, half_m = center_and_half(step.position_m)
         turn_rad, half_rad = center_and_half(step.yaw_rad)
         added = np.array([[*position_m[0], turn_rad[0]], [*half_m[0], half_rad[0]]])
-        if not np.all(np.abs(added) < FARTHEST_M):
+        if not (np.all(np.abs(added) < FARTHEST_M) and ball_m < FARTHEST_M):
             return None
+        moved = np.empty_like(self.cells)
+        move_cells(self.cells, added, ball_m, moved)
+        return type(self)(moved, self.coarser)
+
+    @default_environment()
+    def gathered(self, options: CellOptions, stated: Stated = SOMEWHERE) -> Self:
+        """
+        Return the same poses in new cells, which do not overlap.
+
+        Parameters
+        ----------
+        options : CellOptions
+        stated : Stated, optional
+            Where odometry states B to be now.
+
+        """
         if self.empty:
             return self
-        cells = self._cells_within_a_turn(added)
-        low, high = _bounds_after(cells, added)
+        cells = self._cells_within_a_turn()
+        low, high = cells[:, -1, LOW].min(axis=0), cells[:, -1, HIGH].max(axis=0)
         room = np.empty((options.max_cells, *cells.shape[1:]))
         extent = np.max((high - low)[: Y + 1]), high[YAW] - low[YAW]
-        sides = np.array(extent) / [options.across, options.slices]
-        errors = [np.max(added[1, : Y + 1]), added[1, YAW]]
-        sides = np.maximum(np.maximum(sides, errors), LEAST_SIDE)
+        sides = np.maximum(np.array(extent) / [options.across, options.slices], LEAST_SIDE)
         # Their number goes with the third power of their sides.
         coarser = max(1.0, self.coarser * (1.1 * len(cells) / options.max_cells) ** (1.0 / 3.0))
         while True:
@@ -191,7 +217,7 @@ class CountedCover:
             places = float(np.prod(grid[ALONG_X:]))
             if places <= MOST_PLACES:
                 slots = np.full(int(places), -1, np.int32)
-                count = move_cells(cells, added, grid, starts, slots, room)
+                count = gather_cells(cells, grid, starts, slots, room)
                 if count <= options.max_cells:
                     return type(self)(room[:count].copy(), coarser)
             coarser *= COARSER
@@ -203,10 +229,10 @@ class CountedCover:
         count = cut_cells(self.cells, readings.table, kept)
         return type(self)(kept[:count].copy(), self.coarser)
 
-    def _cells_within_a_turn(self, step: np.ndarray) -> np.ndarray:
+    def _cells_within_a_turn(self) -> np.ndarray:
         """Return the cells, their yaws in one piece where they would spread over turns."""
         yaws = self.cells[:, -1, :, YAW]
-        if np.ptp(yaws) + 2.0 * step[1, YAW] < 1.5 * TURN:
+        if np.ptp(yaws) < 1.5 * TURN:
             return self.cells
         cells = self.cells.copy()
         low, high = cells[:, :, LOW, YAW], cells[:, :, HIGH, YAW]
@@ -218,19 +244,6 @@ class CountedCover:
         low[there] = angle_down(low[there] - shift[there])
         high[there] = angle_up(high[there] - shift[there])
         return cells
-
-
-def _bounds_after(cells: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return about where cells are after a step, shapes (4,)."""
-    reach = np.abs(step).sum(axis=0)
-    reach[:YAW] = reach[:YAW].sum()
-    middle, half = step[0, YAW], step[1, YAW]
-    low, high = cells[:, -1, LOW].min(axis=0), cells[:, -1, HIGH].max(axis=0)
-    low[:YAW] -= reach[:YAW]
-    high[:YAW] += reach[:YAW]
-    low[YAW] += middle - half
-    high[YAW] += middle + half
-    return low, high
 
 
 def _grid(

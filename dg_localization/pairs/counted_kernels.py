@@ -135,7 +135,9 @@ def cut_cells(cells: np.ndarray, table: np.ndarray, kept: np.ndarray) -> int:
 
 
 @kernel(borrows=True)
-def move_box(box: np.ndarray, step: np.ndarray, view: np.ndarray, moved: np.ndarray) -> None:
+def move_box(
+    box: np.ndarray, step: np.ndarray, ball: float, view: np.ndarray, moved: np.ndarray
+) -> None:
     """
     Move a box of poses by a step in their own frames.
 
@@ -144,6 +146,9 @@ def move_box(box: np.ndarray, step: np.ndarray, view: np.ndarray, moved: np.ndar
     box : numpy.ndarray, shape (2, 4)
     step : numpy.ndarray, shape (2, 4)
         Middles and half-widths of what the step adds to x, y, z and yaw.
+    ball : float
+        How far it may lead from that in the plane, in any direction: a ball does not grow when it
+        is turned, as a box does.
     view : numpy.ndarray, shape (VIEW,)
         Room to work in.
     moved : numpy.ndarray, shape (2, 4)
@@ -158,13 +163,13 @@ def move_box(box: np.ndarray, step: np.ndarray, view: np.ndarray, moved: np.ndar
     # The turn of the step about the middle of the box, to second order.
     beyond = 0.5 * half_yaw * half_yaw * length
     wide = step[1, X] + step[1, Y]
-    half_x = abs(c) * step[1, X] + abs(s) * step[1, Y]
-    half_y = abs(s) * step[1, X] + abs(c) * step[1, Y]
+    half_x = abs(c) * step[1, X] + abs(s) * step[1, Y] + ball
+    half_y = abs(s) * step[1, X] + abs(c) * step[1, Y] + ball
     if half_yaw > 0.0:
         swing = min(half_yaw, 2.0) * wide
         half_x += abs(y) * half_yaw + beyond + swing
         half_y += abs(x) * half_yaw + beyond + swing
-    size = length + wide + abs(dz) + step[1, Z]
+    size = length + wide + ball + abs(dz) + step[1, Z]
     for axis in range(4):
         middle, half = dz, step[1, Z]
         if axis == X:
@@ -250,53 +255,74 @@ def _add_to_slice(
 
 
 @kernel
-def move_cells(
-    cells: np.ndarray,
-    step: np.ndarray,
-    grid: np.ndarray,
-    starts: np.ndarray,
-    slots: np.ndarray,
-    moved: np.ndarray,
-) -> int:
+def move_cells(cells: np.ndarray, step: np.ndarray, ball: float, moved: np.ndarray) -> None:
     """
-    Move cells and gather them in those of a grid, level by level.
+    Move cells, level by level.
 
     Parameters
     ----------
     cells : numpy.ndarray, shape (n, k + 1, 2, 4)
-    step : numpy.ndarray, shape (2, 4)
+    step, ball
         As for `move_box`.
+    moved : numpy.ndarray, shape (n, k + 1, 2, 4)
+        Receives the cells after the step.
+
+    """
+    view = np.empty(VIEW)
+    for number in range(cells.shape[0]):
+        levels = moved[number]
+        _clear(levels)
+        for level in range(cells.shape[1]):
+            if _is_new(cells[number], level):
+                move_box(cells[number, level], step, ball, view, levels[level])
+        _nest(levels)
+
+
+@kernel
+def gather_cells(
+    cells: np.ndarray,
+    grid: np.ndarray,
+    starts: np.ndarray,
+    slots: np.ndarray,
+    gathered: np.ndarray,
+) -> int:
+    """
+    Gather cells in those of a grid, level by level.
+
+    Parameters
+    ----------
+    cells : numpy.ndarray, shape (n, k + 1, 2, 4)
     grid : numpy.ndarray, shape (GRID,)
     starts : numpy.ndarray, shape (slices, 2)
         Of each slice of yaws, where its cells begin.
     slots : numpy.ndarray of int, shape (slices * cells along x * cells along y,)
         -1 everywhere; receives where each cell is.
-    moved : numpy.ndarray, shape (m, k + 1, 2, 4)
-        Receives the cells that have anything.
+    gathered : numpy.ndarray, shape (m, k + 1, 2, 4)
+        Receives the cells of the grid that have anything.
 
     Returns
     -------
     int
-        Their number; m + 1 where there are more than `moved` has room for.
+        Their number; m + 1 where there are more than `gathered` has room for.
 
     """
-    view, box, part = np.empty(VIEW), np.empty((2, 4)), np.empty((2, 4))
+    part = np.empty((2, 4))
     start, side, slices = grid[START_RAD], grid[SIDE_RAD], int(grid[SLICES])
     count = 0
     for number in range(cells.shape[0]):
         for level in range(cells.shape[1]):
             if not _is_new(cells[number], level):
                 continue
-            move_box(cells[number, level], step, view, box)
+            box = cells[number, level]
             part[LOW, Z], part[HIGH, Z] = box[LOW, Z], box[HIGH, Z]
             first = max(0, _place(box[LOW, YAW], start, side, slices) - 1)
             last = min(slices - 1, _place(box[HIGH, YAW], start, side, slices) + 1)
             for m in range(first, last + 1):
                 if not _clip(box, YAW, start, side, m, slices, part):
                     continue
-                count = _add_to_slice(box, level, m, grid, starts, slots, part, moved, count)
-                if count > moved.shape[0]:
+                count = _add_to_slice(box, level, m, grid, starts, slots, part, gathered, count)
+                if count > gathered.shape[0]:
                     return count
     for number in range(count):
-        _nest(moved[number])
+        _nest(gathered[number])
     return count

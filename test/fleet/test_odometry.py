@@ -12,6 +12,7 @@ from dg_localization.fleet.checks import ConfigError
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
+from dg_localization.pairs import PastPoses
 
 TERMS = ('translation_per_m', 'translation_per_rad', 'rotation_per_m', 'rotation_per_rad')
 
@@ -126,10 +127,14 @@ def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
     for count in (0, 1, 2, 5, 30, 200):
         first = int(rng.integers(0, 201 - count))
         last = first + count
-        step = path.track_step(stamps[first], stamps[last])
+        track_step = path.track_step(stamps[first], stamps[last])
+        step, ball_m = track_step.pose, track_step.ball_m
         ahead = rotation(-yaws[first]) @ (positions[last] - positions[first])
-        assert_inside(step, ahead[None], yaws[[last]] - yaws[first])
-        widths = step.position_m.upper - step.position_m.lower
+        beyond_m = ahead - np.clip(ahead, step.position_m.lower[0], step.position_m.upper[0])
+        assert np.linalg.norm(beyond_m) <= ball_m + 1e-9
+        in_ball = PastPoses(Interval.point(ahead[None]), step.yaw_rad)
+        assert_inside(in_ball, ahead[None], yaws[[last]] - yaws[first])
+        widths = step.position_m.upper - step.position_m.lower + 2.0 * ball_m
         # Errors of single poses are no errors of the track.
         if count == 0:
             assert np.all(widths < 1e-9)
@@ -141,10 +146,12 @@ def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
 def test_an_error_of_the_last_turn_does_not_move_the_end_of_a_step():
     positions = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     path = path_of(np.arange(3), (positions, np.zeros(3)), OdometryErrorModel(rotation_per_m=0.1))
-    step = path.track_step(0.0, 2.0)
+    track_step = path.track_step(0.0, 2.0)
+    step = track_step.pose
     assert step.yaw_rad.upper[0] == pytest.approx(0.2)
     assert step.position_m.upper[0, 1] == pytest.approx(0.1)
     assert step.position_m.upper[0, 0] == pytest.approx(2.01)
+    assert track_step.ball_m == pytest.approx(0.0)
 
 
 def test_without_error_the_poses_are_known():

@@ -141,6 +141,37 @@ def test_hostile_ways_lose_nothing(way_m, turn_rad, step_error, turn_error):
                 assert walk.is_in(cover.cover)
 
 
+@pytest.mark.parametrize('seed', range(20))
+def test_on_the_way_to_new_cells_nothing_is_lost(seed):
+    walk = Walk(seed, step_error=0.0)
+    rng = np.random.default_rng(seed)
+    cover = CountedCover.started(walk.measure(6), PairOptions(1, max_boxes=100))
+    for stop in range(12):
+        step, ball_m = walk.step(), 0.1
+        angle = rng.uniform(-math.pi, math.pi)
+        walk.pose[:2] += (
+            rng.choice([0.3, 0.999]) * ball_m * np.array([np.cos(angle), np.sin(angle)])
+        )
+        cover = cover.carried(step, ball_m)
+        assert walk.is_in(cover.cover)
+        cover = cover.cut(walk.measure(2))
+        assert walk.is_in(cover.cover)
+        if stop % 4 == 3:
+            cover = cover.gathered(FEW_CELLS, walk.place())
+            assert walk.is_in(cover.cover)
+            assert len(cover.cells) <= FEW_CELLS.max_cells
+
+
+def test_what_errs_in_any_direction_widens_a_turned_box_by_no_more():
+    pose = np.array([[[[1.0, 2.0, 0.0, 0.8], [1.0, 2.0, 0.0, 0.8]]]])
+    step = PastPoses.at_rest(1)
+    box = Interval(np.array([[-0.1, -0.1, 0.0]]), np.array([[0.1, 0.1, 0.0]]))
+    by_ball = CountedCover(pose).carried(step, 0.1).cover.hull
+    by_box = CountedCover(pose).carried(PastPoses(box, step.yaw_rad)).cover.hull
+    assert by_ball.widths_m[:2] == pytest.approx([0.2, 0.2])
+    assert by_box.widths_m[:2] == pytest.approx(np.full(2, 0.2 * (math.cos(0.8) + math.sin(0.8))))
+
+
 def test_a_step_without_bounds_leaves_nothing_to_say():
     walk = Walk(0)
     cover = CountedCover.started(walk.measure(6), PairOptions())
@@ -148,6 +179,7 @@ def test_a_step_without_bounds_leaves_nothing_to_say():
     at_rest = PastPoses.at_rest(1)
     assert cover.moved(PastPoses(unknown, at_rest.yaw_rad), FEW_CELLS) is None
     assert cover.moved(PastPoses(at_rest.position_m, unknown[:, 0]), FEW_CELLS) is None
+    assert cover.moved(at_rest, FEW_CELLS, ball_m=math.inf) is None
 
 
 def test_readings_that_do_not_bound_a_position_start_nothing():

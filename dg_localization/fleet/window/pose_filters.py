@@ -36,8 +36,12 @@ from dg_localization.pairs import (
 LEAST_FOLLOWED_S = 45.0
 """In a shorter memory all readings, seen from now, tell as much in less time."""
 
-KNOTS = 36
-"""In a memory: fewer see readings from farther away, more widen the cover more often."""
+KNOTS = 120
+"""In a memory: readings cut at the next one, and fewer see them from farther away."""
+
+KNOTS_IN_CELLS = 5
+"""Until there are new cells: to gather the poses in these widens the cover, not to leaves them too
+large."""
 
 FILTERS = 4
 """Of a robot: the oldest knows at least all but one part of so many of what is remembered."""
@@ -72,12 +76,15 @@ class PoseFilter:
         The stamp of a sample of the odometry.
     cover : CountedCover
         Of the pose of its track then, among the anchors.
+    knots_in_cells : int, optional
+        For how many knots its cells have been carried on.
 
     """
 
     since_s: float
     knot_s: float
     cover: CountedCover
+    knots_in_cells: int = 0
 
 
 @dataclass(frozen=True)
@@ -269,7 +276,7 @@ class _Walk:
         cover = CountedCover.started(readings, options, stopped=self._stopped)
         if cover is None or cover.empty or self._stopped():
             return []
-        return [PoseFilter(since_s, knot_s, cover)]
+        return [PoseFilter(since_s, knot_s, cover, KNOTS_IN_CELLS - 1)]
 
     def place(self, filters: Sequence[PoseFilter]) -> Place | None:
         """Return what the oldest of some filters tells now."""
@@ -327,14 +334,17 @@ class _Walk:
 
     def _to(self, pose_filter: PoseFilter, until_s: float) -> PoseFilter | None:
         """Return a filter at a later time; None where odometry does not bound the way."""
-        path, cover = self._path, pose_filter.cover
+        path = self._path
         step = path.track_step(pose_filter.knot_s, until_s)
-        moved = cover.moved(step, CELLS, Stated(*path.stated(until_s)))
-        if moved is None:
+        cover = pose_filter.cover.carried(step.pose, step.ball_m)
+        if cover is None:
             return None
+        knots = pose_filter.knots_in_cells + 1
+        if knots == KNOTS_IN_CELLS:
+            cover, knots = cover.gathered(CELLS, Stated(*path.stated(until_s))), 0
         readings = None
         if not self._stopped():
             readings = self._carried.readings_between(self._robot, pose_filter.knot_s, until_s)
         if readings is not None:
-            moved = moved.cut(readings)
-        return PoseFilter(pose_filter.since_s, until_s, moved)
+            cover = cover.cut(readings)
+        return PoseFilter(pose_filter.since_s, until_s, cover, knots)
