@@ -186,7 +186,7 @@ def _least_squares_scale(windows: OdometryWindows) -> float:
     if squares_m2 == 0.0:
         return 1.0
     scale = round(float(np.sum(windows.stated_m * windows.true_m)) / squares_m2, DECIMALS)
-    return min(MOST_SCALE, max(LEAST_SCALE, scale))
+    return scale if LEAST_SCALE <= scale <= MOST_SCALE else 1.0
 
 
 def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float, float]:

@@ -18,10 +18,13 @@ from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
-from dg_localization.interval.rounding import step_up
+from dg_localization.interval.rounding import rounding_error, step_up
 
 ROUNDING = 1.0 + 1e-9
 """A robot at its limits is not a restart of its odometry."""
+
+ROUNDED = 12
+"""So many coordinates, of two positions: they are rounded when reported, and when scaled."""
 
 
 class OdometryTrack:
@@ -75,7 +78,9 @@ class OdometryTrack:
             step_m = _distance_up_m(reading.position_m, last.position_m)
             turn_rad = angle_up(rotation_angle_rad(last.rotation.T @ reading.rotation))
             elapsed_s = elapsed_up(reading.stamp_s, last.stamp_s)
-            if reading.frame != last.frame or self._is_too_fast(step_m, turn_rad, elapsed_s):
+            # Far from the origin, the rounding of what was reported may look like a faster step.
+            least_m = max(0.0, step_m - _rounding_up_m(reading.position_m, last.position_m))
+            if reading.frame != last.frame or self._is_too_fast(least_m, turn_rad, elapsed_s):
                 self._readings.clear()
                 self._restarted_s = reading.stamp_s
             else:
@@ -205,6 +210,12 @@ def greatest_errors(
             error.constant_rad,
         ),
     )
+
+
+def _rounding_up_m(first_m: np.ndarray, second_m: np.ndarray) -> float:
+    """Return an upper bound of how far the rounding of two positions changes their distance."""
+    largest_m = np.maximum(np.abs(first_m), np.abs(second_m)).max()
+    return rounding_error(float(largest_m), ROUNDED)
 
 
 def _beyond_up_s(

@@ -132,7 +132,7 @@ class OdometryReading:
         Sums of the steps and of the turns since the odometry began, rounded up: what lies between
         two readings is at most the difference.
     reported_m : numpy.ndarray, shape (3,), optional
-        The position that was reported, in the odometry frame; None where it is that on the track.
+        The position that was reported, in the odometry frame; by default that on the track.
 
     """
 

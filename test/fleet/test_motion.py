@@ -42,6 +42,16 @@ def test_the_displacement_is_never_below_the_exact_distance(start, end):
     assert bound**2 >= min(exact, Fraction(10**18))
 
 
+@pytest.mark.parametrize('far_m', [0.0, 1e6, 5e6, -7e8])
+def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(far_m):
+    """Rounding of large coordinates, such as those of UTM, looks like faster steps."""
+    track = OdometryTrack(0.5, 1.0, OdometryErrorModel(), 1e9)
+    for number in range(100):
+        position_m = np.array([far_m + 0.05 * number, 0.0, 0.0])
+        track.append(OdometryReading(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
+    assert len(track.readings) == 100
+
+
 def test_a_point_that_cannot_move_has_no_displacement():
     still = Motion({'p': 0.0}, 1.0, {}, {})
     assert still.displacement_m('p', 1.0, 5.0) == 0.0

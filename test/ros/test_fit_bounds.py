@@ -204,6 +204,23 @@ def test_each_robot_has_a_scale_of_its_own_and_is_judged_on_the_second_half(tmp_
         assert 0.0 <= float(second) < 50.0
 
 
+@pytest.mark.parametrize('per', ['all', 'link'])
+def test_numbers_of_a_robot_that_were_stated_are_not_mixed_with_learned_ones(tmp_path, learn, per):
+    """What was stated for one robot holds until the file that comes after says otherwise."""
+    bag = record(tmp_path / 'bag', seconds=20.0, odometry=True, cameras=False)
+    stated = json.loads(learn.params.read_text())
+    stated['/**']['ros__parameters']['robot_odometry'] = {'robot_2': {'translation_scale': 0.8}}
+    learn.params.write_text(json.dumps(stated))
+    code, _ = learn(bag, '--truth', TRUTH, '--keep', '1', '--per', per)
+    assert code == 0
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(learn.output)
+    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    assert fleet.odometry_error_of('robot_2').translation_scale == pytest.approx(1.0, rel=0.06)
+    if per == 'all':
+        assert fleet.odometry_error_of('robot_2') == fleet.odometry_error
+
+
 def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
     count = 0
 

@@ -348,3 +348,30 @@ def test_a_placement_is_the_same_whenever_it_is_sought():
         for placed, unplaced in zip(now, later, strict=True):
             for name in ('lower', 'upper', 'boxes', 'positions', 'proved', 'flexible'):
                 assert np.array_equal(getattr(placed, name), getattr(unplaced, name)), (seed, name)
+
+
+def test_what_is_proved_of_a_large_piece_lies_within_the_boxes():
+    problem = uwb_fleet(70, 9, 5)
+    squared = squared_distances(neighbors(70, 9, 2, 5)[0])
+    whole = solve(problem)
+    near = (np.maximum(whole.lower, 0.98 * squared), np.minimum(whole.upper, 1.02 * squared))
+    n_proved = 0
+    for within in (None, [near]):
+        for piece in solve(problem, within=within).pieces:
+            for found in piece.hypotheses:
+                if found.proved:
+                    n_proved += 1
+                    squared_now = squared_distances(found.positions)
+                    slack = 1e-9 * squared_now.max()
+                    assert (found.lower <= squared_now + slack).all()
+                    assert (squared_now - slack <= found.upper).all()
+    assert n_proved
+
+
+def test_pieces_of_a_call_that_could_be_stopped_can_be_sent_to_other_processes():
+    pieces_found = solve(uwb_fleet(70, 9, 5), cancel=threading.Event()).pieces
+    for sent, kept in zip(pickle.loads(pickle.dumps(pieces_found)), pieces_found, strict=True):
+        for one, other in zip(sent.hypotheses, kept.hypotheses, strict=True):
+            assert np.array_equal(one.lower, other.lower)
+            assert np.array_equal(one.positions, other.positions)
+            assert one.proved == other.proved

@@ -22,6 +22,7 @@ from dg_localization.calibration.odometry import (
     odometry_windows,
 )
 from dg_localization.calibration.truth import TrueTrack
+from dg_localization.fleet import OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, compared_rays
 from dg_localization.ros.bags.fitted import (
@@ -37,6 +38,7 @@ from dg_localization.ros.bags.fitted import (
 )
 from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import Samples
+from dg_localization.ros.interface.parameters.odometry import odometry_error_parameters
 from dg_localization.ros.interface.parameters.settings import Settings
 
 BoolArray = NDArray[np.bool_]
@@ -83,6 +85,7 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
         },
     )
     _add_odometry(fit, samples, tracks, per, choice)
+    _add_stated_odometry(fit, settings.fleet.robot_odometry_error)
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
@@ -111,7 +114,8 @@ def _range_group(
     bounds = {**range_parameters(model), EXPECTED_ERROR: float(np.median(errors_m))}
 
     def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
-        half = fit_range(readings_m[learned], errors_m[learned], choice, relative)
+        some = readings_m[learned], errors_m[learned], choice
+        half = fit_range(*some, is_relative(*some))
         return excluded_ranges(half, readings_m[judged], errors_m[judged])
 
     rest = _share_of_rest(stamps_s, excluded_of)
@@ -172,6 +176,20 @@ def _add_odometry(
     bounds = fit_odometry(together, choice)
     fit.notes.append(f'Odometry of all: {_odometry_text(bounds, together)}')
     fit.odometry = odometry_parameters(bounds)
+
+
+def _add_stated_odometry(fit: Fit, stated: Mapping[str, OdometryErrorModel]) -> None:
+    """
+    Add a whole model for each robot that has one of its own already.
+
+    The numbers of the file before that are not replaced would be mixed with those learned.
+    """
+    for robot, error in stated.items() if fit.odometry else ():
+        if any(note.startswith(f'Odometry of {robot}:') for note in fit.notes):
+            fit.robot_odometry.setdefault(robot, fit.odometry)
+        else:
+            fit.robot_odometry[robot] = odometry_error_parameters(error)
+            fit.notes.append(f'Odometry of {robot} has no truth: it is as it was stated.')
 
 
 def _odometry_text(fit: OdometryFit, windows: OdometryWindows) -> str:

@@ -38,7 +38,7 @@ class PolledGroup(CallbackGroup):
     """Subscriptions that no executor looks at, because the node asks them for messages itself."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Return False."""
+        """Return False: an executor does not wait for what may not be executed."""
         return False
 
     def beginning_execution(self, entity: Any) -> bool:

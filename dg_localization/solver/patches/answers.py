@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from functools import cached_property, partial
 
 import numpy as np
@@ -120,6 +121,7 @@ class ChainedHypothesis(Hypothesis):
         lower, upper = self.bounds_among((first, second))
         return float(lower[0, 1]), float(upper[0, 1])
 
+    @default_environment()
     def bounds_among(self, points: Sequence[int]) -> Bounds:
         """Return the bounds of all pairs of some points."""
         lower, upper = self._graph.bounds(np.array(points, dtype=np.int64))
@@ -231,16 +233,24 @@ class PatchAnswers:
         start = self._start(chains)
         anywhere = (None, False) if start is None else self._placement(start)
         flexible = self._is_flexible(anywhere[0])
+        later = self._without_limits()
         return [
             ChainedHypothesis(
                 graph,
                 n_points,
                 self._within,
-                partial(self._placement_of, choice, start, anywhere),
+                partial(later._placement_of, choice, start, anywhere),
                 flexible,
             )
             for graph, choice in zip(graphs, choices, strict=True)
         ]
+
+    def _without_limits(self) -> PatchAnswers:
+        """Return this for placements that are asked for once the time of the call is over."""
+        later = copy(self)
+        # Few steps each. What stops the call may hold locks, and could not be pickled.
+        later._stopped = _never
+        return later
 
     def _placement_of(
         self, choice: Mapping[int, int], start: FloatArray | None, anywhere: _Placement
@@ -271,9 +281,8 @@ class PatchAnswers:
     ) -> tuple[FloatArray, bool]:
         """Return a placement for a choice of hypotheses, and whether it is proved to be one."""
         known = self._solved.known.pairs, *self._chosen(choice)
-        # Few steps, which the time of the call does not limit: it may have ended long ago.
-        positions = refined(start, *known, 0.0, _never, QUICK)
-        positions = refined(positions, *known, 0.5 * MARGIN, _never, QUICK)
+        positions = refined(start, *known, 0.0, self._stopped, QUICK)
+        positions = refined(positions, *known, 0.5 * MARGIN, self._stopped, QUICK)
         positions, proved = self._settled(positions)
         return positions, proved and self._is_within(positions, choice)
 
@@ -288,7 +297,8 @@ class PatchAnswers:
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with the chirality that is known, and whether it is proved."""
-        return settled(self._problem, with_known_chirality(self._problem, positions))
+        boxes = None if self._within is None else [np.array(bounds) for bounds in self._within]
+        return settled(self._problem, with_known_chirality(self._problem, positions), boxes)
 
     def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
         """Prove that the known pairs of a placement agree with a choice of hypotheses."""

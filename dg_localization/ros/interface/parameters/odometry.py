@@ -180,6 +180,12 @@ def odometry_error(values: Mapping[str, Any]) -> OdometryErrorModel:
     return _error({name: values[f'odometry.{name}'] for name in ERRORS})
 
 
+def odometry_error_parameters(error: OdometryErrorModel) -> dict[str, float]:
+    """Return bounds by the names of the parameters without their prefix; no tilt if not stated."""
+    numbers = {name: getattr(error, field) for name, field in ERRORS.items()}
+    return {name: float(value) for name, value in numbers.items() if value is not None}
+
+
 def robot_odometry_errors(values: Mapping[str, Any]) -> dict[str, OdometryErrorModel]:
     """
     Return the bounds of the robots that have some of their own.
