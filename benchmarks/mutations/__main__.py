@@ -26,7 +26,8 @@ from benchmarks.mutations.table import MUTATIONS, Mutation
 from benchmarks.report import machine, table
 
 REPOSITORY = Path(__file__).parents[2]
-COPIED = ('dg_localization', 'msg_adapters', 'test', 'config', 'docs', 'pyproject.toml')
+PACKAGES = ('dg_localization', 'msg_adapters')
+COPIED = (*PACKAGES, 'benchmarks', 'test', 'config', 'docs', 'pyproject.toml')
 SHORT = {'DG_PROPERTY_PAIRS': '100', 'DG_PROPERTY_FLEETS': '8', 'DG_PROPERTY_PROBLEMS': '200'}
 """Fewer random cases: a break that needs thousands to show has not been caught."""
 

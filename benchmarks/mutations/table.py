@@ -331,6 +331,16 @@ SEARCH = ('test/solver/test_branch_and_prune.py',)
 
 SEARCHING = [
     *_in(
+        'solver/patches',
+        'answers',
+        ('test/solver/test_patches.py',),
+        (
+            'a placement outside the boxes of the call is proved',
+            '[np.array(bounds) for bounds in self._within]',
+            'None',
+        ),
+    ),
+    *_in(
         'solver/place',
         'existence',
         ('test/solver/test_proved.py',),
@@ -547,7 +557,7 @@ FLEET = [
         ),
         (
             'the time before the first odometry is forgotten',
-            '            elapsed_up(start.stamp_s, first_s),\n',
+            '        elapsed_up(start.stamp_s, first_s),\n',
             '',
         ),
         (
@@ -619,6 +629,21 @@ FLEET = [
             'rays of a robot that is tilted count as level',
             'return self.path(robot).leveled_rays(stamps_s, rays, errors_rad)',
             'return rays, errors_rad',
+        ),
+    ),
+    *_in(
+        'ros/node',
+        'clock',
+        ('test/ros/test_node_time.py',),
+        (
+            'what has waited looks new',
+            'return self._last_s if self._is_simulated else self._last_s - waited_s',
+            'return self._last_s',
+        ),
+        (
+            'what arrived before a jump back of the clock looks new',
+            'if self._steady_s() - waited_s < self._jumped_at_s:',
+            'if False:',
         ),
     ),
     *_in(
