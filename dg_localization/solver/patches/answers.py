@@ -29,6 +29,11 @@ from dg_localization.solver.place.sparse_placements import (
     scaled_by_pivots,
     sought,
 )
+from dg_localization.solver.place.unplaced_hypotheses import (
+    Placement,
+    UnplacedHypothesis,
+    never,
+)
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -46,16 +51,7 @@ MOST_RANKED = 150
 """Up to so many points the rank of a placement is computed, which takes their cube of time."""
 
 
-_Placement = tuple[FloatArray | None, bool]
-"""A placement in m, None where none could be computed, and whether it is proved."""
-
-
-def _never() -> bool:
-    """Return False: nothing stops a placement that is asked for."""
-    return False
-
-
-class ChainedHypothesis(Hypothesis):
+class ChainedHypothesis(UnplacedHypothesis):
     """
     A hypothesis of a large piece, which keeps the bounds of known pairs only.
 
@@ -80,14 +76,14 @@ class ChainedHypothesis(Hypothesis):
     _graph: ChainGraph
     _n_points: int
     _within: Sequence[Bounds] | None
-    _placement: Callable[[], _Placement]
+    _placement: Callable[[], Placement]
 
     def __init__(
         self,
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        placement: Callable[[], _Placement],
+        placement: Callable[[], Placement],
         flexible: bool,
     ) -> None:
         # The base class is frozen.
@@ -100,21 +96,8 @@ class ChainedHypothesis(Hypothesis):
         }
         self.__dict__.update(values)
 
-    @cached_property
-    @default_environment()
-    def _placed(self) -> _Placement:
-        """A placement, and whether it is proved to agree."""
+    def _seek(self) -> Placement:
         return self._placement()
-
-    @property
-    def positions(self) -> FloatArray | None:
-        """One placement in m, shape (n, q), None where none could be computed."""
-        return self._placed[0]
-
-    @property
-    def proved(self) -> bool:
-        """Whether it meets every constraint."""
-        return self._placed[1]
 
     def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
         """Return the bounds in m^2 of the squared distance of two points, by their rows."""
@@ -249,12 +232,12 @@ class PatchAnswers:
         """Return this for placements that are asked for once the time of the call is over."""
         later = copy(self)
         # Few steps each. What stops the call may hold locks, and could not be pickled.
-        later._stopped = _never
+        later._stopped = never
         return later
 
     def _placement_of(
-        self, choice: Mapping[int, int], start: FloatArray | None, anywhere: _Placement
-    ) -> _Placement:
+        self, choice: Mapping[int, int], start: FloatArray | None, anywhere: Placement
+    ) -> Placement:
         """Return a placement for a choice, given one that lies anywhere."""
         positions, proved = anywhere
         if start is None or positions is None or not choice:

@@ -1,11 +1,12 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Hypotheses of parts of a problem, whose placements hardly anybody asks for."""
+"""Hypotheses whose placements hardly anybody asks for, such as those of parts of a problem."""
 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,10 +17,45 @@ from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
+Placement: TypeAlias = tuple[FloatArray | None, bool]
+"""A placement in m, None where none could be computed, and whether it is proved."""
+
+
+def never() -> bool:
+    """Return False: no limit of a call stops a placement that is asked for later."""
+    return False
+
 
 class UnplacedHypothesis(Hypothesis):
     """
     A hypothesis whose placement is sought when it is first asked for.
+
+    What it is made of is not its fields: `dataclasses.replace` cannot copy it.
+    """
+
+    def _seek(self) -> Placement:
+        """Return a placement, and whether it is proved to agree."""
+        raise NotImplementedError
+
+    @cached_property
+    @default_environment()
+    def _placed(self) -> Placement:
+        return self._seek()
+
+    @property
+    def positions(self) -> FloatArray | None:
+        """One placement in m, shape (n, q); None where none could be computed."""
+        return self._placed[0]
+
+    @property
+    def proved(self) -> bool:
+        """Whether it meets every constraint of the problem and lies in a box."""
+        return self._placed[1]
+
+
+class HypothesisOfBoxes(UnplacedHypothesis):
+    """
+    A hypothesis of a cover.
 
     Parameters
     ----------
@@ -37,37 +73,28 @@ class UnplacedHypothesis(Hypothesis):
 
     def __init__(self, problem: Problem, hull: FloatArray, boxes: list[FloatArray]) -> None:
         # The base class is frozen.
-        bounds = np.array([box[: UPPER + 1] for box in boxes])
         lower, upper = hull
-        values = {'lower': lower, 'upper': upper, 'boxes': bounds}
-        self.__dict__.update(values, _problem=problem, _inside=boxes)
-
-    @cached_property
-    @default_environment()
-    def _placed(self) -> tuple[FloatArray, bool]:
-        """A placement in m, and whether it is proved to agree."""
-        return placement_in(self._problem, self._inside, [], lambda: False)
+        self.__dict__.update(lower=lower, upper=upper, _problem=problem, _inside=boxes)
 
     @property
-    def positions(self) -> FloatArray:
-        """One placement in m, shape (n, q)."""
-        return self._placed[0]
+    def boxes(self) -> FloatArray:
+        """Its boxes, lower and upper bounds in m^2, shape (k, 2, n, n)."""
+        return np.array([box[: UPPER + 1] for box in self._inside])
 
-    @property
-    def proved(self) -> bool:
-        """Whether it meets every constraint of the problem and lies in a box."""
-        return self._placed[1]
+    def _seek(self) -> tuple[FloatArray, bool]:
+        return placement_in(self._problem, self._inside, [], never)
 
     @cached_property
     @default_environment()
     def flexible(self) -> bool:
         """Whether the placements are a continuum even without measurement errors."""
+        assert self.positions is not None
         return bool(is_flexible(self.positions, np.isfinite(self._problem.upper)))
 
 
 def unplaced_hypotheses_of(
     problem: Problem, boxes: list[FloatArray]
-) -> tuple[UnplacedHypothesis, ...]:
+) -> tuple[HypothesisOfBoxes, ...]:
     """
     Return the hypotheses of a cover like `hypotheses_of`, their placements only when asked for.
 
@@ -80,11 +107,11 @@ def unplaced_hypotheses_of(
 
     Returns
     -------
-    tuple of UnplacedHypothesis
+    tuple of HypothesisOfBoxes
         One for each connected component.
 
     """
     return tuple(
-        UnplacedHypothesis(problem, hull, [boxes[index] for index in indices])
+        HypothesisOfBoxes(problem, hull, [boxes[index] for index in indices])
         for hull, indices in hulls_of(boxes)
     )
