@@ -350,8 +350,8 @@ def recall(
     """
     config = snapshot.config
     allowance = Allowance(config.memory_max_seconds, cancel)
-    tells = any(map(config.is_upright, config.robots))
-    if not tells or not (snapshot.window.observations or proved):
+    any_upright = any(map(config.is_upright, config.robots))
+    if not any_upright or not (snapshot.window.observations or proved):
         return Recollection(snapshot, allowance)
     if allowance.part(1)():
         proved = ()
