@@ -97,6 +97,14 @@ def test_a_scale_that_makes_nothing_narrower_is_not_learned():
     assert fit_odometry(still, EXACT).translation_scale == 1.0
 
 
+@pytest.mark.parametrize('scale', [-1.0, 1000.0, 0.001])
+def test_a_scale_that_may_not_be_stated_is_not_learned(scale):
+    """Another unit, or an axis the other way round: the errors are as large as the way then."""
+    fit = fit_odometry(windows_of(OdometryErrors(0.05, 0.05), scale=scale), EXACT)
+    assert fit.translation_scale == 1.0
+    assert fit.translation_per_m + fit.constant_m > 0.9
+
+
 def test_halves_share_no_time():
     windows = windows_of(OdometryErrors(), seconds=60.0)
     first, second = windows.halves()
