@@ -229,14 +229,8 @@ def fitted_odometry(excerpt: Excerpt, part: str, choice: Choice) -> dict[str, Od
         windows = odometry_windows(
             stamps_s, positions_m, np.array([rotation(yaw) for yaw in yaws_rad]), truth
         )
-        fit = fit_odometry(windows.halves()[0] if part == 'half' else windows, choice)
-        errors[name] = OdometryErrorModel(
-            translation_per_m=fit.translation_per_m,
-            rotation_per_rad=fit.rotation_per_rad,
-            constant_m=fit.constant_m,
-            constant_rad=fit.constant_rad,
-            translation_scale=fit.translation_scale,
-        )
+        learned = windows.halves()[0] if part == 'half' else windows
+        errors[name] = fit_odometry(learned, choice).model
     return errors
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
+from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
 
 FloatArray = NDArray[np.float64]
 
@@ -98,6 +98,17 @@ class OdometryFit:
     translation_per_m: float
     constant_rad: float
     rotation_per_rad: float
+
+    @property
+    def model(self) -> OdometryErrorModel:
+        """The scale and the bounds, as a fleet states them."""
+        return OdometryErrorModel(
+            translation_per_m=self.translation_per_m,
+            rotation_per_rad=self.rotation_per_rad,
+            constant_m=self.constant_m,
+            constant_rad=self.constant_rad,
+            translation_scale=self.translation_scale,
+        )
 
     def excluded(self, windows: OdometryWindows) -> int:
         """Return how many windows exceed the bounds."""

@@ -370,6 +370,17 @@ def start_localizer(tmp_path_factory):
         process.stop()
 
 
+@pytest.fixture
+def node():
+    """Return a node of a context of its own, which nothing spins."""
+    context = Context()
+    rclpy.init(context=context)
+    node = Node('tested', context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
 @pytest.fixture(scope='module')
 def bench(paper_fleet):
     bench = Bench(paper_fleet.robots)

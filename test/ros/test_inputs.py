@@ -11,10 +11,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-import rclpy  # noqa: E402
-from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.node import Node  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 
@@ -35,16 +32,6 @@ SETTINGS = SimpleNamespace(
     fleet=SimpleNamespace(points=POINTS, robots=POINTS),
 )
 TIMEOUT_S = 20.0
-
-
-@pytest.fixture
-def node():
-    context = Context()
-    rclpy.init(context=context)
-    node = Node('inputs', context=context)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def connected(node, take):

@@ -12,26 +12,13 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-import rclpy  # noqa: E402
-from rclpy.context import Context  # noqa: E402
 from rclpy.event_handler import PublisherEventCallbacks  # noqa: E402
-from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from dg_localization.ros.interface.patient_group import PERIOD_S, PatientGroup  # noqa: E402
 from dg_localization.ros.spinning import BATCH_S, BatchExecutor  # noqa: E402
 
 NUMBER = 20
-
-
-@pytest.fixture
-def node():
-    context = Context()
-    rclpy.init(context=context)
-    node = Node('batches', context=context)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 class Counting(BatchExecutor):

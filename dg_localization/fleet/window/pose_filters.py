@@ -37,11 +37,10 @@ LEAST_FOLLOWED_S = 45.0
 """In a shorter memory all readings, seen from now, tell as much in less time."""
 
 KNOTS = 120
-"""In a memory: readings cut at the next one, and fewer see them from farther away."""
+"""In a memory. Readings cut at the next knot: with fewer, they are seen from farther away."""
 
 KNOTS_IN_CELLS = 5
-"""Until there are new cells: to gather the poses in these widens the cover, not to leaves them too
-large."""
+"""So many knots pass before there are new cells, which widen the cover; old ones only grow."""
 
 FILTERS = 4
 """Of a robot: the oldest knows at least all but one part of so many of what is remembered."""

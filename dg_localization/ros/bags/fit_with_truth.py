@@ -3,7 +3,7 @@
 
 """Bounds from the readings of a bag beside a ground truth."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,6 @@ from dg_localization.ros.bags.fitted import (
     FloatArray,
     GroupFit,
     gathered,
-    odometry_parameters,
     range_parameters,
 )
 from dg_localization.ros.bags.reader import BagError
@@ -84,8 +83,9 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
             ).items()
         },
     )
-    _add_odometry(fit, samples, tracks, per, choice)
-    _add_stated_odometry(fit, settings.fleet.robot_odometry_error)
+    learned = _add_odometry(fit, samples, tracks, per, choice)
+    if learned:
+        _add_stated_odometry(fit, settings.fleet.robot_odometry_error, learned)
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
@@ -151,8 +151,16 @@ def _share_of_rest(
 
 def _add_odometry(
     fit: Fit, samples: Samples, tracks: Mapping[str, TrueTrack], per: str, choice: Choice
-) -> None:
-    """Add the bounds of odometry, those of all robots and of each, and a sentence on each."""
+) -> frozenset[str]:
+    """
+    Add the bounds of odometry, those of all robots and of each, and a sentence on each.
+
+    Returns
+    -------
+    frozenset of str
+        The robots that they were learned of.
+
+    """
     found: dict[str, OdometryWindows] = {}
     for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
         rows = samples.odometry[robot]
@@ -165,27 +173,30 @@ def _add_odometry(
         if len(windows.seconds) >= LEAST_READINGS:
             found[robot] = windows
     if not found:
-        return
+        return frozenset()
     for robot, windows in found.items():
         bounds = fit_odometry(windows, choice)
         fit.notes.append(f'Odometry of {robot}: {_odometry_text(bounds, windows)}')
         fit.notes += _judged_on_the_rest(robot, windows, choice)
         if per != 'all':
-            fit.robot_odometry[robot] = odometry_parameters(bounds)
+            fit.robot_odometry[robot] = odometry_error_parameters(bounds.model)
     together = OdometryWindows.joined(found.values())
     bounds = fit_odometry(together, choice)
     fit.notes.append(f'Odometry of all: {_odometry_text(bounds, together)}')
-    fit.odometry = odometry_parameters(bounds)
+    fit.odometry = odometry_error_parameters(bounds.model)
+    return frozenset(found)
 
 
-def _add_stated_odometry(fit: Fit, stated: Mapping[str, OdometryErrorModel]) -> None:
+def _add_stated_odometry(
+    fit: Fit, stated: Mapping[str, OdometryErrorModel], learned: Collection[str]
+) -> None:
     """
     Add a whole model for each robot that has one of its own already.
 
     The numbers of the file before that are not replaced would be mixed with those learned.
     """
-    for robot, error in stated.items() if fit.odometry else ():
-        if any(note.startswith(f'Odometry of {robot}:') for note in fit.notes):
+    for robot, error in stated.items():
+        if robot in learned:
             fit.robot_odometry.setdefault(robot, fit.odometry)
         else:
             fit.robot_odometry[robot] = odometry_error_parameters(error)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import vouched_share
-from dg_localization.calibration.odometry import OdometryFit
 from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -152,18 +151,4 @@ def range_parameters(model: RangeErrorModel) -> dict[str, float]:
         'max_error_relative': model.max_error_relative,
         # The errors that were seen are all there is.
         'sigma_factor': 0.0,
-    }
-
-
-def odometry_parameters(fit: OdometryFit) -> dict[str, float]:
-    """Return learned bounds of odometry by the names of the parameters of the node."""
-    return {
-        'translation_scale': fit.translation_scale,
-        'translation_per_m': fit.translation_per_m,
-        'translation_per_rad': 0.0,
-        'rotation_per_m': 0.0,
-        'rotation_per_rad': fit.rotation_per_rad,
-        'constant_translation': fit.constant_m,
-        'constant_rotation': fit.constant_rad,
-        'latency': 0.0,
     }

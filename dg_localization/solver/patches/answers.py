@@ -280,8 +280,13 @@ class PatchAnswers:
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with the chirality that is known, and whether it is proved."""
-        boxes = None if self._within is None else [np.array(bounds) for bounds in self._within]
-        return settled(self._problem, with_known_chirality(self._problem, positions), boxes)
+        placed = with_known_chirality(self._problem, positions)
+        return settled(self._problem, placed, self._boxes_within)
+
+    @cached_property
+    def _boxes_within(self) -> list[FloatArray] | None:
+        """The boxes that placements have to lie in, None where they may lie anywhere."""
+        return None if self._within is None else [np.array(bounds) for bounds in self._within]
 
     def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
         """Prove that the known pairs of a placement agree with a choice of hypotheses."""
