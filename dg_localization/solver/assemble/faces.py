@@ -81,7 +81,9 @@ def _best_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
     return best
 
 
-def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
+def apex_of(
+    points: Points, hypothesis: Hypothesis, face: Points, guide: Hypothesis | None = None
+) -> int | None:
     """
     Return a point of a piece that is off the hyperplane of a face in every placement.
 
@@ -93,6 +95,9 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
         One of its hypotheses.
     face : tuple of int
         q of its points.
+    guide : Hypothesis, optional
+        The hypothesis whose placement tells which points of a large piece are near the face; the
+        same one without it.
 
     Returns
     -------
@@ -102,10 +107,11 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
     """
     corners = np.array([points.index(point) for point in face])
     others = np.array([x for x, point in enumerate(points) if point not in face])
-    if len(points) > LARGE and hypothesis.positions is None:
-        return None
-    if len(points) > LARGE and hypothesis.positions is not None:
-        away = hypothesis.positions[others] - hypothesis.positions[corners].mean(axis=0)
+    if len(points) > LARGE:
+        positions = (guide or hypothesis).positions
+        if positions is None:
+            return None
+        away = positions[others] - positions[corners].mean(axis=0)
         near = others[np.argsort((away**2).sum(axis=1))[:MOST_APEXES]]
         named = np.concatenate([corners, near])
         bounds = np.array(hypothesis.bounds_among(named.tolist()))

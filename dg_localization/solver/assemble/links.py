@@ -12,7 +12,7 @@ chiralities and least distances between the two may rule out either.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -111,11 +111,7 @@ class Linker:
         if joint.kind is JointKind.REFLECTION:
             sides = EITHER
             for number, piece in zip((first, second), pieces, strict=True):
-                for x, hypothesis in enumerate(piece.hypotheses):
-                    # Without time to look for one, its side is open.
-                    is_over = self._budget.is_over()
-                    apex = None if is_over else apex_of(piece.points, hypothesis, joint.points)
-                    link.apexes[number, x] = apex
+                link.apexes.update(self._apexes(number, piece, joint))
         for x, y in np.argwhere(together).tolist():
             certain = link.apexes.get((first, x)), link.apexes.get((second, y))
             allowed: tuple[Side, ...] = FREE if None in certain else sides
@@ -124,6 +120,16 @@ class Linker:
             if allowed:
                 link.allowed[x, y] = allowed
         return link
+
+    def _apexes(
+        self, number: int, piece: SolvedPiece, joint: Joint
+    ) -> Iterator[tuple[tuple[int, int], int | None]]:
+        """Return the apexes of the hypotheses of a piece; without time to look, a side is open."""
+        for x, hypothesis in enumerate(piece.hypotheses):
+            args = piece.points, hypothesis, joint.points
+            # A placement is sought once for all: most points are near the face in each of them.
+            apex = None if self._budget.is_over() else apex_of(*args, guide=piece.hypotheses[0])
+            yield (number, x), apex
 
     def _between(self, first: SolvedPiece, second: SolvedPiece) -> list[Constraint] | None:
         """Return the constraints among two pieces; None where nothing is known across them."""
