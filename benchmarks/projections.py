@@ -359,8 +359,9 @@ def reduce_through(work: Workspace, level: int, count: int, a: int, b: int, thro
     box, projected, coordinates = work.boxes[level], work.boxes[level + 1], work.coordinates[level]
     points, projected_points = work.points[level, :count], work.points[level + 1]
     left = project(box, projected, coordinates, points, projected_points, a, b)
+    scratch = work.distance, work.is_open, work.n_open
     if left < 0 or not reduce_line(
-        projected, work.distance, projected_points[:left], through, -1, work.sigma
+        projected, *scratch, projected_points[:left], through, -1, work.sigma
     ):
         return False
     return back_project(box, projected, coordinates, projected_points[:left], a, b)

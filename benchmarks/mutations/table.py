@@ -161,10 +161,10 @@ CONTRACT = [
         ),
         (
             'the ends of a gap are not rounded on the way back',
-            'gap_low = square_up(distance[GAP_LOWER, i, j])\n'
-            '                gap_high = square_down(distance[GAP_UPPER, i, j])',
-            'gap_low = distance[GAP_LOWER, i, j] ** 2\n'
-            '                gap_high = distance[GAP_UPPER, i, j] ** 2',
+            'gap_low = square_up(distance[GAP_LOWER, x, y])\n'
+            '                gap_high = square_down(distance[GAP_UPPER, x, y])',
+            'gap_low = distance[GAP_LOWER, x, y] ** 2\n'
+            '                gap_high = distance[GAP_UPPER, x, y] ** 2',
         ),
         (
             'same and opposite sides are exchanged',
@@ -175,6 +175,11 @@ CONTRACT = [
             'the wrong branch is dropped by a known side',
             'elif side > 0:\n            near_low',
             'elif side < 0:\n            near_low',
+        ),
+        (
+            'sides are looked up by the rows of points, not by the points',
+            'triple = points[x], points[z], points[y]',
+            'triple = x, z, y',
         ),
     ),
     *_in(

@@ -17,18 +17,22 @@ from dg_localization.solver.contract.line import (
     _set_roots,
     reduce_line,
 )
+from dg_localization.solver.contract.reduction import make_workspace
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 SAME, FREE, OPPOSITE = -1, 0, 1
 PAIRS = (0, 1), (1, 2), (0, 2)
 
 
-def reduce(box, merged=-1, sigma=None):
+def reduce(box, merged=-1, sigma=None, points=None):
     n_points = box.shape[1]
     if sigma is None:
         sigma = np.zeros((n_points, n_points), dtype=np.int8)
-    points = np.arange(n_points, dtype=np.int64)
-    return reduce_line(box, np.zeros_like(box), points, n_points, merged, sigma)
+    if points is None:
+        points = np.arange(n_points, dtype=np.int64)
+    work = make_workspace(n_points, 1)
+    scratch = work.distance, work.is_open, work.n_open
+    return reduce_line(box, *scratch, points, n_points, merged, sigma)
 
 
 def three_points(ranges_m):
@@ -48,9 +52,9 @@ def holds(box, squared, slack=0.0):
 @LAWS
 @given(st.integers(0, 2**32))
 def test_no_arrangement_is_lost(seed):
-    """The truth stays, whatever the widths, the sides and the points on top of each other."""
+    """The truth stays: any widths, sides, order of the points, and points on top of each other."""
     rng = np.random.default_rng(seed)
-    n_points = int(rng.integers(2, 8))
+    n_points = int(rng.integers(2, 12))
     x = rng.integers(-10, 11, n_points)
     squared = squared_distances(x[:, None] * 2.0 ** rng.choice([-40, 0, 40]))
     widths = rng.choice([0.0, 1e-9, 0.1, 1.0], size=(2, n_points, n_points)) * rng.random(
@@ -69,7 +73,8 @@ def test_no_arrangement_is_lost(seed):
         sigma[:] = np.where(np.triu(rng.random(sigma.shape) < 0.5), -np.outer(sides, sides), 0)
         sigma = np.triu(sigma, 1) + np.triu(sigma, 1).T
     before = box.copy()
-    assert reduce(box, merged, sigma)
+    points = rng.permutation(n_points)[: rng.integers(2, n_points + 1)]
+    assert reduce(box, merged, sigma, points)
     assert holds(box, squared)
     assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all()
     assert np.array_equal(box, box.transpose(0, 2, 1))

@@ -167,10 +167,10 @@ def _narrow_pair(
     b: int,
     i: int,
     j: int,
+    d_bounds: tuple[float, float],
 ) -> bool:
     """Narrow s_ij and both coordinates from the reduced distance in the orthogonal space."""
-    d_lower, d_upper = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
-    low, high = coordinate_difference(box, a, b, i, j, d_lower, d_upper)
+    low, high = coordinate_difference(box, a, b, i, j, d_bounds[0], d_bounds[1])
     low = max(low, down(coordinates[LOWER, i] - coordinates[UPPER, j]))
     high = min(high, up(coordinates[UPPER, i] - coordinates[LOWER, j]))
     low, high = reverse_square(
@@ -232,11 +232,13 @@ def back_project(
 
     """
     n_projected = len(projected_points)
+    # The axis itself is narrowed by the points only, after the pairs.
+    d_bounds = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
     for x in range(1, n_projected):
+        i = projected_points[x]
         for y in range(x + 1, n_projected):
-            if not _narrow_pair(
-                box, projected, coordinates, a, b, projected_points[x], projected_points[y]
-            ):
+            j = projected_points[y]
+            if not _narrow_pair(box, projected, coordinates, a, b, i, j, d_bounds):
                 return False
     for x in range(1, n_projected):
         if not _narrow_point(box, projected, coordinates, a, b, projected_points[x]):

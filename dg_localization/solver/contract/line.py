@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import COMPILED, kernel
 from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 from dg_localization.solver.box import (
     GAP_LOWER,
@@ -32,6 +32,9 @@ from dg_localization.solver.box import (
 
 BOTH = 2
 """The side of two points with constraints for the same side and for opposite ones."""
+
+LANES = 8 if COMPILED else 1
+"""Rows are looked through so many points at a time: a processor can do that for all at once."""
 
 
 @kernel(inlined=True)
@@ -93,17 +96,18 @@ def _set_roots(box: FloatArray, distance: FloatArray, points: IntArray) -> None:
     count = len(points)
     for x in range(count):
         i = points[x]
+        distance[LOWER, x, x] = distance[UPPER, x, x] = 0.0
         for y in range(x + 1, count):
             j = points[y]
-            distance[LOWER, i, j] = distance[LOWER, j, i] = sqrt_down(box[LOWER, i, j])
-            distance[UPPER, i, j] = distance[UPPER, j, i] = sqrt_up(box[UPPER, i, j])
+            distance[LOWER, x, y] = distance[LOWER, y, x] = sqrt_down(box[LOWER, i, j])
+            distance[UPPER, x, y] = distance[UPPER, y, x] = sqrt_up(box[UPPER, i, j])
             gap_low = 0.0
             gap_high = 0.0
             if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
                 gap_low = sqrt_up(box[GAP_LOWER, i, j])
                 gap_high = sqrt_down(box[GAP_UPPER, i, j])
-            distance[GAP_LOWER, i, j] = distance[GAP_LOWER, j, i] = gap_low
-            distance[GAP_UPPER, i, j] = distance[GAP_UPPER, j, i] = gap_high
+            distance[GAP_LOWER, x, y] = distance[GAP_LOWER, y, x] = gap_low
+            distance[GAP_UPPER, x, y] = distance[GAP_UPPER, y, x] = gap_high
 
 
 @kernel
@@ -162,28 +166,110 @@ def _known_branches(
 
 
 @kernel(inlined=True)
+def _restrict_through(
+    distance: FloatArray,
+    points: IntArray,
+    x: int,
+    z: int,
+    y: int,
+    merged: int,
+    sigma: NDArray[np.int8],
+) -> bool:
+    """Restrict the pair in rows (x, y) by its distances from the point in row `z`."""
+    ij = distance[LOWER, x, z], distance[UPPER, x, z]
+    jk = distance[LOWER, z, y], distance[UPPER, z, y]
+    branches = _branches(ij[0], ij[1], jk[0], jk[1])
+    triple = points[x], points[z], points[y]
+    near_low, near_high, far_low, far_high = _known_branches(
+        branches, ij, jk, triple, merged, sigma
+    )
+    if near_high >= far_low:
+        # The branches overlap: together they are one interval.
+        near_high = max(near_high, far_high)
+        far_low, far_high = math.inf, -math.inf
+    low, high = distance[LOWER, x, y], distance[UPPER, x, y]
+    # `&` and `|`, not `and` and `or`: one branch is predicted better than four.
+    if ((near_low <= low) & (high <= near_high)) | ((far_low <= low) & (high <= far_high)):
+        # The whole interval lies in one branch, and its gap stays too.
+        return True
+    return _restrict(distance, x, y, near_low, near_high, far_low, far_high)
+
+
+@kernel(inlined=True)
 def _narrow_to_distances(box: FloatArray, distance: FloatArray, points: IntArray) -> bool:
     """Narrow the squared distances by the distances; return whether anything is left."""
     for x in range(len(points)):
         i = points[x]
         for y in range(x + 1, len(points)):
             j = points[y]
-            low = square_down(distance[LOWER, i, j])
-            high = square_up(distance[UPPER, i, j])
+            low = square_down(distance[LOWER, x, y])
+            high = square_up(distance[UPPER, x, y])
             if not narrow(box, i, j, low, high):
                 return False
-            if distance[GAP_LOWER, i, j] < distance[GAP_UPPER, i, j]:
-                gap_low = square_up(distance[GAP_LOWER, i, j])
-                gap_high = square_down(distance[GAP_UPPER, i, j])
+            if distance[GAP_LOWER, x, y] < distance[GAP_UPPER, x, y]:
+                gap_low = square_up(distance[GAP_LOWER, x, y])
+                gap_high = square_down(distance[GAP_UPPER, x, y])
                 if not exclude(box, i, j, gap_low, gap_high):
                     return False
     return True
+
+
+@kernel(inlined=True)
+def _find_open(
+    distance: FloatArray, z: int, count: int, is_open: NDArray[np.bool_], n_open: IntArray
+) -> None:
+    """
+    Note which pairs may have to be restricted by their distances from point `z`.
+
+    A pair lies in one branch as it is where it does so before the branches are rounded outward.
+    This decides only what is looked at: it is written without a branch of the program, so that a
+    processor does several pairs at once. What lies beyond the earlier points of a row has no
+    meaning.
+    """
+    for x in range(count):
+        ij_low, ij_high = distance[LOWER, z, x], distance[UPPER, z, x]
+        n_found = 0
+        for y in range((x + LANES - 1) // LANES * LANES):
+            jk_low, jk_high = distance[LOWER, z, y], distance[UPPER, z, y]
+            near_low = max(ij_low - jk_high, jk_low - ij_high)
+            near_high = max(ij_high - jk_low, jk_high - ij_low)
+            far_low, far_high = ij_low + jk_low, ij_high + jk_high
+            # Where the branches overlap, either end may be that of their hull.
+            overlap = near_high >= far_low
+            near_end = far_high if overlap else near_high
+            far_start = near_low if overlap else far_low
+            low, high = distance[LOWER, x, y], distance[UPPER, x, y]
+            is_inside = ((near_low <= low) & (high <= near_end)) | (
+                (far_start <= low) & (high <= far_high)
+            )
+            is_open[x, y] = not is_inside
+            n_found += 0 if is_inside else 1
+        n_open[x] = n_found
+
+
+@kernel(inlined=True)
+def _open_known(at: int, z: int, count: int, is_open: NDArray[np.bool_], n_open: IntArray) -> None:
+    """Open the pairs whose branches through `z` known sides from the point in row `at` decide."""
+    for x in range(count):
+        if z == at:
+            for y in range(x):
+                is_open[x, y] = True
+            n_open[x] = x
+        elif x == at:
+            for y in range(x):
+                is_open[x, y] = True
+            n_open[x] += x
+        elif x > at:
+            is_open[x, at] = True
+            n_open[x] += 1
 
 
 @kernel(borrows=True)
 def reduce_line(
     box: FloatArray,
     distance: FloatArray,
+    is_open: NDArray[np.bool_],
+    n_open: IntArray,
     points: IntArray,
     n_through: int,
     merged: int,
@@ -196,8 +282,9 @@ def reduce_line(
     ----------
     box : ndarray, shape (4, n, n)
         Squared distances in m^2 and their gaps; only the pairs of `points` are used.
-    distance : ndarray, shape (4, n, n)
-        Scratch space for the distances in m.
+    distance, is_open, n_open
+        Scratch space for the distances in m, and for what is open: fields of a `Workspace`. Rows
+        and columns are in the order of `points`.
     points : ndarray of int
         The points on the line.
     n_through : int
@@ -215,35 +302,20 @@ def reduce_line(
 
     """
     count = len(points)
+    at = -1
+    for x in range(count):
+        if points[x] == merged:
+            at = x
     _set_roots(box, distance, points)
     for z in range(min(count, n_through)):
-        j = points[z]
+        _find_open(distance, z, count, is_open, n_open)
+        if at >= 0:
+            _open_known(at, z, count, is_open, n_open)
         for x in range(count):
-            i = points[x]
-            if i == j:
+            if x == z or n_open[x] == 0:
                 continue
-            ij = distance[LOWER, i, j], distance[UPPER, i, j]
-            for y in range(x + 1, count):
-                k = points[y]
-                if k == j:
-                    continue
-                jk = distance[LOWER, j, k], distance[UPPER, j, k]
-                branches = _branches(ij[0], ij[1], jk[0], jk[1])
-                near_low, near_high, far_low, far_high = _known_branches(
-                    branches, ij, jk, (i, j, k), merged, sigma
-                )
-                if near_high >= far_low:
-                    # The branches overlap: together they are one interval.
-                    near_high = max(near_high, far_high)
-                    far_low, far_high = math.inf, -math.inf
-                low = distance[LOWER, i, k]
-                high = distance[UPPER, i, k]
-                # `&` and `|`, not `and` and `or`: one branch is predicted better than four.
-                if ((near_low <= low) & (high <= near_high)) | (
-                    (far_low <= low) & (high <= far_high)
-                ):
-                    # Most often the whole interval lies in one branch, and its gap stays too.
-                    continue
-                if not _restrict(distance, i, k, near_low, near_high, far_low, far_high):
-                    return False
+            for y in range(x):
+                if y != z and is_open[x, y]:
+                    if not _restrict_through(distance, points, y, z, x, merged, sigma):
+                        return False
     return _narrow_to_distances(box, distance, points)

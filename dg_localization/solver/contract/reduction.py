@@ -20,7 +20,7 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.contract.axes import rank_points
 from dg_localization.solver.contract.back_projection import back_project
-from dg_localization.solver.contract.line import reduce_line
+from dg_localization.solver.contract.line import LANES, reduce_line
 from dg_localization.solver.contract.projection import is_axis, project
 from dg_localization.solver.contract.sides import Sides, set_sigma
 
@@ -42,7 +42,9 @@ class Workspace(NamedTuple):
     boxes: FloatArray  # (q, 4, n, n): the box and its projections
     coordinates: FloatArray  # (q, 2, n)
     points: IntArray  # (q, n)
-    distance: FloatArray  # (4, n, n)
+    distance: FloatArray  # (4, n, w), with w points in whole lanes
+    is_open: NDArray[np.bool_]  # (n, w)
+    n_open: IntArray  # (n,)
     sigma: NDArray[np.int8]  # (n, n)
 
 
@@ -50,11 +52,14 @@ def make_workspace(n_points: int, dimension: int) -> Workspace:
     """Allocate the scratch arrays for `n_points` in `dimension`."""
     points = np.zeros((dimension, n_points), dtype=np.int64)
     points[0] = np.arange(n_points)
+    width = (n_points + LANES - 1) // LANES * LANES
     return Workspace(
         boxes=np.zeros((dimension, 4, n_points, n_points)),
         coordinates=np.zeros((dimension, 2, n_points)),
         points=points,
-        distance=np.zeros((4, n_points, n_points)),
+        distance=np.zeros((4, n_points, width)),
+        is_open=np.zeros((n_points, width), dtype=np.bool_),
+        n_open=np.zeros(n_points, dtype=np.int64),
         sigma=np.zeros((n_points, n_points), dtype=np.int8),
     )
 
@@ -83,6 +88,8 @@ def reduce_to_line(
     left = reduce_line(
         work.boxes[level],
         work.distance,
+        work.is_open,
+        work.n_open,
         work.points[level, :count],
         MOST_THROUGH,
         merged if known else -1,
@@ -156,6 +163,8 @@ def apply_axes(
     coordinates: FloatArray,
     points: IntArray,
     distance: FloatArray,
+    is_open: NDArray[np.bool_],
+    n_open: IntArray,
     sigma: NDArray[np.int8],
     start: IntArray,
     stop: IntArray,
@@ -171,7 +180,7 @@ def apply_axes(
 
     Parameters
     ----------
-    boxes, coordinates, points, distance, sigma
+    boxes, coordinates, points, distance, is_open, n_open, sigma
         The fields of a `Workspace`; the first box is narrowed in place.
     start, stop, rows
         The fields of `Sides`.
@@ -186,7 +195,7 @@ def apply_axes(
         False when the box is proved to hold no placement.
 
     """
-    work = Workspace(boxes, coordinates, points, distance, sigma)
+    work = Workspace(boxes, coordinates, points, distance, is_open, n_open, sigma)
     sides = Sides(start, stop, rows)
     for x in range(len(axes)):
         if not _apply_axis(work, sides, axes[x, 0], axes[x, 1], count):
