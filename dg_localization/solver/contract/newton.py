@@ -26,6 +26,10 @@ from dg_localization.solver.contract.linearization import (
 LEAST_NEWTON_GAIN = 0.1
 """A step that shortens no interval by more than this fraction is the last."""
 
+MOST_TIMES_AS_WIDE = 1.5
+"""A bound is not computed where the residuals alone make it so many times as wide as what is
+known: it seldom cuts off an end."""
+
 
 @kernel
 def narrow_displacements(box: FloatArray, linear: Linearization, most_steps: int) -> bool:
@@ -86,6 +90,8 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
         for axis in range(dimension):
             row_i, row_j = linear.unknowns[i, axis], linear.unknowns[j, axis]
             set_difference_of_rows(inverse, row_i, row_j, multipliers)
+            if not _may_gain(linear, multipliers, relative[m], axis):
+                continue
             target[i, axis] = 1.0
             target[j, axis] = -1.0
             low, high = bound_linear_function(linear, multipliers, target)
@@ -98,7 +104,7 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
     for i in range(n_points):
         for axis in range(dimension):
             row = linear.unknowns[i, axis]
-            if row < 0:
+            if row < 0 or not _may_gain(linear, inverse[row], linear.displacements[i], axis):
                 continue
             target[i, axis] = 1.0
             low, high = bound_linear_function(linear, inverse[row], target)
@@ -106,6 +112,18 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
             if narrow_bounds(linear.displacements[i], axis, low, high) < 0.0:
                 return -1.0
     return largest_gain
+
+
+@kernel(borrows=True)
+def _may_gain(
+    linear: Linearization, multipliers: FloatArray, bounds: FloatArray, axis: int
+) -> bool:
+    """Return whether a combination of residuals is narrow enough to gain on bounds."""
+    width = 0.0
+    for m in range(len(multipliers)):
+        width += abs(multipliers[m]) * (linear.residuals[m, UPPER] - linear.residuals[m, LOWER])
+    # Also where nothing is bounded yet, and a width is infinite or NaN.
+    return not width > MOST_TIMES_AS_WIDE * (bounds[UPPER, axis] - bounds[LOWER, axis])
 
 
 @kernel(borrows=True)

@@ -27,6 +27,16 @@ MARGIN = 0.1
 MOST_STEPS = 40
 """Least squares takes at most so many steps."""
 
+LEAST_GAIN = 0.01
+"""A step that gains less than this fraction of the misfit is the last: others go where all agrees,
+or nowhere."""
+
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 0.1, 1e-12, 1e3
+"""Damping, as a fraction of the largest diagonal entry of the normal equations."""
+
+LEAST_DECREASE = 0.1
+"""What a step that gains as much as predicted leaves of the damping, and no step less."""
+
 
 @kernel
 def _factor(middle: FloatArray, dimension: int) -> FloatArray:
@@ -137,17 +147,22 @@ def solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool
 
 @kernel
 def refine(positions: FloatArray, box: FloatArray, most_steps: int = MOST_STEPS) -> FloatArray:
-    """Move a placement into the intervals of a box by damped least squares."""
+    """
+    Move a placement into the intervals of a box by damped least squares.
+
+    The damping follows how well each step was predicted (H. B. Nielsen, Damping parameter in
+    Marquardt's method, 1999).
+    """
     n_points, dimension = positions.shape
     size = n_points * dimension
     matrix, trial_matrix = np.empty((size, size)), np.empty((size, size))
     vector, trial_vector = np.empty(size), np.empty(size)
     factor = np.empty((size, size))
     best = positions.copy()
-    damping = 1e-6
+    damping, growth = FIRST_DAMPING, 2.0
     misfit = _assemble(best, box, matrix, vector)
     for _ in range(most_steps):
-        if misfit == 0.0:
+        if misfit == 0.0 or damping > MOST_DAMPING:
             break
         scale = 0.0
         for i in range(size):
@@ -158,18 +173,23 @@ def refine(positions: FloatArray, box: FloatArray, most_steps: int = MOST_STEPS)
             break
         trial = best - step.reshape((n_points, dimension))
         trial_misfit = _assemble(trial, box, trial_matrix, trial_vector)
-        if trial_misfit < misfit:
-            if trial_misfit > 0.999999 * misfit:
-                break
-            best = trial
-            misfit = trial_misfit
-            matrix, trial_matrix = trial_matrix, matrix
-            vector, trial_vector = trial_vector, vector
-            damping = max(0.1 * damping, 1e-12)
-        else:
-            damping *= 10.0
-            if damping > 1e3:
-                break
+        if not trial_misfit < misfit:
+            damping *= growth
+            growth *= 2.0
+            continue
+        predicted = 0.0
+        for i in range(size):
+            predicted += step[i] * (damping * scale * step[i] + vector[i])
+        gain = misfit - trial_misfit
+        is_last = gain < LEAST_GAIN * misfit
+        best, misfit = trial, trial_misfit
+        if is_last:
+            break
+        matrix, trial_matrix = trial_matrix, matrix
+        vector, trial_vector = trial_vector, vector
+        surprise = 1.0 - 2.0 * gain / max(predicted, 1e-300)
+        damping *= max(LEAST_DECREASE, 1.0 + surprise * surprise * surprise)
+        damping, growth = max(damping, LEAST_DAMPING), 2.0
     return best
 
 

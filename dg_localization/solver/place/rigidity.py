@@ -24,10 +24,14 @@ RANK_TOLERANCE = 1e-6
 
 
 @kernel
-def _rank(rows: FloatArray, most: int) -> int:
-    """Return the numerical rank of unit rows, at most `most`; the rows are overwritten."""
-    n_rows, n_columns = rows.shape
-    left = np.ones(n_rows)
+def _rank(columns: FloatArray, n_rows: int, most: int) -> int:
+    """
+    Return the numerical rank of unit rows, at most `most`; they are overwritten.
+
+    They are given by columns, (q n, m): what is done to all rows is done to several at once.
+    """
+    n_columns = len(columns)
+    left, along, squares = np.ones(n_rows), np.empty(n_rows), np.empty(n_rows)
     for rank in range(most):
         pivot = 0
         for row in range(n_rows):
@@ -37,18 +41,22 @@ def _rank(rows: FloatArray, most: int) -> int:
             return rank
         length = math.sqrt(left[pivot])
         left[pivot] = 0.0
+        along[:] = 0.0
+        for c in range(n_columns):
+            column, of_pivot = columns[c], columns[c, pivot]
+            for row in range(n_rows):
+                along[row] += column[row] * of_pivot
         for row in range(n_rows):
-            if left[row] == 0.0:
-                continue
-            along = 0.0
-            for column in range(n_columns):
-                along += rows[row, column] * rows[pivot, column]
-            along /= length * length
-            total = 0.0
-            for column in range(n_columns):
-                rows[row, column] -= along * rows[pivot, column]
-                total += rows[row, column] * rows[row, column]
-            left[row] = total
+            # Pivots stay as they are.
+            along[row] = along[row] / (length * length) if left[row] > 0.0 else 0.0
+        squares[:] = 0.0
+        for c in range(n_columns):
+            column, of_pivot = columns[c], columns[c, pivot]
+            for row in range(n_rows):
+                column[row] -= along[row] * of_pivot
+                squares[row] += column[row] * column[row]
+        for row in range(n_rows):
+            left[row] = squares[row] if left[row] > 0.0 else 0.0
     return most
 
 
@@ -84,7 +92,7 @@ def is_flexible(positions: FloatArray, measured: NDArray[np.bool_]) -> bool:
     rigid_rank = n_points * dimension - motions
     if n_pairs < rigid_rank:
         return True
-    rows = np.zeros((n_pairs, n_points * dimension))
+    columns = np.zeros((n_points * dimension, n_pairs))
     row = 0
     for i in range(n_points):
         for j in range(i + 1, n_points):
@@ -98,7 +106,7 @@ def is_flexible(positions: FloatArray, measured: NDArray[np.bool_]) -> bool:
             if length > 0.0:
                 for axis in range(dimension):
                     slope = (positions[i, axis] - positions[j, axis]) / length
-                    rows[row, i * dimension + axis] = slope
-                    rows[row, j * dimension + axis] = -slope
+                    columns[i * dimension + axis, row] = slope
+                    columns[j * dimension + axis, row] = -slope
                 row += 1
-    return _rank(rows[:row], rigid_rank) < rigid_rank
+    return _rank(columns, row, rigid_rank) < rigid_rank

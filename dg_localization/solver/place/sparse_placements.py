@@ -301,15 +301,18 @@ def _step(
     most_gradients: int,
 ) -> FloatArray:
     """Solve the damped normal equations of the misfits by conjugate gradients."""
-    dimension = slopes.shape[1]
+    # Most pairs lie within their bounds, and have no equation.
+    missed = np.flatnonzero(misfits)
+    ends, units = pairs[missed], slopes[missed]
+    dimension = units.shape[1]
     step = np.zeros((n_points, dimension))
     rest = np.zeros((n_points, dimension))
     product = np.empty((n_points, dimension))
-    for x in range(len(pairs)):
+    for x in range(len(ends)):
         for axis in range(dimension):
-            value = slopes[x, axis] * misfits[x]
-            rest[pairs[x, 0], axis] += value
-            rest[pairs[x, 1], axis] -= value
+            value = units[x, axis] * misfits[missed[x]]
+            rest[ends[x, 0], axis] += value
+            rest[ends[x, 1], axis] -= value
     direction = rest.copy()
     size = (rest * rest).sum()
     enough = least_residual**2 * size
@@ -319,14 +322,14 @@ def _step(
         for i in range(n_points):
             for axis in range(dimension):
                 product[i, axis] = damping * direction[i, axis]
-        for x in range(len(pairs)):
-            i, j = pairs[x, 0], pairs[x, 1]
+        for x in range(len(ends)):
+            i, j = ends[x, 0], ends[x, 1]
             along = 0.0
             for axis in range(dimension):
-                along += slopes[x, axis] * (direction[i, axis] - direction[j, axis])
+                along += units[x, axis] * (direction[i, axis] - direction[j, axis])
             for axis in range(dimension):
-                product[i, axis] += slopes[x, axis] * along
-                product[j, axis] -= slopes[x, axis] * along
+                product[i, axis] += units[x, axis] * along
+                product[j, axis] -= units[x, axis] * along
         length = size / (direction * product).sum()
         new_size = 0.0
         for i in range(n_points):
