@@ -46,6 +46,6 @@ def test_a_face_that_is_not_placed_counts_as_wide(wrong):
 
 def test_the_apex_is_off_the_face_in_every_placement():
     corners = [[0.0, 0.0], [4.0, 0.0], [2.0, 0.1], [2.0, 3.0]]
-    assert apex_of(POINTS, hypothesis_of(corners, 1e-3), (2, 5)) == 9
+    assert apex_of(POINTS, hypothesis_of(corners, 1e-3), (2, 5), None) == 9
     flat = [[0.0, 0.0], [4.0, 0.0], [2.0, 0.1], [1.0, 0.1]]
-    assert apex_of(POINTS, hypothesis_of(flat, 0.05), (2, 5)) is None
+    assert apex_of(POINTS, hypothesis_of(flat, 0.05), (2, 5), None) is None

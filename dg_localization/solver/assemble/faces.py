@@ -81,7 +81,9 @@ def _best_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
     return best
 
 
-def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
+def apex_of(
+    points: Points, hypothesis: Hypothesis, face: Points, placed: FloatArray | None
+) -> int | None:
     """
     Return a point of a piece that is off the hyperplane of a face in every placement.
 
@@ -93,6 +95,8 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
         One of its hypotheses.
     face : tuple of int
         q of its points.
+    placed : ndarray, shape (k, q), or None
+        A placement of the piece in m, in any hypothesis: it tells what is near the face.
 
     Returns
     -------
@@ -102,10 +106,10 @@ def apex_of(points: Points, hypothesis: Hypothesis, face: Points) -> int | None:
     """
     corners = np.array([points.index(point) for point in face])
     others = np.array([x for x, point in enumerate(points) if point not in face])
-    if len(points) > LARGE and hypothesis.positions is None:
-        return None
-    if len(points) > LARGE and hypothesis.positions is not None:
-        away = hypothesis.positions[others] - hypothesis.positions[corners].mean(axis=0)
+    if len(points) > LARGE:
+        if placed is None:
+            return None
+        away = placed[others] - placed[corners].mean(axis=0)
         near = others[np.argsort((away**2).sum(axis=1))[:MOST_APEXES]]
         named = np.concatenate([corners, near])
         bounds = np.array(hypothesis.bounds_among(named.tolist()))
@@ -150,7 +154,14 @@ def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m:
         True when the face of the placement is narrower in some direction.
 
     """
-    if len(face) < 2 or hypothesis.positions is None:
+    if len(face) < 2:
+        return False
+    if len(face) == 2:
+        least_m2, _ = hypothesis.bounds_of_pair(*(points.index(point) for point in face))
+        if least_m2 > width_m**2:
+            # A placement may have to be sought first, and that takes long.
+            return False
+    if hypothesis.positions is None:
         return False
     corners = hypothesis.positions[[points.index(point) for point in face]]
     return _width_m(corners.tolist()) <= width_m

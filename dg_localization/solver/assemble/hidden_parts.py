@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combination, Combinations
 from dg_localization.solver.assemble.contraction import (
@@ -51,12 +52,14 @@ more combinations, two parts at a time are, each two of their hypotheses once.""
 _Part = tuple[Points, Bounds]
 
 
-def hidden_parts(problem: Problem) -> Decomposition | None:
-    """Return the parts of a piece, None where it has one part only."""
+def hidden_parts(problem: Problem, stopped: Callable[[], bool]) -> Decomposition | None:
+    """Return the parts of a piece, None where it has one part only or the time is over."""
     if not LEAST_PARTED <= problem.n_points <= MOST_PARTED:
         return None
-    parts = pieces_of(np.isfinite(problem.upper), problem.dimension)
-    if len(parts.pieces) == 1:
+    parts = None
+    with until(stopped):
+        parts = pieces_of(np.isfinite(problem.upper), problem.dimension)
+    if parts is None or len(parts.pieces) == 1:
         return None
     if any(joint.kind is not JointKind.REFLECTION for joint in parts.joints):
         return None

@@ -96,6 +96,8 @@ class Linker:
             self._link(joint, joint.pieces[0], second)
             for joint in joints
             for second in joint.pieces[1:]
+            # What is not linked goes together.
+            if not self._budget.is_overdue()
         )
         return [link for link in found if link is not None]
 
@@ -111,11 +113,7 @@ class Linker:
         if joint.kind is JointKind.REFLECTION:
             sides = EITHER
             for number, piece in zip((first, second), pieces, strict=True):
-                for x, hypothesis in enumerate(piece.hypotheses):
-                    # Without time to look for one, its side is open.
-                    is_over = self._budget.is_over()
-                    apex = None if is_over else apex_of(piece.points, hypothesis, joint.points)
-                    link.apexes[number, x] = apex
+                link.apexes |= self._apexes(number, piece, joint.points)
         for x, y in np.argwhere(together).tolist():
             certain = link.apexes.get((first, x)), link.apexes.get((second, y))
             allowed: tuple[Side, ...] = FREE if None in certain else sides
@@ -124,6 +122,20 @@ class Linker:
             if allowed:
                 link.allowed[x, y] = allowed
         return link
+
+    def _apexes(
+        self, number: int, piece: SolvedPiece, face: Points
+    ) -> dict[tuple[int, int], int | None]:
+        """Return the apexes of the hypotheses of a piece; without time a side is open."""
+        apexes: dict[tuple[int, int], int | None] = {}
+        placed = None
+        for x, hypothesis in enumerate(piece.hypotheses):
+            if self._budget.is_over():
+                break
+            if placed is None:
+                placed = hypothesis.positions
+            apexes[number, x] = apex_of(piece.points, hypothesis, face, placed)
+        return apexes
 
     def _between(self, first: SolvedPiece, second: SolvedPiece) -> list[Constraint] | None:
         """Return the constraints among two pieces; None where nothing is known across them."""
