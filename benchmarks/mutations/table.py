@@ -457,6 +457,16 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'assemble/hidden_parts',
+        ('test/solver/test_hidden_parts.py',),
+        (
+            'the bounds of all combinations are those that all hypotheses have in common',
+            'lower = np.min([part',
+            'lower = np.max([part',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/solved_pieces',
         ('test/solver/test_stopped_early.py',),
         ('what was not examined counts as examined', 'return 1, 1', 'return 1, 0'),

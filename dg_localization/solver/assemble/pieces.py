@@ -315,17 +315,16 @@ class PieceSolver:
         share: float,
         within: Sequence[Bounds] | None,
     ) -> _Search | None:
-        """Solve a piece in parts; None where some take too long or go together in many ways."""
+        """Solve a piece in parts; None where some take too long."""
         budget = self._budget
         solved = PieceSolver(problem, parts, budget, within, share, self._finished).run()
         if solved.contradiction is not None:
             return _Search(problem, [], [])
         if not all(piece.is_finished for piece in solved.pieces):
             return None
-        together = PartsTogether(problem, solved, budget, within).boxes()
-        if together is None or not budget.keep(len(together[0])):
+        boxes, start_of = PartsTogether(problem, solved, budget, within).boxes()
+        if not budget.keep(len(boxes)):
             return None
-        boxes, start_of = together
         budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
         found = hypotheses_of(problem, boxes, budget.is_over, start_of)
         return _Search(problem, boxes, [], found=found)
