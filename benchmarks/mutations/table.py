@@ -462,6 +462,38 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'assemble/hidden_parts',
+        ('test/solver/test_hidden_parts.py',),
+        (
+            'the bounds of all combinations are those that all hypotheses have in common',
+            'lower = np.min([part',
+            'lower = np.max([part',
+        ),
+    ),
+    *_in(
+        'solver',
+        'assemble/solved_pieces',
+        ('test/solver/test_stopped_early.py',),
+        ('what was not examined counts as examined', 'return 1, 1', 'return 1, 0'),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_stopped_early.py',),
+        ('the points of pieces that were not begun are left out', 'if left:', 'if not tasks:'),
+    ),
+    *_in(
+        'solver',
+        'assemble/unexamined',
+        ('test/solver/test_stopped_early.py',),
+        (
+            'points that nothing is known of count as rigid',
+            '_nowhere, flexible=True)',
+            '_nowhere, flexible=False)',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/combinations',
         ('test/solver/test_pieces.py',),
         (

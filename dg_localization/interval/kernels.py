@@ -46,15 +46,19 @@ COMPILED = numba is not None and not numba.config.DISABLE_JIT
 WORK_PER_LOOK = 300_000 if COMPILED else 2_000
 """About how many triples of points a kernel may reduce between two looks at the clock."""
 
+WORK_OF_A_STEP = WORK_PER_LOOK // 30
+"""The work that takes as long as a step of some calls of NumPy."""
+
 
 class _Stopped(Exception):  # noqa: N818 (no error: it ends a block)
     """Ends a block of `until`."""
 
 
 class _Watch(threading.local):
-    """What tells the kernels of a thread to stop."""
+    """What tells the kernels of a thread to stop, and the work since it was asked."""
 
     stopped: Callable[[], bool] | None = None
+    work = 0
 
 
 _watch = _Watch()
@@ -84,6 +88,24 @@ def until(stopped: Callable[[], bool]) -> Iterator[None]:
         pass
     finally:
         _watch.stopped = previous
+
+
+def look_after(work: int) -> None:
+    """
+    Leave a block of `until` where it is over; the clock is read once every `WORK_PER_LOOK`.
+
+    Parameters
+    ----------
+    work : int
+        About how many entries of arrays were visited since the last call.
+
+    """
+    _watch.work += work
+    if _watch.work < WORK_PER_LOOK:
+        return
+    _watch.work = 0
+    if _watch.stopped is not None and _watch.stopped():
+        raise _Stopped
 
 
 def _watched(function: Function) -> Function:

@@ -78,7 +78,8 @@ class Hypothesis:
         floating point: where there are some, a placement that meets every constraint is proved to
         lie within 1e-9 of them, in units of the longest known distance.
     flexible : bool
-        Whether the placements are a continuum even without measurement errors.
+        Whether the placements are a continuum even without measurement errors; also where there
+        was no time to begin with a piece.
 
     """
 
@@ -119,6 +120,9 @@ class Hypothesis:
 class Piece:
     """
     Points that the measurements hold rigid, and all their placements.
+
+    Where a limit stopped the call before pieces were known or begun, what is left of the fleet is
+    one piece, with one flexible hypothesis and without joints.
 
     Attributes
     ----------

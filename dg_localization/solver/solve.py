@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from functools import cache
+import math
 import time
 
 import numpy as np
@@ -132,6 +133,7 @@ def load_kernels() -> float:
     from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.assemble.answer import answer
     from dg_localization.solver.assemble.budget import CallBudget
+    from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.placements import refine
 
     start = time.perf_counter()
@@ -148,8 +150,11 @@ def load_kernels() -> float:
             # Needed only where the placement of several pieces is hard to prove.
             refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
     len(answer(_braced_block(), CallBudget(options)).hypotheses)
-    for hypothesis in answer(_braced_grid(), CallBudget(options)).hypotheses:
+    for hypothesis in answer(_braced_grid(9, 7), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
+        bool(hypothesis.proved)
+    # Large enough to look at the clock on the way.
+    pieces_of(np.isfinite(_braced_grid(20, 20).upper), 2)
     return time.perf_counter() - start
 
 
@@ -184,9 +189,10 @@ def _cross_polytope(dimension: int) -> Problem:
     return Problem(lower, upper, dimension)
 
 
-def _braced_grid() -> Problem:
+def _braced_grid(*shape: int) -> Problem:
     """Return a piece that is large enough to be solved in patches."""
-    corners = np.stack(np.unravel_index(np.arange(63), (9, 7)), axis=1).astype(np.float64)
+    places = np.unravel_index(np.arange(math.prod(shape)), shape)
+    corners = np.stack(places, axis=1).astype(np.float64)
     squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     upper = np.where(squared < 2.5, 1.02 * squared, np.inf)
     return Problem(np.where(squared < 2.5, squared, 0.0), upper)

@@ -41,7 +41,7 @@ def holds(piece, positions):
 def test_the_parts_are_found():
     lower, upper, _ = strip_with_a_pendant()
     strip = Problem(lower[:-1, :-1], upper[:-1, :-1])
-    assert [len(part.points) for part in hidden_parts(strip).pieces] == [4, 4, 4, 4]
+    assert [len(part.points) for part in hidden_parts(strip, lambda: False).pieces] == [4, 4, 4, 4]
 
 
 def test_each_part_is_solved_once_and_all_placements_are_found():
@@ -71,7 +71,7 @@ def test_parts_are_as_tight_as_the_whole(monkeypatch):
         return np.array([(np.sqrt(h.upper) - np.sqrt(h.lower)).mean() for h in found])
 
     in_parts = widths()
-    monkeypatch.setattr(solved_by, 'hidden_parts', lambda problem: None)
+    monkeypatch.setattr(solved_by, 'hidden_parts', lambda *_: None)
     whole = widths()
     assert len(in_parts) == len(whole)
     assert in_parts.mean() <= 1.05 * whole.mean()
@@ -97,6 +97,26 @@ def test_fifty_points_take_few_boxes(degree, error, seed):
     assert result.verdict is Verdict.COVERED
     positions, _ = neighbors(50, degree, 2, seed)
     assert all(holds(piece, positions) for piece in result.pieces)
+
+
+def test_parts_that_go_together_in_too_many_ways_are_one_hypothesis():
+    """Parts with 1, 4, 8 and 4 hypotheses, three of them mirrored: out of 10 s as a whole."""
+    result = solve(uwb_fleet(30, 6, seed=109), SolverOptions(max_boxes=1000))
+    assert result.verdict is Verdict.COVERED and result.statistics.processed < 100
+    positions, _ = neighbors(30, 6, 2, 109)
+    assert all(holds(piece, positions) for piece in result.pieces)
+    piece = max(result.pieces, key=lambda piece: len(piece.points))
+    assert (len(piece.points), len(piece.hypotheses)) == (27, 1)
+
+
+@pytest.mark.parametrize(('length', 'number'), [(7, 48), (8, 1)])
+def test_so_many_mirror_images_are_told_apart(length, number):
+    lower, upper, positions = strip_with_a_pendant(length)
+    result = solve(Problem(lower, upper), SolverOptions(max_hypotheses=2))
+    strip = max(result.pieces, key=lambda piece: len(piece.points))
+    # Of 2^(length - 1) some cannot hold the pendant.
+    assert result.verdict is Verdict.COVERED and len(strip.hypotheses) == number
+    assert holds(strip, positions)
 
 
 def test_parts_are_laid_together_until_a_placement_is_proved(monkeypatch):

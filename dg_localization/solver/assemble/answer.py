@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combinations
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
@@ -18,6 +19,7 @@ from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds, Constraint, points_of
+from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import (
     Decomposition,
@@ -61,12 +63,8 @@ def answer(
     if problem.n_points > MOST_DENSE:
         problem = problem.sparse()
     if decomposition is None:
-        decomposition = _decomposed(problem)
-    solved = None
-    if within is None and _may_be_one_piece(problem, decomposition):
-        solved = _solved_in_one_box(problem, budget)
-    if solved is None:
-        solved = PieceSolver(problem, decomposition, budget, within).run()
+        decomposition = _decomposed(problem, budget.is_over)
+    solved = _solved(problem, decomposition, budget, within)
     if solved.contradiction is not None:
         return _infeasible(solved.contradiction, problem, budget)
     joints = solved.joints
@@ -85,11 +83,28 @@ def answer(
     return _result(solved, combinations, product, budget)
 
 
-def _decomposed(problem: Problem) -> Decomposition:
-    """Return the pieces that the graph of measured pairs has."""
-    if problem.is_sparse:
-        return pieces_of_pairs(problem.n_points, problem.pairs.measured, problem.dimension)
-    return pieces_of(np.isfinite(problem.upper), problem.dimension)
+def _solved(
+    problem: Problem,
+    decomposition: Decomposition | None,
+    budget: CallBudget,
+    within: Sequence[Bounds] | None,
+) -> SolvedPieces:
+    """Return the solved pieces of a fleet; one that was not examined where none are known."""
+    if decomposition is None:
+        return SolvedPieces([unexamined(problem, tuple(range(problem.n_points)), within)])
+    solved = None
+    if within is None and _may_be_one_piece(problem, decomposition):
+        solved = _solved_in_one_box(problem, budget)
+    return solved or PieceSolver(problem, decomposition, budget, within).run()
+
+
+def _decomposed(problem: Problem, stopped: Callable[[], bool]) -> Decomposition | None:
+    """Return the pieces that the graph of measured pairs has, None where there was no time."""
+    with until(stopped):
+        if problem.is_sparse:
+            return pieces_of_pairs(problem.n_points, problem.pairs.measured, problem.dimension)
+        return pieces_of(np.isfinite(problem.upper), problem.dimension)
+    return None
 
 
 def in_one_piece(n_points: int) -> Decomposition:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+import math
 import time
 
 from dg_localization.solver.assemble.tasks import LEAST_S, Part, SolvedPart, Workers, solve_part
@@ -16,6 +17,9 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.branch_and_prune import Cover
 from dg_localization.solver.search.search import search
+
+GRACE_S = 0.005
+"""What takes long is left out so much later than the end: what is short still makes an answer."""
 
 
 class _Stopped:
@@ -59,6 +63,7 @@ class CallBudget:
         self._progress = progress
         self._clock = clock
         self._start = clock()
+        self._cancelled_s = math.inf
 
     def seconds(self) -> float:
         """Return the time since the call began."""
@@ -66,13 +71,22 @@ class CallBudget:
 
     def is_cancelled(self) -> bool:
         """Return whether the call was cancelled."""
-        return bool(self._cancel and self._cancel.is_set())
+        is_cancelled = bool(self._cancel and self._cancel.is_set())
+        if is_cancelled:
+            self._cancelled_s = min(self._cancelled_s, self.seconds())
+        return is_cancelled
 
     def is_over(self) -> bool:
         """Return whether the call is to come to an end."""
         if self.is_cancelled():
             return True
         return self.seconds() > self.options.max_seconds
+
+    def is_overdue(self) -> bool:
+        """Return whether the call should have come to an end some time ago."""
+        if not self.is_over():
+            return False
+        return self.seconds() > min(self.options.max_seconds, self._cancelled_s) + GRACE_S
 
     def _report(self, statistics: Statistics) -> None:
         if self._progress:

@@ -156,7 +156,14 @@ def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m:
         True when the face of the placement is narrower in some direction.
 
     """
-    if len(face) < 2 or hypothesis.positions is None:
+    if len(face) < 2:
+        return False
+    if len(face) == 2:
+        least_m2, _ = hypothesis.bounds_of_pair(*(points.index(point) for point in face))
+        if least_m2 > width_m**2:
+            # A placement may have to be sought first, and that takes long.
+            return False
+    if hypothesis.positions is None:
         return False
     corners = hypothesis.positions[[points.index(point) for point in face]]
     return _width_m(corners.tolist()) <= width_m

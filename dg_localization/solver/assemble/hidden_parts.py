@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combination, Combinations
 from dg_localization.solver.assemble.contraction import (
@@ -44,6 +45,9 @@ from dg_localization.solver.problem import Problem, Side, SideConstraint
 LEAST_PARTED, MOST_PARTED = 9, 60
 """Fewer points are searched as a whole in less time; more are solved in patches."""
 
+MOST_APART = 64
+"""So many combinations are told apart, or more where more hypotheses are asked for."""
+
 MOST_TOGETHER = 64_000
 """Combinations times the cube of the points, up to which all parts are contracted together. Of
 more combinations, two parts at a time are, each two of their hypotheses once."""
@@ -51,12 +55,14 @@ more combinations, two parts at a time are, each two of their hypotheses once.""
 _Part = tuple[Points, Bounds]
 
 
-def hidden_parts(problem: Problem) -> Decomposition | None:
-    """Return the parts of a piece, None where it has one part only."""
+def hidden_parts(problem: Problem, stopped: Callable[[], bool]) -> Decomposition | None:
+    """Return the parts of a piece, None where it has one part only or the time is over."""
     if not LEAST_PARTED <= problem.n_points <= MOST_PARTED:
         return None
-    parts = pieces_of(np.isfinite(problem.upper), problem.dimension)
-    if len(parts.pieces) == 1:
+    parts = None
+    with until(stopped):
+        parts = pieces_of(np.isfinite(problem.upper), problem.dimension)
+    if parts is None or len(parts.pieces) == 1:
         return None
     if any(joint.kind is not JointKind.REFLECTION for joint in parts.joints):
         return None
@@ -97,9 +103,9 @@ class PartsTogether:
         links = Linker(problem, solved, budget, within).links(solved.joints)
         self._combinations = Combinations([len(p.hypotheses) for p in self._parts], links)
 
-    def boxes(self) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]] | None:
+    def boxes(self) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]]:
         """
-        Return a box for each combination, None where there are too many.
+        Return a box for each combination, or one for all where there are too many to list.
 
         Returns
         -------
@@ -113,16 +119,29 @@ class PartsTogether:
         if self._combinations.contradiction is not None:
             return [], lambda _: None
         number = self._combinations.number
-        if number > self._budget.options.max_hypotheses:
-            return None
+        if number > max(MOST_APART, self._budget.options.max_hypotheses):
+            every = self._bounds_of_all()
+            return _as_boxes([every] if every else []), lambda _: self._laid(self._combinations[0])
         together = number * self._problem.n_points**3 <= MOST_TOGETHER
-        boxes, left = [], []
+        found, left = [], []
         for combination in (self._combinations[x] for x in range(number)):
             bounds = self._bounds(combination, together)
             if bounds is not None:
-                boxes.append(np.array([*bounds, *np.zeros_like(bounds)]))
+                found.append(bounds)
                 left.append(combination)
-        return boxes, lambda x: self._laid(left[x])
+        return _as_boxes(found), lambda x: self._laid(left[x])
+
+    def _bounds_of_all(self) -> Bounds | None:
+        """Return the bounds of all pairs in any combination; None where none has a placement."""
+        chosen = []
+        for part, left in zip(self._parts, self._combinations.left, strict=True):
+            lower = np.min([part.hypotheses[x].lower for x in left], axis=0)
+            upper = np.max([part.hypotheses[x].upper for x in left], axis=0)
+            chosen.append((part.points, (lower, upper)))
+        narrowed = self._narrowed(self._all_points, chosen, [])
+        if narrowed is None:
+            return None
+        return contracted(narrowed, self._options, self._within, self._budget.is_over)
 
     def _laid(self, combination: Combination) -> FloatArray | None:
         """Return the placements of parts, laid against each other as a combination says."""
@@ -187,6 +206,11 @@ class PartsTogether:
         """Return the problem of some points within the bounds of parts."""
         constraints = [*self._orientations.among(points), *decided]
         return restricted(self._problem, points, bounds_within(points, parts), constraints)
+
+
+def _as_boxes(found: Sequence[Bounds]) -> list[FloatArray]:
+    """Return bounds as boxes without gaps."""
+    return [np.array([*bounds, *np.zeros_like(bounds)]) for bounds in found]
 
 
 def _among(points: Points, part: _Part) -> _Part:

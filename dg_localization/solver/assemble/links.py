@@ -12,7 +12,7 @@ chiralities and least distances between the two may rule out either.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -96,6 +96,8 @@ class Linker:
             self._link(joint, joint.pieces[0], second)
             for joint in joints
             for second in joint.pieces[1:]
+            # What is not linked goes together.
+            if not self._budget.is_overdue()
         )
         return [link for link in found if link is not None]
 
@@ -111,7 +113,7 @@ class Linker:
         if joint.kind is JointKind.REFLECTION:
             sides = EITHER
             for number, piece in zip((first, second), pieces, strict=True):
-                link.apexes.update(self._apexes(number, piece, joint))
+                link.apexes |= self._apexes(number, piece, joint.points)
         for x, y in np.argwhere(together).tolist():
             certain = link.apexes.get((first, x)), link.apexes.get((second, y))
             allowed: tuple[Side, ...] = FREE if None in certain else sides
@@ -122,14 +124,16 @@ class Linker:
         return link
 
     def _apexes(
-        self, number: int, piece: SolvedPiece, joint: Joint
-    ) -> Iterator[tuple[tuple[int, int], int | None]]:
-        """Return the apexes of the hypotheses of a piece; without time to look, a side is open."""
+        self, number: int, piece: SolvedPiece, face: Points
+    ) -> dict[tuple[int, int], int | None]:
+        """Return the apexes of the hypotheses of a piece; without time a side is open."""
+        apexes: dict[tuple[int, int], int | None] = {}
         for x, hypothesis in enumerate(piece.hypotheses):
-            args = piece.points, hypothesis, joint.points
+            if self._budget.is_over():
+                break
             # A placement is sought once for all: most points are near the face in each of them.
-            apex = None if self._budget.is_over() else apex_of(*args, guide=piece.hypotheses[0])
-            yield (number, x), apex
+            apexes[number, x] = apex_of(piece.points, hypothesis, face, piece.hypotheses[0])
+        return apexes
 
     def _between(self, first: SolvedPiece, second: SolvedPiece) -> list[Constraint] | None:
         """Return the constraints among two pieces; None where nothing is known across them."""

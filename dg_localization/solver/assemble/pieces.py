@@ -28,9 +28,11 @@ from dg_localization.solver.assemble.large_pieces import (
     is_known_well,
     solve_large,
 )
+from dg_localization.solver.assemble.ranges import common_ranges, hull_of_ranges, ranges_of
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
 from dg_localization.solver.assemble.tasks import Part, SolvedPart
+from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Pair
@@ -178,6 +180,8 @@ class PieceSolver:
         """Solve all pieces, until one of them cannot exist."""
         self._solve_ahead()
         for number in range(len(self._tasks)):
+            if number and self._budget.is_overdue():
+                return self._solved()
             self._merge_degenerate(number)
             task = self._tasks[number]
             self._solve(task, self._share(number))
@@ -211,11 +215,12 @@ class PieceSolver:
         """Return which part of what is left a piece may take at first."""
         if len(self._tasks) == 1:
             return self._share_of_all
-        left = [len(task.points) for task in self._tasks[number:]]
-        if left[0] > MOST_CONTRACTED or is_grown(left[0], self._problem.dimension):
+        n_points = len(self._tasks[number].points)
+        if n_points > MOST_CONTRACTED or is_grown(n_points, self._problem.dimension):
             # There is no second time for it.
-            return self._share_of_all * left[0] / sum(left)
-        return self._share_of_all * FIRST_SHARE / len(left)
+            left = sum(len(task.points) for task in self._tasks[number:])
+            return self._share_of_all * n_points / left
+        return self._share_of_all * FIRST_SHARE / (len(self._tasks) - number)
 
     def _resumed(self) -> Iterator[_Task]:
         """Go on with the pieces that were not finished, small ones first."""
@@ -247,9 +252,13 @@ class PieceSolver:
                 task, earlier = self._tasks[number], self._tasks[other]
                 if earlier is task or earlier.hypotheses is None or earlier.is_pending():
                     continue
+                # What was solved in patches is placed once for all; each other place takes long.
+                is_placed = len(earlier.points) <= MOST_CONTRACTED
+                placed = earlier.hypotheses if is_placed else earlier.hypotheses[:1]
                 flat = (
-                    is_degenerate(earlier.points, hypothesis, joint.points, width_m)
-                    for hypothesis in earlier.hypotheses
+                    not self._budget.is_over()
+                    and is_degenerate(earlier.points, hypothesis, joint.points, width_m)
+                    for hypothesis in placed
                 )
                 if any(flat):
                     merged = _Task(
@@ -291,7 +300,7 @@ class PieceSolver:
         if key not in self._finished:
             # Parts that were merged may be the piece that they were parts of.
             is_parted = self._are_parts and problem.n_points == self._problem.n_points
-            parts = None if is_parted else hidden_parts(problem)
+            parts = None if is_parted else hidden_parts(problem, self._budget.is_over)
             in_parts = parts and self._searched_in_parts(problem, parts, share, within)
             search = in_parts or _searched_together(problem, self._budget, share, within)
             if search.is_pending():
@@ -306,17 +315,16 @@ class PieceSolver:
         share: float,
         within: Sequence[Bounds] | None,
     ) -> _Search | None:
-        """Solve a piece in parts; None where some take too long or go together in many ways."""
+        """Solve a piece in parts; None where some take too long."""
         budget = self._budget
         solved = PieceSolver(problem, parts, budget, within, share, self._finished).run()
         if solved.contradiction is not None:
             return _Search(problem, [], [])
         if not all(piece.is_finished for piece in solved.pieces):
             return None
-        together = PartsTogether(problem, solved, budget, within).boxes()
-        if together is None or not budget.keep(len(together[0])):
+        boxes, start_of = PartsTogether(problem, solved, budget, within).boxes()
+        if not budget.keep(len(boxes)):
             return None
-        boxes, start_of = together
         budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
         found = hypotheses_of(problem, boxes, budget.is_over, start_of)
         return _Search(problem, boxes, [], found=found)
@@ -329,13 +337,13 @@ class PieceSolver:
             solved = (self._tasks[x] for x in joint.pieces)
             holder = next((t for t in solved if t is not task and t.hypotheses), None)
             if pairs and holder is not None:
-                choices.append(_ranges(holder, pairs))
+                choices.append(ranges_of(holder.points, holder.hypotheses or (), pairs))
         # The patches of a large piece hold all placements at once.
         most = 1 if len(task.points) > MOST_CONTRACTED else MOST_RANGES
         while math.prod(len(ranges) for ranges in choices) > most:
             longest = max(range(len(choices)), key=lambda x: len(choices[x]))
-            choices[longest] = [_hull(choices[longest])]
-        return [_common(ranges) for ranges in product(*choices)]
+            choices[longest] = [hull_of_ranges(choices[longest])]
+        return [common_ranges(ranges) for ranges in product(*choices)]
 
     def _unmeasured(self, points: Points) -> list[Pair]:
         """Return the pairs of a few points that nobody measured."""
@@ -344,14 +352,19 @@ class PieceSolver:
         return [(points[x], points[y]) for x, y in ends if math.isinf(upper[x, y])]
 
     def _solved(self) -> SolvedPieces:
-        """Return the pieces under their final numbers."""
+        """Return the pieces under their final numbers, those that were not begun as one."""
         tasks = list(dict.fromkeys(self._tasks))
-        number_of = {task: number for number, task in enumerate(tasks)}
-        answer = SolvedPieces([task.solved() for task in tasks])
+        begun = [task for task in tasks if task.hypotheses is not None]
+        number_of = {task: number for number, task in enumerate(begun)}
+        answer = SolvedPieces([task.solved() for task in begun])
         for joint in self._joints:
-            numbers = sorted({number_of[self._tasks[x]] for x in joint.pieces})
+            solved = {self._tasks[x] for x in joint.pieces} & number_of.keys()
+            numbers = sorted(number_of[task] for task in solved)
             if len(numbers) > 1:
                 answer.joints.append(Joint(tuple(numbers), joint.points, joint.kind))
+        left = sorted({point for task in set(tasks) - set(begun) for point in task.points})
+        if left:
+            answer.pieces.append(unexamined(self._problem, tuple(left), self._within))
         return answer
 
 
@@ -359,42 +372,3 @@ def _restricted(boxes: Iterable[Bounds], points: Points) -> list[Bounds]:
     """Return the bounds of some points."""
     index = np.ix_(points, points)
     return [(lower[index], upper[index]) for lower, upper in boxes]
-
-
-def _ranges(piece: _Task, pairs: list[Pair]) -> list[Ranges]:
-    """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
-    found: list[Ranges] = []
-    for hypothesis in piece.hypotheses or []:
-        new: Ranges = {
-            pair: hypothesis.bounds_of_pair(*(piece.points.index(point) for point in pair))
-            for pair in pairs
-        }
-        while touching := [ranges for ranges in found if _touch(ranges, new)]:
-            found = [ranges for ranges in found if ranges not in touching]
-            new = _hull([new, *touching])
-        found.append(new)
-    return found
-
-
-def _touch(first: Ranges, second: Ranges) -> bool:
-    """Tell whether two sets of ranges of the same pairs have a point in common."""
-    return all(
-        low <= second[pair][1] and second[pair][0] <= high for pair, (low, high) in first.items()
-    )
-
-
-def _common(ranges: Iterable[Ranges]) -> Ranges:
-    """Return what several ranges, each of some pairs, have in common."""
-    common: dict[Pair, tuple[float, float]] = {}
-    for pair, (low, high) in (item for given in ranges for item in given.items()):
-        least, most = common.get(pair, (0.0, math.inf))
-        common[pair] = max(low, least), min(high, most)
-    return common
-
-
-def _hull(ranges: list[Ranges]) -> Ranges:
-    """Return the smallest ranges that hold several."""
-    return {
-        pair: (min(r[pair][0] for r in ranges), max(r[pair][1] for r in ranges))
-        for pair in ranges[0]
-    }

@@ -22,14 +22,21 @@ class SolvedPiece:
     hypotheses: list[Hypothesis]
     pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
     in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
+    was_examined: bool = True  # False where there was no time for any of it
 
     @property
     def is_finished(self) -> bool:
         """Whether nothing was left that was not examined."""
-        return not self.pending and not any(solved.n_pending() for solved in self.in_patches)
+        return (
+            self.was_examined
+            and not self.pending
+            and not any(solved.n_pending() for solved in self.in_patches)
+        )
 
     def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
         """Return how many boxes some of its hypotheses have, and how many were not examined."""
+        if not self.was_examined:
+            return 1, 1
         if self.in_patches:
             n_left = sum(solved.n_boxes() for solved in self.in_patches)
             return n_left, sum(solved.n_pending() for solved in self.in_patches)

@@ -21,8 +21,9 @@ from itertools import combinations
 
 import numpy as np
 
+from dg_localization.interval.kernels import WORK_OF_A_STEP, look_after
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.graph import BoolArray, Pair
+from dg_localization.solver.decompose.graph import BoolArray, Pair, Subgraphs
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import (
     Points,
@@ -130,12 +131,13 @@ def decompose(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
     """
     # In one layout: a kernel is compiled for each.
     pairs = np.ascontiguousarray(pairs)
-    measured = {(i, j) for i, j in pairs.tolist()}
     components = rigid_components(n_points, pairs, dimension)
-    shared = _shared_pairs(components, dimension)
-    builder = _Builder(measured, dimension)
+    graph = Subgraphs(n_points, pairs)
+    shared = {pair for pair in _shared_pairs(components, dimension) if pair not in graph}
+    builder = _Builder(graph, dimension)
     for component in components:
-        builder.add_component(component, pairs, shared)
+        builder.add_component(component, shared)
+        look_after(WORK_OF_A_STEP)
     builder.join_components(components)
     return builder.ordered()
 
@@ -160,29 +162,21 @@ def _shared_pairs(components: list[Points], dimension: int) -> set[Pair]:
 class _Builder:
     """Collects the parts of all components and the joints between them."""
 
-    def __init__(self, measured: set[Pair], dimension: int) -> None:
-        self._measured = measured
+    def __init__(self, graph: Subgraphs, dimension: int) -> None:
+        self._graph = graph
         self._dimension = dimension
         self._parts: list[Points] = []
         self._joints: list[tuple[list[int], Points, JointKind]] = []
 
-    def add_component(self, component: Points, pairs: IntArray, shared: set[Pair]) -> None:
+    def add_component(self, component: Points, shared: set[Pair]) -> None:
         """Split a rigid component at its separating sets."""
         if len(component) <= self._dimension + 1:
             self._parts.append(component)
             return
         points = np.array(component)
-        local = np.full(int(max(points.max(), pairs.max(initial=0))) + 1, -1)
-        local[points] = np.arange(len(points))
-        inner = local[pairs]
-        inner = inner[(inner >= 0).all(axis=1)]
-        taken = [
-            (local[i], local[j])
-            for i, j in shared - self._measured
-            if i < len(local) and j < len(local) and min(local[i], local[j]) >= 0
-        ]
-        if taken:
-            inner = np.concatenate([inner, np.array(taken)])
+        inside = set(component)
+        taken = [(i, j) for i, j in shared if i in inside and j in inside]
+        inner = self._graph.pairs_among(points, taken)
         parts, separators = split_at_separators(len(points), inner, self._dimension)
         first = len(self._parts)
         self._parts.extend(tuple(points[part].tolist()) for part in parts)
@@ -249,7 +243,7 @@ class _Builder:
 
     def ordered(self) -> Decomposition:
         """Return the pieces in an order in which each can be solved."""
-        order = _Order(self._parts, self._joints, self._measured, self._dimension)
+        order = _Order(self._parts, self._joints, self._graph, self._dimension)
         return order.decomposition()
 
 
@@ -264,59 +258,71 @@ class _Order:
         self,
         parts: list[Points],
         joints: list[tuple[list[int], Points, JointKind]],
-        measured: set[Pair],
+        graph: Subgraphs,
         dimension: int,
     ) -> None:
         self._points: dict[int, Points] = dict(enumerate(parts))
         self._joints = joints
-        self._known = set(measured)
-        self._measured = measured
+        self._graph = graph
+        self._given: list[tuple[Pair, ...]] = []
+        # The pairs that earlier pieces imply, by their smaller points.
+        self._implied: dict[int, list[Pair]] = {}
         self._dimension = dimension
         self._joints_of: dict[int, set[int]] = {x: set() for x in self._points}
         for number, (pieces, _, _) in enumerate(joints):
             for x in pieces:
                 self._joints_of[x].add(number)
         self._order: list[int] = []
-        self._given: list[tuple[Pair, ...]] = []
         self._waiting = set(self._points)
-        self._ready = [(len(points), x) for x, points in self._points.items() if self._is_ready(x)]
-        heapq.heapify(self._ready)
+        self._ready: list[tuple[int, int]] = []
+        self._queued: set[int] = set()
+        for x in self._points:
+            self._queue_if_ready(x)
+            look_after(WORK_OF_A_STEP)
 
     def _shared(self, part: int) -> set[Pair]:
         """Return the pairs of a part that nobody measured and a joint shares."""
-        shared = {
-            pair for number in self._joints_of[part] for pair in pairs_of(self._joints[number][1])
-        }
-        return shared - self._measured
+        faces = (self._joints[number][1] for number in self._joints_of[part])
+        return {pair for face in faces for pair in pairs_of(face) if pair not in self._graph}
+
+    def _is_implied(self, pair: Pair) -> bool:
+        """Return whether an earlier piece implies a pair."""
+        return pair in self._implied.get(pair[0], ())
 
     def _is_ready(self, part: int) -> bool:
-        """Return whether a part is rigid by what is measured and what is known by now."""
-        shared = self._shared(part)
-        if shared <= self._known:
+        """Return whether a part is rigid by what is measured and what is implied by now."""
+        if all(map(self._is_implied, self._shared(part))):
             return True
-        points = self._points[part]
-        if len(points) ** 2 > len(self._known):
-            inside = set(points)
-            pairs = [(i, j) for i, j in self._known if i in inside and j in inside]
-        else:
-            pairs = [pair for pair in pairs_of(points) if pair in self._known]
-        local = np.searchsorted(np.array(points), np.array(pairs).reshape(-1, 2))
-        return is_rigid(len(points), local, self._dimension)
+        points = np.array(self._points[part])
+        inside = set(self._points[part])
+        near = (pair for i in inside & self._implied.keys() for pair in self._implied[i])
+        implied = [pair for pair in near if pair[1] in inside]
+        pairs = self._graph.pairs_among(points, implied)
+        return is_rigid(len(points), pairs, self._dimension)
+
+    def _queue_if_ready(self, part: int) -> None:
+        """Let a part be taken when its turn comes if it waits for nothing."""
+        if part not in self._queued and self._is_ready(part):
+            self._queue(part)
+
+    def _queue(self, part: int) -> None:
+        """Let a part be taken when its turn comes."""
+        self._queued.add(part)
+        heapq.heappush(self._ready, (len(self._points[part]), part))
 
     def _take(self, part: int) -> None:
         """Make a part the next piece, and look who was waiting for it."""
         self._waiting.remove(part)
         shared = self._shared(part)
+        new = {pair for pair in shared if not self._is_implied(pair)}
         self._order.append(part)
-        self._given.append(tuple(sorted(shared & self._known)))
-        if shared <= self._known:
-            return
-        self._known |= shared
-        neighbors = {x for number in self._joints_of[part] for x in self._joints[number][0]}
-        queued = {x for _, x in self._ready}
-        for x in sorted(neighbors & self._waiting - queued):
-            if self._is_ready(x):
-                heapq.heappush(self._ready, (len(self._points[x]), x))
+        self._given.append(tuple(sorted(shared - new)))
+        for pair in new:
+            self._implied.setdefault(pair[0], []).append(pair)
+        if new:
+            neighbors = {x for number in self._joints_of[part] for x in self._joints[number][0]}
+            for x in sorted(neighbors & self._waiting):
+                self._queue_if_ready(x)
 
     def _merge(self) -> None:
         """Merge the waiting parts of one joint, or give up waiting where there is none."""
@@ -337,12 +343,15 @@ class _Order:
         for number in sorted(self._joints_of[merged]):
             if len(self._joints[number][0]) < 2:
                 self._joints_of[merged].remove(number)
-        if not others or self._is_ready(merged):
-            heapq.heappush(self._ready, (len(self._points[merged]), merged))
+        if others:
+            self._queue_if_ready(merged)
+        else:
+            self._queue(merged)
 
     def decomposition(self) -> Decomposition:
         """Return all pieces and joints, in order."""
         while self._waiting:
+            look_after(WORK_OF_A_STEP)
             if self._ready:
                 self._take(heapq.heappop(self._ready)[1])
             else:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.solver.box import IntArray
 
 PRIME = 2**31 - 1
@@ -38,14 +38,15 @@ def _inverse(value: int) -> int:
 
 
 @kernel
-def _eliminate(
-    positions: IntArray, pairs: IntArray, rows: IntArray, pivots: IntArray, most: int
+def _eliminate_some(
+    positions: IntArray, pairs: IntArray, rows: IntArray, pivots: IntArray, rank: int
 ) -> int:
-    """Write the rigidity matrix in echelon form, its pivots scaled to one; return its rank."""
+    """Go on with the elimination over some pairs; return the rank."""
     dimension = positions.shape[1]
     n_columns = rows.shape[1]
-    rank = 0
     for x in range(len(pairs)):
+        if rank == len(rows) - 1:
+            break
         row = rows[rank]
         row[:] = 0
         for axis in range(dimension):
@@ -77,9 +78,38 @@ def _eliminate(
         rows[place] = new
         pivots[place] = pivot
         rank += 1
-        if rank == most:
-            break
     return rank
+
+
+def _eliminated(
+    n_points: int, pairs: IntArray, dimension: int
+) -> tuple[IntArray, IntArray, IntArray, int]:
+    """
+    Return the rigidity matrix at random coordinates in echelon form, its pivots scaled to one.
+
+    Returns
+    -------
+    positions : ndarray of int, shape (n, q)
+        The coordinates.
+    rows : ndarray of int, shape (r, n q)
+        The rows; those beyond the rank are scratch.
+    pivots : ndarray of int, shape (r,)
+        Their pivots, ascending.
+    rank : int
+        The number of independent pairs.
+
+    """
+    most = rigid_rank(n_points, dimension)
+    positions = _random_residues((n_points, dimension), SEED)
+    rows = np.empty((most + 1, n_points * dimension), dtype=np.int64)
+    pivots = np.empty(most + 1, dtype=np.int64)
+    rank = 0
+    at_once = 1 + WORK_PER_LOOK // rows.size
+    for first in range(0, len(pairs), at_once):
+        some = pairs[first : first + at_once]
+        rank = int(_eliminate_some(positions, some, rows, pivots, rank))
+        look_after(len(some) * rows.size)
+    return positions, rows, pivots, rank
 
 
 def _random_residues(shape: tuple[int, ...], seed: int) -> IntArray:
@@ -111,11 +141,7 @@ def generic_rank(n_points: int, pairs: IntArray, dimension: int) -> int:
         The number of independent pairs.
 
     """
-    most = rigid_rank(n_points, dimension)
-    positions = _random_residues((n_points, dimension), SEED)
-    rows = np.empty((most + 1, n_points * dimension), dtype=np.int64)
-    pivots = np.empty(most + 1, dtype=np.int64)
-    return int(_eliminate(positions, pairs, rows, pivots, most))
+    return _eliminated(n_points, pairs, dimension)[-1]
 
 
 @kernel
@@ -163,11 +189,7 @@ def implied_pairs(n_points: int, pairs: IntArray, dimension: int) -> NDArray[np.
         True for the implied pairs, the measured ones among them, and on the diagonal.
 
     """
-    most = rigid_rank(n_points, dimension)
-    positions = _random_residues((n_points, dimension), SEED)
-    rows = np.empty((most + 1, n_points * dimension), dtype=np.int64)
-    pivots = np.empty(most + 1, dtype=np.int64)
-    rank = int(_eliminate(positions, pairs, rows, pivots, most))
+    positions, rows, pivots, rank = _eliminated(n_points, pairs, dimension)
     motion = _random_residues((n_points * dimension,), SEED + 1)
     _solve_back(rows, pivots, rank, motion)
     return np.asarray(_kept_distances(positions, motion))

@@ -10,6 +10,7 @@ has, never what is true: any set of points may be solved as a problem of its own
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,9 +31,9 @@ class Graph(NamedTuple):
 
 
 @kernel
-def graph_of(n_points: int, pairs: IntArray) -> Graph:
+def numbered_graph_of(n_points: int, pairs: IntArray) -> tuple[Graph, IntArray]:
     """
-    Return the graph of some pairs of points.
+    Return the graph of some pairs of points, and which pair each neighbor comes from.
 
     Parameters
     ----------
@@ -43,8 +44,10 @@ def graph_of(n_points: int, pairs: IntArray) -> Graph:
 
     Returns
     -------
-    Graph
+    graph : Graph
         The neighbors of every point.
+    numbers : ndarray of int, shape (2 m,)
+        The pair that each entry of ``graph.neighbors`` is of, by its row.
 
     """
     start = np.zeros(n_points + 1, dtype=np.int64)
@@ -54,12 +57,86 @@ def graph_of(n_points: int, pairs: IntArray) -> Graph:
     start = np.cumsum(start)
     end = start[:-1].copy()
     neighbors = np.empty(2 * len(pairs), dtype=np.int64)
+    numbers = np.empty(2 * len(pairs), dtype=np.int64)
     for x in range(len(pairs)):
         for side in range(2):
             point = pairs[x, side]
             neighbors[end[point]] = pairs[x, 1 - side]
+            numbers[end[point]] = x
             end[point] += 1
-    return Graph(start, neighbors)
+    return Graph(start, neighbors), numbers
+
+
+@kernel
+def graph_of(n_points: int, pairs: IntArray) -> Graph:
+    """Return the graph of some pairs of points as `numbered_graph_of` does."""
+    return numbered_graph_of(n_points, pairs)[0]
+
+
+@kernel
+def _pairs_among(graph: Graph, points: IntArray, number: IntArray) -> IntArray:
+    """Return the pairs among some points, by their places; `number` is -1 before and after."""
+    n_arcs = 0
+    for x in range(len(points)):
+        number[points[x]] = x
+        n_arcs += graph.start[points[x] + 1] - graph.start[points[x]]
+    pairs = np.empty((n_arcs, 2), dtype=np.int64)
+    count = 0
+    for x in range(len(points)):
+        for arc in range(graph.start[points[x]], graph.start[points[x] + 1]):
+            other = number[graph.neighbors[arc]]
+            if other > x:
+                pairs[count, 0], pairs[count, 1] = x, other
+                count += 1
+    for x in range(len(points)):
+        number[points[x]] = -1
+    return pairs[:count].copy()
+
+
+class Subgraphs:
+    """
+    The parts of a graph, each in the time that its own points take.
+
+    Parameters
+    ----------
+    n_points : int
+        The number of points.
+    pairs : ndarray of int, shape (m, 2)
+        The pairs, each once.
+
+    """
+
+    def __init__(self, n_points: int, pairs: IntArray) -> None:
+        self._graph = graph_of(n_points, pairs)
+        self._number = np.full(n_points, -1)
+        # Numbers, and not tuples: these are what a collection of garbage looks at.
+        self._keys = set((pairs[:, 0] * n_points + pairs[:, 1]).tolist())
+
+    def __contains__(self, pair: Pair) -> bool:
+        """Return whether a pair is in the graph, its smaller point first."""
+        return pair[0] * len(self._number) + pair[1] in self._keys
+
+    def pairs_among(self, points: IntArray, more: Sequence[Pair]) -> IntArray:
+        """
+        Return the pairs that join some points.
+
+        Parameters
+        ----------
+        points : ndarray of int, shape (k,)
+            The points, ascending.
+        more : sequence of pair
+            Further pairs of these points, which are not in the graph.
+
+        Returns
+        -------
+        ndarray of int, shape (m, 2)
+            The pairs, by the places of their points in `points`.
+
+        """
+        pairs = _pairs_among(self._graph, points, self._number)
+        if not more:
+            return pairs
+        return np.concatenate([pairs, np.searchsorted(points, np.array(more))])
 
 
 @kernel

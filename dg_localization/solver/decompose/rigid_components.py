@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import kernel, look_after
 from dg_localization.solver.box import IntArray
 from dg_localization.solver.decompose.clusters import without_interiors
 from dg_localization.solver.decompose.generic_rank import generic_rank, implied_pairs, rigid_rank
 from dg_localization.solver.decompose.graph import BoolArray, connected_parts, graph_of
-from dg_localization.solver.decompose.pebble_game import play, rigid_components_2d
+from dg_localization.solver.decompose.pebble_game import rank_2d, rigid_components_2d
 
 Points = tuple[int, ...]
 
@@ -46,6 +46,7 @@ def _components_of_implied(implied: BoolArray) -> list[IntArray]:
         covered = np.zeros(len(implied), dtype=np.bool_)
         for number in known[i] & known[j]:
             covered[found[number]] = True
+        look_after(len(implied))
         while _next_component(implied, covered, i, j, member):
             points = np.flatnonzero(member)
             found.append(points)
@@ -97,8 +98,7 @@ def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Poi
         components = [np.flatnonzero(part == k) for k in range(part.max() + 1)]
     else:
         if dimension == 2:
-            offsets, members = rigid_components_2d(n_points, pairs)
-            components = [members[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+            components = rigid_components_2d(n_points, pairs)
         elif len(pairs):
             components = _components_3d(n_points, pairs)
         else:
@@ -106,7 +106,7 @@ def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Poi
         alone = np.ones(n_points, dtype=np.bool_)
         alone[pairs] = False
         components.extend(np.flatnonzero(alone)[:, None])
-    return sorted(tuple(component.tolist()) for component in components)
+    return sorted(tuple(sorted(component.tolist())) for component in components)
 
 
 def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
@@ -134,7 +134,7 @@ def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
     if len(pairs) < most:
         return False
     if dimension == 2:
-        return bool(play(n_points, pairs)[1] == most)
+        return rank_2d(n_points, pairs) == most
     if dimension == 3:
         clusters, pairs = without_interiors(n_points, pairs)
         if any(len(cluster) == n_points for cluster in clusters):

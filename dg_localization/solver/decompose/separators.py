@@ -12,46 +12,59 @@ from __future__ import annotations
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import kernel, look_after
 from dg_localization.solver.box import IntArray
 from dg_localization.solver.decompose.graph import Graph, connected_parts, cut_points, graph_of
+from dg_localization.solver.decompose.separating_pairs import separating_pairs
 
 MOST_TRIPLES = 100
 """In space, sets of three among more points are looked for at points with three pairs only."""
 
 
 @kernel
-def _separators(graph: Graph, dimension: int) -> IntArray:
-    """Return all separating sets of so many points."""
+def _separators_with(graph: Graph, i: int) -> IntArray:
+    """Return the separating sets of three points whose smallest is point i."""
     n_points = len(graph.start) - 1
     removed = np.zeros(n_points, dtype=np.bool_)
-    found = np.empty((16, dimension), dtype=np.int64)
+    removed[i] = True
+    found = np.empty((16, 3), dtype=np.int64)
     count = 0
-    n_first = n_points if dimension > 1 else 1
-    for i in range(n_first):
-        last = n_points if dimension == 3 else i + 2
-        for j in range(i + 1, last):
-            if dimension > 1:
-                removed[i] = True
-            if dimension > 2:
-                removed[j] = True
-            is_cut = cut_points(graph, removed)
-            first = 0 if dimension == 1 else (i + 1 if dimension == 2 else j + 1)
-            for k in range(first, n_points):
-                if not is_cut[k]:
-                    continue
-                if count == len(found):
-                    more = np.empty((2 * count, dimension), dtype=np.int64)
-                    more[:count] = found
-                    found = more
-                found[count, dimension - 1] = k
-                if dimension > 1:
-                    found[count, 0] = i
-                if dimension > 2:
-                    found[count, 1] = j
-                count += 1
-            removed[i] = removed[min(j, n_points - 1)] = False
+    for j in range(i + 1, n_points):
+        removed[j] = True
+        is_cut = cut_points(graph, removed)
+        removed[j] = False
+        for k in range(j + 1, n_points):
+            if not is_cut[k]:
+                continue
+            if count == len(found):
+                more = np.empty((2 * count, 3), dtype=np.int64)
+                more[:count] = found
+                found = more
+            found[count, 0], found[count, 1], found[count, 2] = i, j, k
+            count += 1
     return found[:count].copy()
+
+
+def _separating_triples(graph: Graph) -> IntArray:
+    """Return all separating sets of three points."""
+    found = [np.empty((0, 3), dtype=np.int64)]
+    n_points = len(graph.start) - 1
+    for i in range(n_points):
+        found.append(_separators_with(graph, i))
+        look_after((n_points - i) * len(graph.neighbors))
+    return np.concatenate(found)
+
+
+def _separators(graph: Graph, dimension: int) -> IntArray:
+    """Return separating sets of q points: all of them, but for many points in space."""
+    n_points = len(graph.start) - 1
+    if n_points <= dimension + 1:
+        return np.empty((0, dimension), dtype=np.int64)
+    if dimension == 1:
+        return np.flatnonzero(cut_points(graph, np.zeros(n_points, dtype=np.bool_)))[:, None]
+    if dimension == 2:
+        return separating_pairs(graph)
+    return _neighborhoods(graph, 3) if n_points > MOST_TRIPLES else _separating_triples(graph)
 
 
 def _neighborhoods(graph: Graph, size: int) -> IntArray:
@@ -88,16 +101,11 @@ def split_at_separators(
 
     """
     graph = graph_of(n_points, pairs)
-    if n_points <= dimension + 1:
-        separators = np.empty((0, dimension), dtype=np.int64)
-    elif dimension == 3 and n_points > MOST_TRIPLES:
-        separators = _neighborhoods(graph, dimension)
-    else:
-        separators = _separators(graph, dimension)
     parts = [np.ones(n_points, dtype=np.bool_)]
     parts_of = [{0} for _ in range(n_points)]
     used: list[IntArray] = []
-    for separator in separators:
+    for separator in _separators(graph, dimension):
+        look_after(2 * len(graph.neighbors))
         removed = np.zeros(n_points, dtype=np.bool_)
         removed[separator] = True
         side = connected_parts(graph, removed)

@@ -306,7 +306,8 @@ class PatchAnswers:
             h.flexible for p in solved.patches for h in p.remaining()
         ):
             return False
-        if positions is None or problem.n_points > MOST_RANKED or self._stopped():
+        is_late = solved.n_unsolved > 0 or self._stopped()
+        if positions is None or problem.n_points > MOST_RANKED or is_late:
             return False
         return bool(is_flexible(positions, np.isfinite(problem.upper)))
 

@@ -1,0 +1,145 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What is stopped before its pieces are known, or before they are begun, still holds the truth."""
+
+from itertools import count
+import pickle
+
+from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing
+import numpy as np
+import pytest
+from solver_cases import squared_distances
+from test_patches import CancelAfter, braced_grid
+
+from dg_localization import Problem, SolverOptions, Verdict, solve
+from dg_localization.interval import kernels
+from dg_localization.solver.assemble import hidden_parts
+from dg_localization.solver.assemble.answer import answer
+from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
+from dg_localization.solver.decompose import decomposition
+
+SEEDS = range(FIRST_SEED, FIRST_SEED + max(100, PROBLEMS // 20))
+
+
+@pytest.fixture
+def watchful(monkeypatch):
+    """Look at the clock after any work at all, and remember no graph."""
+    monkeypatch.setattr(kernels, 'WORK_PER_LOOK', 1)
+    forget()
+    yield
+    forget()
+
+
+def forget():
+    decomposition._remembered.cache_clear()
+    decomposition._remembered_pairs.cache_clear()
+
+
+def n_looks_at_a_graph(problem):
+    """Return how often taking a problem to pieces looks at the clock."""
+    cancel = CancelAfter(10**9)
+    with kernels.until(cancel.is_set):
+        decomposition.pieces_of(np.isfinite(problem.upper), problem.dimension)
+    forget()
+    return 10**9 - cancel.left
+
+
+def check_undivided(result, n_points):
+    """Assert that nothing is claimed of a fleet that was not taken to pieces."""
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert result.statistics.pending == 1 and result.statistics.processed == 0
+    (piece,) = result.pieces
+    (hypothesis,) = piece.hypotheses
+    assert piece.points == tuple(range(n_points)) and result.joints == ()
+    assert hypothesis.flexible and not hypothesis.proved and hypothesis.positions is None
+
+
+def test_no_truth_is_lost_where_the_decomposition_is_stopped(watchful):
+    n_stopped = 0
+    for seed in SEEDS:
+        case = joined_case(seed)
+        n_looks = n_looks_at_a_graph(case.problem)
+        for most in {0, n_looks // 2, n_looks - 1, n_looks + 1} - {-1}:
+            forget()
+            result = solve(case.problem, case.options, cancel=CancelAfter(most))
+            assert result.verdict is not Verdict.INFEASIBLE, seed
+            assert not missing(result, case.positions, case.squared), seed
+            if most < n_looks:
+                n_stopped += 1
+                check_undivided(result, case.problem.n_points)
+    assert n_stopped > len(SEEDS)
+
+
+def test_what_was_not_finished_is_not_remembered(watchful):
+    problem, _ = braced_grid(3, 4, 0.01)
+    check_undivided(solve(problem, cancel=CancelAfter(3)), 12)
+    whole = solve(problem)
+    assert whole.verdict is Verdict.COVERED and whole.hypotheses[0].proved
+    # What was remembered takes no look.
+    assert solve(problem, cancel=CancelAfter(0)).pieces[0].points == whole.pieces[0].points
+
+
+def near_fleet(n_points, dimension, degree):
+    """Return random points of which the closest pairs are measured, and their positions."""
+    rng = np.random.default_rng(5)
+    positions = rng.uniform(0.0, 10.0, (n_points, dimension))
+    squared = squared_distances(positions)
+    i, j = np.triu_indices(n_points, 1)
+    nearest = np.sort(np.argsort(squared[i, j])[: n_points * degree // 2])
+    i, j = i[nearest], j[nearest]
+    lower, upper = 0.98 * squared[i, j], 1.02 * squared[i, j]
+    return Problem.from_pairs(n_points, i, j, lower, upper, dimension), positions
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+@pytest.mark.parametrize('listed', [False, True])
+def test_large_fleets_are_bounded_by_chains(dimension, listed, watchful):
+    problem, positions = near_fleet(250, dimension, 8)
+    n_points, squared = 250, squared_distances(positions)
+    if not listed:
+        problem = Problem(problem.lower, problem.upper, dimension)
+    around = 0.9 * squared, 1.1 * squared
+    for within in (None, [around]):
+        forget()
+        result = solve(problem, cancel=CancelAfter(20), within=within)
+        check_undivided(result, n_points)
+        assert ((result.lower <= squared) & (squared <= result.upper)).all()
+        (hypothesis,) = result.hypotheses
+        again = pickle.loads(pickle.dumps(hypothesis))
+        assert (again.lower == hypothesis.lower).all()
+        assert within is None or (hypothesis.upper <= around[1]).all()
+
+
+def stopped_after(problem, steps):
+    """Return the answer of a call whose clock advances by half its grace a look, and the looks."""
+    looks = count()
+    options = SolverOptions(max_seconds=0.5 * GRACE_S * steps)
+    result = answer(problem, CallBudget(options, clock=lambda: 0.5 * GRACE_S * next(looks)))
+    return result, next(looks)
+
+
+@pytest.mark.parametrize('fraction', [0.0, 0.1, 0.3, 0.5])
+def test_pieces_that_were_not_begun_are_one(fraction):
+    problem, positions = near_fleet(100, 2, 4)
+    squared = squared_distances(positions)
+    whole, n_looks = stopped_after(problem, 10**9)
+    assert whole.verdict is Verdict.COVERED
+    result, _ = stopped_after(problem, 1 + int(fraction * n_looks))
+    assert result.verdict is Verdict.OUT_OF_BUDGET and result.statistics.pending > 0
+    assert 1 < len(result.pieces) < len(whole.pieces)
+    *begun, rest = result.pieces
+    parts = {piece.points for piece in begun}
+    assert parts <= {piece.points for piece in whole.pieces}
+    left = {p for piece in whole.pieces if piece.points not in parts for p in piece.points}
+    assert set(rest.points) == left and rest.hypotheses[0].flexible
+    assert all(x < len(begun) for joint in result.joints for x in joint.pieces)
+    for piece in result.pieces:
+        true = squared[np.ix_(piece.points, piece.points)]
+        held = ((h.lower <= true) & (true <= h.upper) for h in piece.hypotheses)
+        assert any(inside.all() for inside in held)
+
+
+def test_the_search_for_hidden_parts_is_stopped(watchful):
+    problem, _ = braced_grid(3, 4, 0.01)
+    assert hidden_parts.hidden_parts(problem, lambda: True) is None
