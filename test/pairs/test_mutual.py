@@ -179,13 +179,13 @@ def test_no_truth_is_lost_in_few_large_cells(seed, monkeypatch):
         assert holds(cover, *flight.truth), (seed, number)
 
 
-def draw_cell(rng):
+def draw_cell(rng, half_rad):
     """Return a cover of one cell, whose planes are steep."""
-    low_m = rng.uniform(0.3, 3.0)
+    low_m = rng.uniform(0.3, 2.0)
     cell = np.zeros(CELL)
     cell[[REF_A, REF_B]] = rng.uniform(-3.0, 3.0, 2)
-    cell[[LOW_A, LOW_B]] = -0.06
-    cell[[HIGH_A, HIGH_B]] = 0.06
+    cell[[LOW_A, LOW_B]] = -half_rad
+    cell[[HIGH_A, HIGH_B]] = half_rad
     cell[[NEAR, FAR]] = low_m, 1.1 * low_m
     cell[BELOW : BELOW + 3] = 1.03 * low_m, *rng.uniform(-low_m, low_m, 2)
     cell[ABOVE : ABOVE + 3] = 1.07 * low_m, *rng.uniform(-low_m, low_m, 2)
@@ -195,7 +195,7 @@ def draw_cell(rng):
 def draw_points(rng, cover, count=40):
     """Return points of a cell (x, y, d), most of them at its ends."""
     (cell,) = cover.cells
-    x, y = rng.choice([-0.06, 0.06, 0.02, -0.05], (2, count))
+    x, y = cell[HIGH_A] * rng.choice([-1.0, 1.0, 0.3, -0.8], (2, count))
     low, high = (
         cell[plane] + cell[plane + 1] * x + cell[plane + 2] * y for plane in (BELOW, ABOVE)
     )
@@ -204,10 +204,11 @@ def draw_points(rng, cover, count=40):
     return [(cell[REF_A] + x[k], cell[REF_B] + y[k], d[k]) for k in np.flatnonzero(low <= high)]
 
 
+@pytest.mark.parametrize('half_rad', [0.06, 0.5])
 @pytest.mark.parametrize('seed', range(40))
-def test_every_point_of_a_cell_is_carried_on_by_every_way(seed):
+def test_every_point_of_a_cell_is_carried_on_by_every_way(seed, half_rad):
     rng = np.random.default_rng(seed)
-    cover = draw_cell(rng)
+    cover = draw_cell(rng, half_rad)
     way_a, way_b = rng.uniform(-0.5, 0.5, (2, 2))
     ball_m, turns = rng.choice([0.0, 0.05]), rng.choice([0.0, 0.05], 2)
     way = Ways(way_a[None], way_b[None], np.array([ball_m]), turns[:1], turns[1:])
