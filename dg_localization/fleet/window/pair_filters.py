@@ -188,6 +188,11 @@ class _Walk:
     """
     The way of two robots to the time of a snapshot.
 
+    Parameters
+    ----------
+    snapshot : Snapshot
+    stopped : callable
+
     Attributes
     ----------
     lost_s : float
