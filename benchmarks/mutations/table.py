@@ -916,6 +916,26 @@ FLEET = [
     ),
     *_in(
         'fleet/window',
+        'pair_filters',
+        ('test/fleet/test_pair_filters.py',),
+        (
+            'a filter of two robots outlives the memory',
+            'if not self._oldest_s <= known.since_s <= known.knot_s <= self._now_s:',
+            'if not known.knot_s <= self._now_s:',
+        ),
+        (
+            'readings that come late are left out',
+            'self._settled_s = min(self._now_s - config.max_age_s, newest_s)',
+            'self._settled_s = min(self._now_s, newest_s)',
+        ),
+        (
+            'the line of sight points the same way from both ends',
+            'back[other] = math.pi',
+            'back[other] = 0.0',
+        ),
+    ),
+    *_in(
+        'fleet/window',
         'narrowing',
         ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
         (
@@ -949,7 +969,63 @@ COVERS = (
     'test/pairs/test_pairs_never_lose.py::test_no_truth_is_lost_among_liars[1]',
 )
 
+MUTUAL = (
+    'test/pairs/test_mutual.py::test_every_point_of_a_cell_is_carried_on_by_every_way',
+    'test/pairs/test_mutual.py::test_no_truth_is_lost_in_few_large_cells',
+    'test/pairs/test_mutual.py::test_cells_of_a_grid_hold_what_was_gathered',
+)
+
 PAIRS = [
+    *_in(
+        'pairs',
+        'mutual_kernels',
+        MUTUAL,
+        (
+            'the errors of turns do not widen directions',
+            'off = turn + way[SECOND]',
+            'off = turn',
+        ),
+        (
+            'planes do not follow the errors of turns',
+            'off = abs(by_x) * way[FIRST] + abs(by_y) * way[SECOND]',
+            'off = 0.0',
+        ),
+        (
+            'the way of a mutual cover does not err',
+            'off += up(way[BALL] * math.hypot(1.0, both / look[LEAST]))',
+            'off += 0.0',
+        ),
+        (
+            'a way is linear over a cell',
+            'error = up(0.5 * curved) + rounding_error',
+            'error = rounding_error',
+        ),
+        (
+            'a range is exact on its way back',
+            'look[ERROR_ABOVE] - way[BALL] - slack',
+            'look[ERROR_ABOVE] - slack',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'mutual_grid',
+        MUTUAL,
+        (
+            'planes of a gathered cell are those of its last part',
+            'cell[BELOW] = min(cell[BELOW], below - slack)',
+            'cell[BELOW] = below - slack',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'mutual_steps',
+        MUTUAL,
+        (
+            'a half is dropped where a cell is too large',
+            'waiting += 2',
+            'waiting += 1',
+        ),
+    ),
     *_in(
         'pairs',
         'counted_kernels',

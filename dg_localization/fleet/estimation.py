@@ -29,6 +29,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.narrowing import narrow_answer
+from dg_localization.fleet.window.pair_filters import PairFilters
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import Recollection, recall
@@ -45,6 +46,7 @@ def estimate_snapshot(
     cancel: Cancel | None = None,
     proved: Sequence[Proved] = (),
     filters: PoseFilters | None = None,
+    pair_filters: PairFilters | None = None,
 ) -> tuple[Estimate, tuple[Proved, ...]]:
     """
     Find every placement that agrees with a snapshot, or the reason why there is none.
@@ -57,6 +59,8 @@ def estimate_snapshot(
         What the estimate before proved, the oldest chain first.
     filters : PoseFilters, optional
         They follow robots among anchors from estimate to estimate, and go on to this one.
+    pair_filters : PairFilters, optional
+        They follow two robots without anchors.
 
     Returns
     -------
@@ -65,7 +69,7 @@ def estimate_snapshot(
         What it proves of later ones.
 
     """
-    recalled = recall(snapshot, proved, cancel, filters)
+    recalled = recall(snapshot, proved, cancel, filters, pair_filters)
     snapshot, by_memory = recalled.snapshot, recalled.forgotten
     if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
         return _without_data(snapshot, recalled), ()

@@ -271,7 +271,11 @@ class Localizer:
         """
         follower, standing_frame, record = self._follower, self._standing_frame, self._record
         estimate, proved = estimate_snapshot(
-            snapshot, cancel, follower.proved_for(snapshot), follower.filters
+            snapshot,
+            cancel,
+            follower.proved_for(snapshot),
+            follower.filters,
+            follower.pair_filters,
         )
         if cancel is not None and cancel.is_set():
             return estimate

@@ -18,6 +18,7 @@ from dg_localization.pairs.headings import (
     narrow_headings,
 )
 from dg_localization.pairs.joint import JointPoses, narrow_jointly
+from dg_localization.pairs.mutual import MutualCover, Ranges, Ways
 from dg_localization.pairs.readings import NO_RAY_RAD, PairReadings, PastPoses
 from dg_localization.pairs.search import PairOptions, cover_poses
 
@@ -30,10 +31,13 @@ __all__ = [
     'Headings',
     'Hull',
     'JointPoses',
+    'MutualCover',
     'PairOptions',
     'PairReadings',
     'PastPoses',
+    'Ranges',
     'Stated',
+    'Ways',
     'count_agreeing',
     'cover_poses',
     'find_suspects',

@@ -36,18 +36,20 @@ for cameras in (False, True):
     for b in sensors.bearings(state) if cameras else ():
         localizer.add_bearing(b.observer, b.target, b.ray, 1.0, 1.0)
     assert localizer.step(1.0).placements
-config = FleetConfig(robots=simulation.ROBOTS[:3], anchors=ANCHORS, window_outliers=OUTLIERS)
-localizer = Localizer(config)
-for step in range(10):
-    now_s = 1.0 + 0.2 * step
-    for i, robot in enumerate(config.robots):
-        orientation = [0.0, 0.0, np.sin(0.05 * step), np.cos(0.05 * step)]
-        localizer.add_odometry(robot, [0.1 * step, 0.0, 0.0], orientation, now_s, now_s)
-        localizer.add_range(robot, config.robots[i - 1], 3.0, now_s, now_s)
-        for k, anchor in enumerate(config.anchors):
-            localizer.add_range(robot, anchor, 3.0 + 0.2 * i + 0.1 * k, now_s, now_s)
-            localizer.add_bearing(robot, anchor, [1.0, 0.1 * k, 0.0], now_s, now_s)
-    localizer.step(now_s)
+for count in (2, 3):
+    robots = simulation.ROBOTS[:count]
+    config = FleetConfig(robots=robots, anchors=ANCHORS, window_outliers=OUTLIERS)
+    localizer = Localizer(config)
+    for step in range(10):
+        now_s = 1.0 + 0.2 * step
+        for i, robot in enumerate(config.robots):
+            orientation = [0.0, 0.0, np.sin(0.05 * step), np.cos(0.05 * step)]
+            localizer.add_odometry(robot, [0.1 * step, 0.0, 0.0], orientation, now_s, now_s)
+            localizer.add_range(robot, config.robots[i - 1], 3.0, now_s, now_s)
+            for k, anchor in enumerate(config.anchors):
+                localizer.add_range(robot, anchor, 3.0 + 0.2 * i + 0.1 * k, now_s, now_s)
+                localizer.add_bearing(robot, anchor, [1.0, 0.1 * k, 0.0], now_s, now_s)
+        localizer.step(now_s)
 places = {'a': (0.0, 0.0), 'b': (4.0, 0.0), 'c': (0.0, 4.0)}
 mounts = {'left': (0.0, 0.3), 'right': (0.3, 0.0)}
 anchors = {name: Anchor(place) for name, place in places.items()}

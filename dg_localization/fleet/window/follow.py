@@ -13,6 +13,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s
 from dg_localization.fleet.window.memory import Ends, Spans
 from dg_localization.fleet.window.numbering import matches
+from dg_localization.fleet.window.pair_filters import PairFilters
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import chain_seconds
@@ -39,6 +40,8 @@ class Follower:
     ----------
     filters : PoseFilters
         They follow robots among anchors from estimate to estimate.
+    pair_filters : PairFilters
+        They follow two robots without anchors.
 
     """
 
@@ -49,6 +52,7 @@ class Follower:
         self._left_out: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
         self.filters = PoseFilters()
+        self.pair_filters = PairFilters()
 
     @property
     def forgotten(self) -> Spans:
@@ -84,6 +88,7 @@ class Follower:
         self._forgotten = also_forgotten(self._forgotten, estimate.forgotten, oldest_s)
         self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
         self.filters.forget(snapshot.config, estimate.forgotten)
+        self.pair_filters.forget(snapshot.config, estimate.forgotten)
         listed = [
             *estimate.placements,
             *(placement for group in estimate.groups for placement in group.placements),

@@ -78,6 +78,13 @@ def narrow_answer(
     placements = main.placements
     if plans.main is not None:
         proved = tuple(_what_is_proved(found, plans.main.frame, recalled, main))
+        # What rests on all of the memory proves nothing of later answers.
+        if recalled.directions is not None:
+            robots = recalled.config.robots
+            placements = recalled.directions.leave(placements, plans.main.frame, robots)
+            if not placements and main.placements:
+                return NarrowedAnswer(found, (), recalled.without_anything())
+            main = replace(main, placements=placements)
         placements = _hypotheses(main, plans.main, recalled, refit)
     answer = replace(
         found,

@@ -20,6 +20,7 @@ from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
 from dg_localization.fleet.window.forgetting import Forgotten, without
 from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.pair_filters import Directions, PairFilters
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
 from dg_localization.fleet.window.proved import CarriedPlacements, Proved
@@ -107,6 +108,8 @@ class Recollection:
         Of the robots with pose sets, in space.
     in_doubt : tuple of str
         The robots of which nothing is said until newer measurements agree with the anchors.
+    directions : Directions or None
+        Where two robots without anchors have each other, by all of the memory.
 
     """
 
@@ -120,6 +123,7 @@ class Recollection:
     chains: tuple[CarriedPlacements | None, ...] = (None,)
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
+    directions: Directions | None = None
 
     @property
     def config(self) -> FleetConfig:
@@ -151,7 +155,8 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        return not (self.readings or self.pose_sets.covers or any(self.chains))
+        known = self.readings or self.pose_sets.covers or self.directions
+        return not (known or any(self.chains))
 
     def narrow(self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0) -> Left:
         """
@@ -176,14 +181,15 @@ class Recollection:
         if self._cells == COARSE_CELLS and len(gone_on.placements) <= MOST_REFINED:
             # Tables of all placements first would leave no time for joint poses.
             options = HeadingOptions(COARSE_CELLS, max_rounds=1, most_readings=MOST_BEFORE_JOINT)
-            refined = self._tried(gone_on.placements, frame, options, self._joint_boxes, stopped)
+            boxes = self._joint_boxes(frame)
+            refined = self._tried(gone_on.placements, frame, options, boxes, stopped)
             return Left(refined.placements, gone_on.ruled_out + refined.ruled_out)
         outliers = self.config.window_outliers
         options = HeadingOptions(COARSE_CELLS, outliers, max_rounds=1)
         possible = self._tried(gone_on.placements, frame, options, 0, stopped)
         most = possible.placements[:MOST_REFINED]
         options = replace(options, cells=self._cells)
-        refined = self._tried(most, frame, options, self._joint_boxes, stopped)
+        refined = self._tried(most, frame, options, self._joint_boxes(frame), stopped)
         others = possible.placements[MOST_REFINED:]
         sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
         return Left(refined.placements + others, sentences)
@@ -198,9 +204,10 @@ class Recollection:
 
         return sifted(placements, narrow)
 
-    @property
-    def _joint_boxes(self) -> int:
-        """How finely joint poses are divided."""
+    def _joint_boxes(self, frame: FixedFrame) -> int:
+        """Return how finely joint poses are divided; not where directions tell all of it."""
+        if self.directions is not None and self.directions.tell(frame, self.config.robots):
+            return 0
         return LONE_BOXES if len(self.config.robots) <= PARTY else JOINT_BOXES
 
     @property
@@ -342,6 +349,7 @@ def recall(
     proved: Sequence[Proved],
     cancel: Cancel | None,
     filters: PoseFilters | None = None,
+    pair_filters: PairFilters | None = None,
 ) -> Recollection:
     """
     Return what the window of a snapshot and earlier estimates say.
@@ -374,6 +382,7 @@ def recall(
     )
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
+    pair_filters = pair_filters or PairFilters()
     near = carried.near_pairs(MOST_PARTNERS, newest_s)
     most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
     return replace(
@@ -384,4 +393,5 @@ def recall(
             if not pose_sets.covers.keys() >= {*pair} and filters.doubts.robots.isdisjoint(pair)
         },
         chains=_chains(snapshot, proved),
+        directions=pair_filters.follow(snapshot, allowance.part(2)),
     )

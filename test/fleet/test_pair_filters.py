@@ -1,0 +1,213 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Two robots with ranges and odometry alone, which are followed from estimate to estimate."""
+
+from dataclasses import replace
+import math
+
+from histories import History, localizer_of, truth_is_inside
+import numpy as np
+import pytest
+
+from dg_localization import Verdict
+from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.window import pair_filters
+from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.pair_filters import FILTERS, PairFilters
+from dg_localization.interval.kernels import COMPILED
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason='without numba no pairs are followed')
+
+MEMORY_S = 6.0
+
+
+def draw(seed, seconds, **settings):
+    """Draw two robots that have odometry, measure each other, and see nothing."""
+    for attempt in range(100):
+        history = History.draw(
+            [seed, attempt], 2, 0, seconds, **{'memory_s': MEMORY_S, **settings}
+        )
+        localizer = localizer_of(history)
+        for _time_s, estimate in history.play(localizer, [0.9 * seconds]):
+            snapshot = localizer.snapshot(estimate.stamp_s)
+        if len(snapshot.motion.odometry) == 2 and snapshot.distances and not snapshot.rays:
+            return history
+    raise AssertionError(seed)
+
+
+def filters_of(localizer):
+    return localizer._follower.pair_filters._filters
+
+
+def widths(estimate):
+    """Return the widths of the headings of the first placement."""
+    return np.minimum(2.0 * estimate.placements[0].heading_half_width_rad, 2.0 * math.pi)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_no_truth_is_lost_while_filters_follow_each_other(seed):
+    history = draw(seed, 16.0)
+    localizer = localizer_of(history)
+    starts = set()
+    for time_s, estimate in history.play(localizer, np.arange(0.9, 16.0, 0.35)):
+        assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
+        assert not estimate.forgotten
+        assert truth_is_inside(history, time_s, estimate), time_s
+        since_s = [known.since_s for known in filters_of(localizer)]
+        assert len(since_s) <= FILTERS + 1
+        assert all(start_s >= estimate.stamp_s - MEMORY_S for start_s in since_s)
+        assert np.all(np.diff(since_s) >= MEMORY_S / FILTERS - 1e-6)
+        assert all(
+            known.knot_s <= estimate.stamp_s - history.config.max_age_s
+            for known in filters_of(localizer)
+        )
+        starts |= {*since_s}
+    assert len(starts) >= 3
+
+
+def test_headings_are_narrower_than_by_all_readings_seen_from_now(monkeypatch):
+    found = {}
+    for followed in (True, False):
+        if not followed:
+            monkeypatch.setattr(PairFilters, 'follow', lambda *_: None)
+        for seed in range(6):
+            history = draw(100 + seed, 15.0, memory_s=30.0)
+            *_, (time_s, estimate) = history.play(localizer_of(history), np.arange(1.0, 15.0, 1.0))
+            assert truth_is_inside(history, time_s, estimate)
+            found.setdefault(followed, []).append(np.median(widths(estimate)))
+    assert np.mean(found[True]) < 0.85 * np.mean(found[False])
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_followed_and_started_anew_both_hold_the_truth(seed):
+    history = draw(200 + seed, 10.0)
+    localizer = localizer_of(history)
+    for time_s, followed in history.play(localizer, np.arange(1.0, 10.0, 1.0)):
+        anew, _ = estimate_snapshot(localizer.snapshot(history.start_s + time_s))
+        assert truth_is_inside(history, time_s, followed)
+        assert truth_is_inside(history, time_s, anew)
+
+
+def test_a_reading_that_comes_late_cuts_as_if_it_had_come_in_time():
+    answers = []
+    for late_s in (0.0, 0.15):
+        history = draw(5, 9.0)
+        history.calls = [
+            (stamp_s + (late_s if 'range' in call.__qualname__ else 0.0), call)
+            for stamp_s, call in history.calls
+        ]
+        history.calls.sort(key=lambda call: call[0])
+        localizer = localizer_of(history)
+        for time_s, estimate in history.play(localizer, np.arange(1.0, 9.0, 0.5)):
+            assert truth_is_inside(history, time_s, estimate)
+        answers.append([(known.knot_s, len(known.cover)) for known in filters_of(localizer)])
+    assert answers[0] == answers[1]
+
+
+def test_filters_end_with_what_is_forgotten_at_a_reset_and_when_time_goes_back():
+    history = draw(3, 12.0)
+    localizer = localizer_of(history)
+    for _time_s, estimate in history.play(localizer, np.arange(1.0, 12.0, 1.0)):
+        assert not estimate.forgotten
+    oldest, *others = filters_of(localizer)
+    assert others
+    of_pair, config = localizer._follower.pair_filters, history.config
+
+    def forgotten(before_s, ends, after_s=-math.inf):
+        return [Forgotten(frozenset([ends]), before_s, 'a test', after_s)]
+
+    of_pair.forget(config, forgotten(oldest.since_s + 0.1, ('r0', 'another')))
+    of_pair.forget(config, forgotten(oldest.since_s, ('r1', 'r0')))
+    of_pair.forget(config, forgotten(math.inf, ('r1', 'r0'), oldest.knot_s))
+    assert filters_of(localizer)[0] is oldest
+    of_pair.forget(config, forgotten(oldest.since_s + 0.1, ('r1', 'r0')))
+    assert oldest not in filters_of(localizer) and others[0] in filters_of(localizer)
+    localizer.estimate(localizer.snapshot(estimate.stamp_s - 4.0))
+    assert all(known.knot_s <= estimate.stamp_s - 4.0 for known in filters_of(localizer))
+    localizer.reset()
+    assert not filters_of(localizer)
+
+
+@pytest.mark.parametrize(
+    ('robots', 'anchors', 'settings'),
+    [(3, 0, {}), (2, 2, {}), (2, 0, {'window_outliers': 1}), (2, 0, {'memory_s': 0.0})],
+)
+def test_only_two_robots_without_anchors_and_outliers_are_followed(robots, anchors, settings):
+    history = History.draw(7, robots, anchors, 3.0, **{'memory_s': MEMORY_S, **settings})
+    localizer = localizer_of(history)
+    for time_s, estimate in history.play(localizer, [1.0, 2.0, 3.0]):
+        assert truth_is_inside(history, time_s, estimate)
+        assert not filters_of(localizer)
+
+
+def test_without_time_nothing_is_said_and_no_truth_lost(monkeypatch):
+    said = []
+
+    def follow(filters, snapshot, _stopped):
+        said.append(at_once(filters, snapshot, lambda: True))
+        return said[-1]
+
+    at_once = PairFilters.follow
+    monkeypatch.setattr(PairFilters, 'follow', follow)
+    history = draw(4, 6.0)
+    for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, 6.0, 0.5)):
+        assert truth_is_inside(history, time_s, estimate)
+    assert said and not any(said)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_after_a_broken_bound_two_robots_recover(seed):
+    kicked_s = 5.0
+    history = draw(300 + seed, 16.0)
+    history.drives[0].kick(round(kicked_s / 0.1), [1.5, -2.0])
+    for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, 16.0, 0.7)):
+        if time_s < kicked_s - 0.1 or time_s > kicked_s + MEMORY_S:
+            assert truth_is_inside(history, time_s, estimate), time_s
+
+
+def test_ranges_that_contradict_each_other_are_forgotten_and_the_moment_is_answered(monkeypatch):
+    history = draw(8, 6.0)
+    localizer = localizer_of(history)
+    *_, (_time_s, estimate) = history.play(localizer, np.arange(1.0, 5.0, 0.5))
+    assert filters_of(localizer)
+    monkeypatch.setattr(PairFilters, 'follow', lambda *_: pair_filters.NOWHERE)
+    estimate = localizer.estimate(localizer.snapshot(estimate.stamp_s))
+    assert estimate.placements and not filters_of(localizer)
+    assert any('contradicts' in forgotten.text for forgotten in estimate.forgotten)
+
+
+def test_where_a_filter_cannot_go_on_the_next_starts_later(monkeypatch):
+    history = draw(9, 10.0)
+    localizer = localizer_of(history)
+    lost, lost_now = [], False
+
+    def carried(cover, way, ranges=None):
+        if lost_now:
+            lost.append(way)
+            return None
+        return carry(cover, way, ranges)
+
+    carry = pair_filters.MutualCover.carried
+    monkeypatch.setattr(pair_filters.MutualCover, 'carried', carried)
+    for time_s, estimate in history.play(localizer, np.arange(1.0, 10.0, 0.5)):
+        assert truth_is_inside(history, time_s, estimate)
+        if lost_now:
+            # At the next estimate none of these goes on any more.
+            lost_s = estimate.stamp_s - history.config.max_age_s
+        elif lost:
+            assert all(known.since_s > lost_s - 1.0 for known in filters_of(localizer))
+        lost_now = 4.0 < time_s < 4.8
+    assert lost and filters_of(localizer)
+
+
+def test_in_a_frame_of_headings_directions_say_nothing():
+    history = draw(2, 4.0)
+    localizer = localizer_of(history)
+    *_, (_time_s, estimate) = history.play(localizer, np.arange(1.0, 4.0, 0.5))
+    frame = replace(estimate.frame, kind=pair_filters.FrameKind.HEADING, points=('r0',))
+    found = PairFilters().follow(localizer.snapshot(estimate.stamp_s), lambda: False)
+    robots = history.config.robots
+    assert found.leave(estimate.placements, frame, robots) == estimate.placements
+    assert not found.tell(frame, robots)
+    assert not pair_filters.NOWHERE.leave(estimate.placements, frame, robots)
