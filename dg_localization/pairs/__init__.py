@@ -9,7 +9,7 @@ Set inversion over a window of readings that odometry carries to now. Knows no f
 
 from dg_localization.pairs.blame import find_suspects
 from dg_localization.pairs.consistency import count_agreeing
-from dg_localization.pairs.counted import CellOptions, CountedCover, Stated
+from dg_localization.pairs.counted import CountedCover
 from dg_localization.pairs.cover import Cover, Hull
 from dg_localization.pairs.headings import (
     HeadingOptions,
@@ -23,7 +23,6 @@ from dg_localization.pairs.search import PairOptions, cover_poses
 
 __all__ = [
     'NO_RAY_RAD',
-    'CellOptions',
     'CountedCover',
     'Cover',
     'HeadingOptions',
@@ -33,7 +32,6 @@ __all__ = [
     'PairOptions',
     'PairReadings',
     'PastPoses',
-    'Stated',
     'count_agreeing',
     'cover_poses',
     'find_suspects',
