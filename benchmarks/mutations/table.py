@@ -916,7 +916,7 @@ PAIRS = [
     *_in(
         'pairs',
         'polygon_kernels',
-        ('test/pairs/test_counted.py',),
+        ('test/pairs/test_polygons.py',),
         (
             'a step does not swing with the yaws of a slice',
             'way = value + abs(slope) * half + 0.5 * half * half * max(-value, 0.0)',

@@ -6,19 +6,18 @@
 import math
 
 import numpy as np
+from pair_cases import range_of
 import pytest
 
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import (
     CountedCover,
-    Cover,
     PairOptions,
     PairReadings,
     PastPoses,
     cover_poses,
 )
 from dg_localization.pairs.counted import MOST_SLICES
-from dg_localization.pairs.polygon_kernels import DIRECTIONS
 
 ANCHORS_M = np.array([[0.0, 0.0, 0.0], [6.0, 0.5, 0.0], [1.0, 5.0, 0.0], [5.0, 6.0, 0.0]])
 ERROR, RAY_RAD = 0.05, 0.1
@@ -79,20 +78,6 @@ class Walk:
 def levels_hold(walk, cover, broken):
     """Return whether every level from the number of broken readings on holds the truth."""
     return all(walk.is_in(cover.level(k)) for k in range(broken, cover.supports.shape[1]))
-
-
-def range_of(anchor_m, low_m, high_m, sensor_m=(0.0, 0.0, 0.0), **rays):
-    """Return one reading of an anchor."""
-    distance = Interval(np.array([low_m]), np.array([high_m]))
-    points = Interval.point(np.array([anchor_m])), Interval.point(np.array([sensor_m]))
-    return PairReadings.of(*points, distance, **rays)
-
-
-def box_of(low, high):
-    """Return the cover of a box of x, y and yaw."""
-    box = np.zeros((1, 2, 4))
-    box[0, :, [0, 1, 3]] = np.transpose([low, high])
-    return CountedCover.of_levels([Cover(box)])
 
 
 @pytest.mark.parametrize('seed', range(40))
@@ -157,60 +142,6 @@ def test_a_step_may_err_in_any_direction(seed):
         assert walk.is_in(cover.cover)
         cover = cover.cut(walk.measure(2))
         assert walk.is_in(cover.cover)
-
-
-def test_what_errs_in_any_direction_widens_by_as_much():
-    pose = box_of([1.0, 2.0, 0.8], [1.0, 2.0, 0.8])
-    step = PastPoses.at_rest(1)
-    box = Interval(np.array([[-0.1, -0.1, 0.0]]), np.array([[0.1, 0.1, 0.0]]))
-    by_ball = pose.carried(step, 0.1).cover.hull
-    by_box = pose.carried(PastPoses(box, step.yaw_rad)).cover.hull
-    assert by_ball.widths_m[:2] == pytest.approx([0.2, 0.2])
-    # A box that is turned is wider.
-    wide = np.full(2, 0.2 * (math.cos(0.8) + math.sin(0.8)))
-    assert by_box.widths_m[:2] == pytest.approx(wide, abs=0.002)
-
-
-@pytest.mark.parametrize('seed', range(30))
-def test_a_reading_leaves_the_hull_of_the_places_it_allows(seed):
-    rng = np.random.default_rng(seed)
-    yaw = rng.uniform(-math.pi, math.pi)
-    low, anchor = rng.uniform(-3.0, 3.0, 2), np.array([*rng.uniform(-6.0, 6.0, 2), 0.0])
-    high = low + rng.uniform(0.1, 2.0, 2)
-    sensor = np.array([*rng.uniform(-0.5, 0.5, 2), 0.0])
-    c, s = math.cos(yaw), math.sin(yaw)
-    places = low + rng.uniform(size=(40_000, 2)) * (high - low)
-    gaps = anchor[:2] - places - [c * sensor[0] - s * sensor[1], s * sensor[0] + c * sensor[1]]
-    lengths, angles = np.linalg.norm(gaps, axis=-1), np.arctan2(gaps[:, 1], gaps[:, 0]) - yaw
-    seen = rng.integers(len(places))
-    bounds = lengths[seen] + rng.uniform(0.0, 0.3) * np.array([-1.0, 1.0])
-    ray, error = angles[seen], rng.uniform(0.05, 0.4)
-    inside = (bounds[0] <= lengths) & (lengths <= bounds[1])
-    inside &= np.abs((angles - ray + math.pi) % math.tau - math.pi) <= error
-    reading = range_of(
-        anchor,
-        max(bounds[0], 0.0),
-        bounds[1],
-        sensor,
-        rays=[[math.cos(ray), math.sin(ray), 0.0]],
-        ray_errors_rad=[error],
-        seen_by_b=True,
-    )
-    left = box_of([*low, yaw], [*high, yaw]).cut(reading)
-    reach = np.max(places[inside] @ DIRECTIONS.T, axis=0)
-    slack = np.max(left.supports[:, 0], axis=0) - reach
-    assert np.all(slack >= 0.0)
-    # A chord, the sides of a disc, the width of the slice, and places that were not drawn.
-    chord = bounds[0] * (1.0 - math.cos(2.0 * error)) + 0.01 * bounds[1]
-    assert np.all(slack < chord + 0.06)
-
-
-def test_a_ray_that_the_other_body_measured_does_not_turn_with_the_yaw():
-    ray = {'rays': [[1.0, 0.0, 0.0]], 'ray_errors_rad': [0.1], 'seen_by_b': False}
-    reading = range_of((0.0, 0.0, 0.0), 0.0, math.inf, **ray)
-    left = box_of([2.0, -2.0, -1.0], [3.0, 2.0, 2.0]).cut(reading)
-    assert left.cover.hull.widths_m[1] == pytest.approx(2.0 * 3.0 * math.tan(0.1), rel=1e-6)
-    assert left.cover.hull.yaw_width_rad > 3.0
 
 
 def test_a_step_without_bounds_leaves_nothing_to_say():
