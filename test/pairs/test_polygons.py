@@ -96,16 +96,18 @@ def test_a_step_swings_with_all_yaws_of_a_slice(way):
     assert moved.hull.yaw_width_rad < before.yaw_width_rad + 0.2 + 0.05
 
 
-@pytest.mark.parametrize('place', [(0.5, 0.2), (2.5, 0.2)], ids=['agrees', 'broke it'])
-def test_what_breaks_a_reading_is_one_level_higher(place):
+@pytest.mark.parametrize(
+    ('x', 'broken'), [(0.5, 1), (1.4, 0), (1.8, 1), (2.5, 2)], ids=['B', 'none', 'A', 'both']
+)
+def test_what_breaks_a_reading_is_one_level_higher(x, broken):
     pose = box_of([0.0, 0.0, 0.1], [3.0, 0.5, 0.2])
     cover = CountedCover(pose.slices, np.repeat(pose.supports, 3, axis=1))
-    for broken in (1, 2):
-        cover = cover.cut(range_of((0.0, 0.0, 0.0), 0.0, 1.0))
-        least = 0 if place[0] < 1.0 else broken
-        for level in range(3):
-            there = cover.level(level).contains(np.array([*place, 0.0]), 0.15)
-            assert there == (level >= least)
+    # A holds up to 1.6 m, B from 1.2 m to 2 m, and the last one everywhere.
+    for low_m, high_m in ((0.0, 1.6), (1.2, 2.0), (0.0, 9.0)):
+        cover = cover.cut(range_of((0.0, 0.0, 0.0), low_m, high_m))
+    place = np.array([x, 0.1, 0.0])
+    assert [cover.level(k).contains(place, 0.15) for k in range(broken, 3)] == [True] * (3 - broken)
+    assert not cover.level(0).contains(place, 0.15) or broken == 0
 
 
 @pytest.mark.parametrize('near', [0.5, 1.5, 2.0, 2.3])

@@ -26,11 +26,12 @@ from dg_localization.fleet.window.forgetting import Doubts, Forgotten
 from dg_localization.fleet.window.memory import Ends, Observation
 from dg_localization.pairs import CountedCover, Cover, PairOptions
 
-LEAST_FOLLOWED_S = 45.0
+LEAST_FOLLOWED_S = 25.0
 """In a shorter memory all readings, seen from now, tell as much in less time."""
 
-KNOTS = 120
-"""In a memory. Readings cut at the next knot: with fewer, they are seen from farther away."""
+KNOTS, LEAST_STEP_S = 120, 0.75
+"""In a memory, where it is long enough for steps like this. Readings cut at the next knot: with
+fewer, they are seen from farther away."""
 
 FILTERS = 4
 """Of a robot: the oldest knows at least all but one part of so many of what is remembered."""
@@ -292,7 +293,7 @@ class _Walk:
     def _next_knot_s(self, pose_filter: PoseFilter) -> float:
         """Return the stamp of the next knot; infinite where there is none yet."""
         stamps_s = self._path.stamps_s
-        step_s = self._config.memory_s / KNOTS
+        step_s = max(self._config.memory_s / KNOTS, LEAST_STEP_S)
         after = np.searchsorted(stamps_s, pose_filter.knot_s, side='right')
         last = np.searchsorted(stamps_s, pose_filter.knot_s + step_s, side='right') - 1
         knot = max(int(after), int(last))
