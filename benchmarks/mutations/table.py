@@ -875,8 +875,8 @@ FLEET = [
         ),
         (
             'headings err by half of their constant on tracks',
-            'end_rad = self._error.constant_rad\n',
-            'end_rad = 0.5 * self._error.constant_rad\n',
+            'up(near.offset_rad + self._error.constant_rad)',
+            'up(near.offset_rad + 0.5 * self._error.constant_rad)',
         ),
         (
             'the latency of the odometry is ignored',
@@ -1028,17 +1028,53 @@ PAIRS = [
     ),
     *_in(
         'pairs',
-        'counted_kernels',
-        ('test/pairs/test_counted.py',),
+        'polygon_kernels',
+        ('test/pairs/test_polygons.py',),
         (
-            'the error of a step does not turn with the box',
-            'half_x += abs(y) * half_yaw + beyond + swing',
-            'half_x += abs(y) * half_yaw + beyond',
+            'a step does not swing with the yaws of a slice',
+            'way = value + abs(slope) * half + 0.5 * half * half * max(-value, 0.0)',
+            'way = value + 0.5 * half * half * max(-value, 0.0)',
         ),
         (
             'the way does not err',
-            'half_x = abs(c) * step[1, X] + abs(s) * step[1, Y] + ball',
-            'half_x = abs(c) * step[1, X] + abs(s) * step[1, Y]',
+            'way += min(half, 2.0) * wide * 1.5 + ball',
+            'way += min(half, 2.0) * wide * 1.5',
+        ),
+        (
+            'a ray does not turn with the yaws of a slice',
+            's, c = s * math.cos(half) + c * math.sin(half), '
+            'c * math.cos(half) - s * math.sin(half)',
+            's, c = s, c',
+        ),
+        (
+            'the least distance leaves a tangent',
+            'least = sqrt_down(down(square_down(row[NEAREST]) - square_up(max(stray, 0.0))))',
+            'least = row[NEAREST]',
+        ),
+        (
+            'what broke a reading is gone',
+            'levels[level, j] = max(h[j], before)',
+            'levels[level, j] = h[j]',
+        ),
+        (
+            'a half-space cuts at the supports it has cut already',
+            'bound = with_error(s * room + t * before[i],',
+            'bound = with_error(s * room + t * min(before[i], room),',
+        ),
+    ),
+    *_in(
+        'pairs',
+        'yaw_slices',
+        ('test/pairs/test_yaw_slices.py', 'test/pairs/test_counted.py'),
+        (
+            'a slice spreads by one too few',
+            'np.arange(-by, by + 1)',
+            'np.arange(1 - by, by + 1)',
+        ),
+        (
+            'what is left of an error after a spread is forgotten',
+            'slices = replace(self, beyond_rad=max(left, 0.0))',
+            'slices = replace(self, beyond_rad=0.0)',
         ),
     ),
     *_in(

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
 from dg_localization.fleet.rotations import level_rotations, rotations_about_z, steepness
+from dg_localization.fleet.track_poses import TrackPoses, TrackStep
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
 from dg_localization.pairs import PastPoses
@@ -40,41 +41,6 @@ class MotionLimits:
 
 CENTERED = 0.613
 """Points that are 1 apart at most lie within sqrt(3 / 8) of one point (Jung 1901)."""
-
-
-@dataclass(frozen=True)
-class TrackPoses:
-    """
-    Past poses of a robot, seen from the pose that its track has now.
-
-    Parameters
-    ----------
-    past : PastPoses
-    track : PastPoses
-        The track pose, seen from the robot now: one pose.
-
-    """
-
-    past: PastPoses
-    track: PastPoses
-
-
-@dataclass(frozen=True)
-class TrackStep:
-    """
-    Where a track is at one sample, seen from an earlier one.
-
-    Parameters
-    ----------
-    pose : PastPoses
-        One pose, with the errors of the turns.
-    ball_m : float
-        The errors of the ways put it no farther off than this, in any direction.
-
-    """
-
-    pose: PastPoses
-    ball_m: float
 
 
 @dataclass(frozen=True)
@@ -183,18 +149,10 @@ class OdometryPath:
         Parameters are those of `past_poses`.
         """
         then, now, position, yaw = self._samples(times_s, now_s)
-        end_m = up(CENTERED * self._error.constant_m)
-        # A track that is shifted is a track, one whose headings alone are turned is none.
-        end_rad = self._error.constant_rad
-        then_rad = angle_up(up(then.offset_rad + end_rad))
-        now_rad = angle_up(up(now.offset_rad + end_rad))
-        past = PastPoses(
-            position + self._ball(up(then.offset_m + end_m)),
-            yaw + Interval(-then_rad, then_rad),
-        )
+        (then_m, then_rad), (now_m, now_rad) = self._off_track(then), self._off_track(now)
+        past = PastPoses(position + self._ball(then_m), yaw + Interval(-then_rad, then_rad))
         # Seen from the robot, the track is turned by the error and lies within its ball.
-        track = PastPoses(self._ball(up(now.offset_m + end_m)), Interval(-now_rad, now_rad))
-        return TrackPoses(past, track)
+        return TrackPoses(past, PastPoses(self._ball(now_m), Interval(-now_rad, now_rad)))
 
     @property
     def stamps_s(self) -> np.ndarray:
@@ -217,6 +175,13 @@ class OdometryPath:
 
         """
         return self._walk_ahead(self._index_at(first_s), self._index_at(last_s))
+
+    def off_track(self, now_s: float) -> TrackStep:
+        """Return where the robot is, seen from the pose that its track has now."""
+        now = self._nearest(np.array([now_s]))
+        end_m, end_rad = self._off_track(now)
+        yaw = Interval(-end_rad, end_rad)
+        return TrackStep(PastPoses(PastPoses.at_rest(1).position_m, yaw), float(end_m[0]))
 
     def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
         """
@@ -328,6 +293,12 @@ class OdometryPath:
             rotation_rad,
             steep,
         )
+
+    def _off_track(self, near: _Nearest) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far the robot is from its track at some times at most, in m and rad."""
+        # A track that is shifted is a track, one whose headings alone are turned is none.
+        off_m = up(near.offset_m + up(CENTERED * self._error.constant_m))
+        return off_m, angle_up(up(near.offset_rad + self._error.constant_rad))
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
         """Return the poses of samples seen from sample `last`, with the errors of the way."""

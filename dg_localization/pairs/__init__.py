@@ -9,7 +9,7 @@ Set inversion over a window of readings that odometry carries to now. Knows no f
 
 from dg_localization.pairs.blame import find_suspects
 from dg_localization.pairs.consistency import count_agreeing
-from dg_localization.pairs.counted import CellOptions, CountedCover, Stated
+from dg_localization.pairs.counted import CountedCover
 from dg_localization.pairs.cover import Cover, Hull
 from dg_localization.pairs.headings import (
     HeadingOptions,
@@ -24,7 +24,6 @@ from dg_localization.pairs.search import PairOptions, cover_poses
 
 __all__ = [
     'NO_RAY_RAD',
-    'CellOptions',
     'CountedCover',
     'Cover',
     'HeadingOptions',
@@ -36,7 +35,6 @@ __all__ = [
     'PairReadings',
     'PastPoses',
     'Ranges',
-    'Stated',
     'Ways',
     'count_agreeing',
     'cover_poses',

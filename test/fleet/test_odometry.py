@@ -143,6 +143,18 @@ def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
         assert math.remainder(yaw - stated[1][last], 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_off_its_track_a_robot_is_as_far_as_half_of_the_constants_allow():
+    error = OdometryErrorModel(translation_per_m=0.1, constant_m=0.3, constant_rad=0.4)
+    path = path_of(np.arange(3.0), (np.zeros((3, 3)), np.zeros(3)), error)
+    off = path.off_track(2.0)
+    assert off.ball_m == pytest.approx(0.3 * math.sqrt(3.0 / 8.0), abs=1e-3)
+    assert off.pose.yaw_rad.upper[0] == pytest.approx(0.4)
+    assert off.pose.position_m.upper.max() == 0.0
+    track = path.past_poses_on_track([1.0], 2.0).track
+    assert track.position_m.upper[0, :2] == pytest.approx(off.ball_m)
+    assert track.yaw_rad.upper[0] == off.pose.yaw_rad.upper[0]
+
+
 def test_an_error_of_the_last_turn_does_not_move_the_end_of_a_step():
     positions = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     path = path_of(np.arange(3), (positions, np.zeros(3)), OdometryErrorModel(rotation_per_m=0.1))

@@ -158,3 +158,10 @@ def _with_lies(rng, readings, liars, scale_m):
         readings.seen_by_b,
         readings.height_m,
     )
+
+
+def range_of(anchor_m, low_m, high_m, sensor_m=(0.0, 0.0, 0.0), **rays):
+    """Return one reading of an anchor."""
+    distance = Interval(np.array([low_m]), np.array([high_m]))
+    points = Interval.point(np.array([anchor_m])), Interval.point(np.array([sensor_m]))
+    return PairReadings.of(*points, distance, **rays)

@@ -24,7 +24,8 @@ from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion
-from dg_localization.fleet.odometry import MotionLimits, OdometryPath, TrackPoses
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.track_poses import TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.interval.arrays import Interval

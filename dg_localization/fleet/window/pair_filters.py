@@ -31,7 +31,7 @@ from dg_localization.fleet.window.shape_headings import within_bounds
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.bounds import sum_up
 from dg_localization.interval.kernels import COMPILED
-from dg_localization.pairs import MutualCover, PastPoses, Ranges, Ways
+from dg_localization.pairs import MutualCover, Ranges, Ways
 from dg_localization.pairs.turns import HALF_TURN_UP
 
 PAIR: Pair = (0, 1)
@@ -274,11 +274,10 @@ class _Walk:
         """Return what a cover of the tracks now tells of the robots."""
         if cover.empty:
             return NOWHERE
-        tracks = self._carried.tracks(PAIR)
         yaws_rad = [path.stated(self._now_s)[2] for path in self._paths]
-        # Either is in a ball around the other.
-        off = [PastPoses(track.position_m, -track.yaw_rad) for track in tracks]
-        now = cover.carried(Ways.of(off[0], off[1], yaws_rad[0], yaws_rad[1]))
+        first, second = (path.off_track(self._now_s) for path in self._paths)
+        ball_m = sum_up(first.ball_m, second.ball_m)
+        now = cover.carried(Ways.of(first.pose, second.pose, yaws_rad[0], yaws_rad[1], ball_m))
         if now is None or now.empty:
             return None
         arcs = now.arcs_rad - np.array(yaws_rad)[:, None]

@@ -24,23 +24,14 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.forgetting import Doubts, Forgotten
 from dg_localization.fleet.window.memory import Ends, Observation
-from dg_localization.pairs import (
-    CellOptions,
-    CountedCover,
-    Cover,
-    PairOptions,
-    PastPoses,
-    Stated,
-)
+from dg_localization.pairs import CountedCover, Cover, PairOptions
 
-LEAST_FOLLOWED_S = 45.0
+LEAST_FOLLOWED_S = 25.0
 """In a shorter memory all readings, seen from now, tell as much in less time."""
 
-KNOTS = 120
-"""In a memory. Readings cut at the next knot: with fewer, they are seen from farther away."""
-
-KNOTS_IN_CELLS = 5
-"""So many knots pass before there are new cells, which widen the cover; old ones only grow."""
+KNOTS, LEAST_STEP_S = 120, 0.75
+"""In a memory, where it is long enough for steps like this. Readings cut at the next knot: with
+fewer, they are seen from farther away."""
 
 FILTERS = 4
 """Of a robot: the oldest knows at least all but one part of so many of what is remembered."""
@@ -54,10 +45,6 @@ share of the memory, tells less than all readings."""
 
 MOST_BOXES = 1000
 """Of the cover that a filter starts from."""
-
-CELLS = CellOptions()
-ANSWER_CELLS = CellOptions(across=12, slices=12, max_cells=600)
-"""The hull of an answer is that of its boxes, however few they are."""
 
 NOWHERE = Cover(np.empty((0, 2, 4)))
 
@@ -75,15 +62,12 @@ class PoseFilter:
         The stamp of a sample of the odometry.
     cover : CountedCover
         Of the pose of its track then, among the anchors.
-    knots_in_cells : int, optional
-        For how many knots its cells have been carried on.
 
     """
 
     since_s: float
     knot_s: float
     cover: CountedCover
-    knots_in_cells: int = 0
 
 
 @dataclass(frozen=True)
@@ -275,7 +259,7 @@ class _Walk:
         cover = CountedCover.started(readings, options, stopped=self._stopped)
         if cover is None or cover.empty or self._stopped():
             return []
-        return [PoseFilter(since_s, knot_s, cover, KNOTS_IN_CELLS - 1)]
+        return [PoseFilter(since_s, knot_s, cover)]
 
     def place(self, filters: Sequence[PoseFilter]) -> Place | None:
         """Return what the oldest of some filters tells now."""
@@ -302,16 +286,14 @@ class _Walk:
         found = None if found is None else self._to(found, self._now_s)
         if found is None:
             return None
-        track = self._carried.tracks((WORLD, self._robot))[1]
-        # Either is in a ball around the other.
-        off = PastPoses(track.position_m, -track.yaw_rad)
-        moved = found.cover.uncounted.moved(off, ANSWER_CELLS)
+        off = self._path.off_track(self._now_s)
+        moved = found.cover.uncounted.carried(off.pose, off.ball_m)
         return None if moved is None else moved.cover
 
     def _next_knot_s(self, pose_filter: PoseFilter) -> float:
         """Return the stamp of the next knot; infinite where there is none yet."""
         stamps_s = self._path.stamps_s
-        step_s = self._config.memory_s / KNOTS
+        step_s = max(self._config.memory_s / KNOTS, LEAST_STEP_S)
         after = np.searchsorted(stamps_s, pose_filter.knot_s, side='right')
         last = np.searchsorted(stamps_s, pose_filter.knot_s + step_s, side='right') - 1
         knot = max(int(after), int(last))
@@ -333,17 +315,13 @@ class _Walk:
 
     def _to(self, pose_filter: PoseFilter, until_s: float) -> PoseFilter | None:
         """Return a filter at a later time; None where odometry does not bound the way."""
-        path = self._path
-        step = path.track_step(pose_filter.knot_s, until_s)
+        step = self._path.track_step(pose_filter.knot_s, until_s)
         cover = pose_filter.cover.carried(step.pose, step.ball_m)
         if cover is None:
             return None
-        knots = pose_filter.knots_in_cells + 1
-        if knots == KNOTS_IN_CELLS:
-            cover, knots = cover.gathered(CELLS, Stated(*path.stated(until_s))), 0
         readings = None
         if not self._stopped():
             readings = self._carried.readings_between(self._robot, pose_filter.knot_s, until_s)
         if readings is not None:
             cover = cover.cut(readings)
-        return PoseFilter(pose_filter.since_s, until_s, cover, knots)
+        return PoseFilter(pose_filter.since_s, until_s, cover)
