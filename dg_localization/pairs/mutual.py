@@ -52,6 +52,9 @@ from dg_localization.pairs.readings import PastPoses, center_and_half
 COARSEST, FINEST = 64, 256
 """Cells of the full turn: as few as there are at first, and as many as may be."""
 
+LEAST_ACROSS, WIDEST = 8, 12.0
+"""The grid is made coarser down to so few, where cells are wider than so many of its own."""
+
 MANY_CELLS = 2048
 """Cells are halved while there are no more than these by then."""
 
@@ -256,12 +259,22 @@ class MutualCover:
         count = carry_cells(self.cells, row, rows, near_m, far_m, carried)
         return None if count == NO_ROOM else type(self)(carried[:count], self.across)
 
+    @property
+    def _mean_width(self) -> float:
+        """How wide cells are in the mean, in turns."""
+        sides = self.cells[:, [HIGH_A, HIGH_B]] - self.cells[:, [LOW_A, LOW_B]]
+        return float(sides.mean()) / (2.0 * math.pi) if sides.size else 0.0
+
     @default_environment()
     def gathered(self) -> Self:
-        """Return the cover in cells of a grid, as fine as there are few of them."""
-        across = self.across
-        while across < FINEST and 4 * len(self.cells) <= MANY_CELLS:
+        """Return the cover in cells of a grid, as fine as there are few and they are small."""
+        across, mean = self.across, self._mean_width
+        while (
+            across < FINEST and 4 * len(self.cells) <= MANY_CELLS and 2.0 * mean * across < WIDEST
+        ):
             across *= 2
+        while across > LEAST_ACROSS and mean * across > WIDEST:
+            across //= 2
         while True:
             cells = np.empty((min(across * across, MOST_CELLS), CELL))
             slots, sums = np.full(across * across, -1), np.empty((len(cells), SUMS))
