@@ -1008,6 +1008,16 @@ PAIRS = [
     ),
     *_in(
         'pairs',
+        'mutual',
+        MUTUAL,
+        (
+            'ranges on a way that is not known count',
+            'return bool(np.all(np.abs(numbers_m) < FARTHEST_M))',
+            'return not np.any(np.abs(numbers_m) >= FARTHEST_M)',
+        ),
+    ),
+    *_in(
+        'pairs',
         'mutual_grid',
         MUTUAL,
         (

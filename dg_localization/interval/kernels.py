@@ -44,7 +44,8 @@ COMPILED = numba is not None and not numba.config.DISABLE_JIT
 """Whether kernels are machine code in this process."""
 
 WORK_PER_LOOK = 300_000 if COMPILED else 2_000
-"""About how many triples of points a kernel may reduce between two looks at the clock."""
+"""About how many triples of points a kernel may reduce, or entries of arrays it may visit, between
+two looks at the clock."""
 
 WORK_OF_A_STEP = WORK_PER_LOOK // 30
 """The work that takes as long as a step of some calls of NumPy."""
@@ -69,10 +70,11 @@ def until(stopped: Callable[[], bool]) -> Iterator[None]:
     """
     Leave a block early, in the middle of a kernel, when `stopped` returns true.
 
-    Compiled kernels are never left; they return soon enough (`WORK_PER_LOOK`). Without numba one
-    call may take seconds, and kernels marked `watched` ask before they begin. What they were
-    writing to is then partly written: scratch arrays are of no more use, and once `stopped`
-    returns true it has to go on doing so.
+    Compiled kernels are never left; they return soon enough (`WORK_PER_LOOK`), and what calls them
+    in a loop asks between them (`look_after`). Without numba one call may take seconds, and
+    kernels marked `watched` ask before they begin. What was being written to is then partly
+    written: scratch arrays are of no more use, and once `stopped` returns true it has to go on
+    doing so.
 
     Parameters
     ----------
@@ -80,14 +82,14 @@ def until(stopped: Callable[[], bool]) -> Iterator[None]:
         Called without arguments.
 
     """
-    previous = _watch.stopped
-    _watch.stopped = stopped
+    previous = _watch.stopped, _watch.work
+    _watch.stopped, _watch.work = stopped, 0
     try:
         yield
     except _Stopped:
         pass
     finally:
-        _watch.stopped = previous
+        _watch.stopped, _watch.work = previous
 
 
 def look_after(work: int) -> None:

@@ -23,7 +23,7 @@ from typing import Self
 
 import numpy as np
 
-from dg_localization.interval.angles import angle_down, angle_up
+from dg_localization.interval.angles import LARGEST_ANGLE_RAD, angle_down, angle_up
 from dg_localization.interval.arrays import up
 from dg_localization.interval.environment import default_environment
 from dg_localization.pairs.cover import Cover, arc_around
@@ -45,7 +45,7 @@ FEW_SLICES, MOST_SLICES = 48, 128
 in a quarter more time."""
 
 LEVEL_M = 1e-100
-"""Sums of zeros are rounded outward, too."""
+"""Smaller heights are zeros that were rounded outward."""
 
 FARTHEST_M = 1e9
 """A step of so much says nothing."""
@@ -174,7 +174,7 @@ class CountedCover:
         added = np.stack([position_m[0, :Z], half_m[0, :Z]])
         if not (np.all(np.abs(added) < FARTHEST_M) and ball_m < FARTHEST_M):
             return None
-        if not (abs(turn_rad[0]) < FARTHEST_M and half_rad[0] < FARTHEST_M):
+        if not (abs(turn_rad[0]) <= LARGEST_ANGLE_RAD and half_rad[0] < math.inf):
             return None
         moved = np.empty_like(self.supports)
         move_slices(self.supports, self.slices.yaws, added, ball_m, moved)

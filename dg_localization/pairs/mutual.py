@@ -124,10 +124,16 @@ class Ways:
 
     @property
     def bounded(self) -> bool:
-        """Whether they are known well enough to say anything."""
-        places_m = max(np.abs(self.a_m).max(), np.abs(self.b_m).max(), self.ball_m.max())
-        turns_rad = max(self.turn_a_rad.max(), self.turn_b_rad.max())
-        return bool(places_m < FARTHEST_M and turns_rad < WIDEST_RAD)
+        """Whether they and the turns are known well enough to say anything."""
+        turns_rad = np.concatenate([self.turn_a_rad, self.turn_b_rad])
+        return self.placed and bool(np.all(turns_rad < WIDEST_RAD))
+
+    @property
+    def placed(self) -> bool:
+        """Whether they are known well enough, whatever the turns are."""
+        # The middle of an unbounded interval is not a number, and smaller than nothing.
+        numbers_m = np.concatenate([self.a_m.ravel(), self.b_m.ravel(), self.ball_m])
+        return bool(np.all(np.abs(numbers_m) < FARTHEST_M))
 
     def rows(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Return them with two more columns as the kernels take them, shape (m, WAY)."""
@@ -251,7 +257,7 @@ class MutualCover:
         if not way.bounded:
             return None
         near_m, far_m, rows = 0.0, math.inf, np.empty((0, WAY))
-        if ranges is not None and ranges.ways.bounded:
+        if ranges is not None and ranges.ways.placed:
             near_m, far_m = ranges.at_end_m
             rows = ranges.ways.rows(ranges.lower_m, ranges.upper_m)
         carried = np.empty((ROOM * len(self.cells) + COARSEST, CELL))

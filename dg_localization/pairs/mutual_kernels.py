@@ -52,6 +52,9 @@ LARGEST_RAD = 16.0
 LEAST_SHARE = 0.2
 """A cell is linear enough where it stays farther off than this share of its middle."""
 
+LARGEST_RATIO = 1.0
+"""And where it strays across the line of sight, and errs, by no more than it is far off."""
+
 STEEPEST = 4.0
 """Planes that are steeper, in multiples of the distance for each rad, are made level."""
 
@@ -208,6 +211,8 @@ def _look(cell: np.ndarray, way: np.ndarray, look: np.ndarray) -> bool:
     if not least > LEAST_SHARE * length:
         return False
     ratio = across / least
+    if not ratio <= LARGEST_RATIO:
+        return False
     look[LENGTH], look[TURNED], look[MIDDLE] = length, math.atan2(y, x), middle
     look[BY_X], look[BY_Y], look[BY_D] = by_x, by_y, ux
     look[TURN_X], look[TURN_Y], look[TURN_D] = turn_x / length, turn_y / length, -uy / length
@@ -279,6 +284,8 @@ def move_cell(
         return TOO_LARGE
     # What the ball does beyond the first order: to the directions, and times `least` to l.
     ratio = ball / (least - ball)
+    if not ratio <= LARGEST_RATIO:
+        return TOO_LARGE
     beyond = ratio * ratio * (1.0 + ratio)
     turn = look[TURN_ERROR] + ball / least + beyond + rounding_error(look[SIZE], OPERATIONS)
     x, y, d = look[TURN_X], look[TURN_Y], look[TURN_D]

@@ -13,7 +13,7 @@ import numpy as np
 
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import down, up
-from dg_localization.pairs.turns import TURN
+from dg_localization.pairs.turns import HALF_TURN_UP, TURN
 
 FEWEST_PER_TURN, MOST_PER_TURN = 32, 2**13
 """Powers of two. Slices thinner than a milliradian tell no more."""
@@ -70,11 +70,13 @@ class YawSlices:
         return np.stack([middles, np.full(len(self), half)], axis=-1)
 
     def turned(self, turn_rad: float, half_rad: float) -> Self:
-        """Return the slices of what has turned by an angle, which errs by so much."""
+        """Return the slices of what has turned by a turn or two at most, which errs by so much."""
+        beyond_rad = float(angle_up(up(self.beyond_rad + half_rad)))
         return replace(
             self,
             start_rad=math.remainder(self.start_rad + turn_rad, TURN),
-            beyond_rad=float(angle_up(up(self.beyond_rad + half_rad))),
+            # A slice that reaches so far has all yaws.
+            beyond_rad=min(beyond_rad, HALF_TURN_UP),
         )
 
     def spread(self) -> tuple[Self, np.ndarray, np.ndarray]:

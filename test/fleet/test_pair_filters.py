@@ -118,10 +118,10 @@ def test_filters_end_with_what_is_forgotten_at_a_reset_and_when_time_goes_back()
         return [Forgotten(frozenset([ends]), before_s, 'a test', after_s)]
 
     of_pair.forget(config, forgotten(oldest.since_s + 0.1, ('r0', 'another')))
-    of_pair.forget(config, forgotten(oldest.since_s, ('r1', 'r0')))
+    of_pair.forget(config, forgotten(oldest.since_s - 0.01, ('r1', 'r0')))
     of_pair.forget(config, forgotten(math.inf, ('r1', 'r0'), oldest.knot_s))
     assert filters_of(localizer)[0] is oldest
-    of_pair.forget(config, forgotten(oldest.since_s + 0.1, ('r1', 'r0')))
+    of_pair.forget(config, forgotten(oldest.since_s, ('r1', 'r0')))
     assert oldest not in filters_of(localizer) and others[0] in filters_of(localizer)
     localizer.estimate(localizer.snapshot(estimate.stamp_s - 4.0))
     assert all(known.knot_s <= estimate.stamp_s - 4.0 for known in filters_of(localizer))

@@ -356,3 +356,39 @@ def test_bounds_at_the_end_of_a_way_are_those_on_it_and_what_was_gone():
     ranges = Ranges(ways, np.array([7.0]), np.array([8.0]))
     assert ranges.at_end_m == pytest.approx((1.5, 13.5), abs=1e-9)
     assert ranges.at_end_m[0] <= 1.5 and ranges.at_end_m[1] >= 13.5
+
+
+def way_to(a_m, b_m, half_m=(0.0, 0.0), half_rad=(0.0, 0.0)):
+    """Return the way of two bodies that look along x, with errors of both places and turns."""
+    offs_m = [np.array([half, half, 0.0]) for half in half_m]
+    poses = [
+        PastPoses(
+            Interval(np.array([[*way, 0.0]]) - off, np.array([[*way, 0.0]]) + off),
+            Interval(np.array([-turn]), np.array([turn])),
+        )
+        for way, off, turn in zip((a_m, b_m), offs_m, half_rad, strict=True)
+    ]
+    return Ways.of(*poses, 0.0, 0.0)
+
+
+@pytest.mark.parametrize('unbounded', [(math.inf, 0.0), (0.0, math.inf)], ids=['A', 'B'])
+def test_ways_that_nothing_is_known_of_lose_nothing(unbounded):
+    cover = MutualCover.started(2.0, 2.1)
+    known, known_m = way_to((0.1, 0.0), (0.0, 0.1)), (np.array([1.0]), np.array([3.0]))
+    nowhere = way_to((0.0, 0.0), (0.0, 0.0), half_m=unbounded)
+    whirling = way_to((0.0, 0.0), (0.0, 0.0), half_rad=unbounded)
+    assert cover.carried(nowhere) is None and cover.carried(whirling) is None
+    without = cover.carried(known)
+    with_it = cover.carried(known, Ranges(nowhere, *known_m))
+    assert np.array_equal(with_it.cells, without.cells)
+    # A range holds however the bodies turn.
+    near = Ranges(whirling, np.array([2.0]), np.array([2.05]))
+    assert cover.carried(known, near).distance_m[1] < without.distance_m[1]
+
+
+@pytest.mark.parametrize('way_m', [1.9, 2.5, 2.852, 2.878])
+def test_cells_of_bodies_that_come_near_stay_small(way_m):
+    cover = MutualCover.started(2.87, 2.885).carried(way_to((way_m, 0.0), (0.0, 0.0)))
+    if cover is not None:
+        widths_rad = cover.cells[:, [HIGH_A, HIGH_B]] - cover.cells[:, [LOW_A, LOW_B]]
+        assert widths_rad.max() < 4.0 * math.pi

@@ -58,9 +58,10 @@ def narrow_answer(
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.allowance.resume()
-    main = Left((), ())
+    main = by_chains = Left((), ())
     if plans.main is not None:
-        main = recalled.narrow(found.placements, plans.main.frame)
+        by_chains = recalled.narrow(found.placements, plans.main.frame)
+        main = _seen_by_robots(by_chains, plans.main.frame, recalled)
     of_groups = [recalled.narrow(group.placements, group.frame) for group in found.groups]
     parts: list[tuple[Answer | Group, Left]] = [
         (found, main),
@@ -77,14 +78,8 @@ def narrow_answer(
     proved: tuple[Proved, ...] = ()
     placements = main.placements
     if plans.main is not None:
-        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, main))
-        # What rests on all of the memory proves nothing of later answers.
-        if recalled.directions is not None:
-            robots = recalled.config.robots
-            placements = recalled.directions.leave(placements, plans.main.frame, robots)
-            if not placements and main.placements:
-                return NarrowedAnswer(found, (), recalled.without_anything())
-            main = replace(main, placements=placements)
+        # What rests on all of the memory, as directions do, proves nothing of later answers.
+        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, by_chains))
         placements = _hypotheses(main, plans.main, recalled, refit)
     answer = replace(
         found,
@@ -97,6 +92,14 @@ def narrow_answer(
     )
     ruled_out = tuple(text for _, left in parts for text in left.ruled_out)
     return NarrowedAnswer(answer, ruled_out, recalled.forgotten, proved)
+
+
+def _seen_by_robots(left: Left, frame: FixedFrame, recalled: Recollection) -> Left:
+    """Return what the directions in which two robots have each other leave of placements."""
+    if recalled.directions is None:
+        return left
+    robots = recalled.config.robots
+    return replace(left, placements=recalled.directions.leave(left.placements, frame, robots))
 
 
 def _hypotheses(

@@ -57,7 +57,7 @@ class PairFilter:
     Parameters
     ----------
     since_s : float
-        Older ranges have no effect.
+        The stamp of the first range; older ones have no effect.
     knot_s : float
         Later ranges have none yet.
     samples_s : tuple of float
@@ -180,7 +180,7 @@ class PairFilters:
                 self._filters = tuple(
                     known
                     for known in self._filters
-                    if known.since_s >= item.before_s or known.knot_s <= item.after_s
+                    if known.since_s > item.before_s or known.knot_s <= item.after_s
                 )
 
 

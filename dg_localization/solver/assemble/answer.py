@@ -50,7 +50,7 @@ def answer(
     budget : CallBudget
         What the call may take.
     within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
+        The boxes in m^2 that placements have to lie in; None for everywhere.
     decomposition : Decomposition, optional
         The pieces to take, instead of those that the graph of measured pairs has.
 
@@ -62,6 +62,8 @@ def answer(
     """
     if problem.n_points > MOST_DENSE:
         problem = problem.sparse()
+    if within is not None and len(within) == 0:
+        return _infeasible(tuple(range(problem.n_points)), problem, budget)
     if decomposition is None:
         decomposition = _decomposed(problem, budget.is_over)
     solved = _solved(problem, decomposition, budget, within)

@@ -149,7 +149,7 @@ class CallBudget:
         share : float
             The fraction of the boxes and of the time left that the search may take.
         within : sequence of (lower, upper), optional
-            The boxes in m^2 to search in; everywhere when there are none.
+            The boxes in m^2 to search in; None for everywhere.
         most_boxes : int, optional
             Most boxes to process, besides the share.
         at_gaps : bool, optional

@@ -105,7 +105,7 @@ def solve_large(
     share : float
         The fraction of the boxes and of the time left that the piece may take.
     within : sequence of (lower, upper), optional
-        The boxes in m^2 to search in; everywhere when there are none.
+        The boxes in m^2 to search in; None for everywhere.
 
     Returns
     -------

@@ -180,8 +180,8 @@ class PieceSolver:
         """Solve all pieces, until one of them cannot exist."""
         self._solve_ahead()
         for number in range(len(self._tasks)):
-            if number and self._budget.is_overdue():
-                return self._solved()
+            if number and number not in self._ahead and self._budget.is_overdue():
+                continue
             self._merge_degenerate(number)
             task = self._tasks[number]
             self._solve(task, self._share(number))

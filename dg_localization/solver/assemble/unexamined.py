@@ -32,7 +32,7 @@ def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None
     points : tuple of int
         The points, ascending.
     within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
+        The boxes in m^2 that placements have to lie in; None for everywhere.
 
     Returns
     -------

@@ -223,7 +223,7 @@ def separating_pairs(graph: Graph) -> IntArray:
     found = []
     center = 0
     while center < n_points:
-        pairs, center = _separating_pairs_from(graph, center, WORK_PER_LOOK // 16)
+        pairs, center = _separating_pairs_from(graph, center, 1 + WORK_PER_LOOK // 16)
         found.append(pairs)
         look_after(WORK_PER_LOOK)
     pairs = np.concatenate(found)

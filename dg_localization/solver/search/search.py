@@ -51,7 +51,7 @@ def search(
     progress : callable, optional
         Called with the statistics so far, once a box.
     within : sequence of (ndarray, ndarray), shapes (n, n), optional
-        Lower and upper bounds, in m^2, of the boxes to search in; everywhere without any.
+        Lower and upper bounds, in m^2, of the boxes to search in; None for everywhere.
     at_once : int, optional
         How many boxes to examine at a time; as many as there are processors without it, where
         the boxes are large. The cover depends on it.
