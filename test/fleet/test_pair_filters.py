@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dg_localization import Verdict
+from dg_localization.fleet import estimation
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.window import pair_filters
 from dg_localization.fleet.window.forgetting import Forgotten
@@ -175,6 +176,21 @@ def test_ranges_that_contradict_each_other_are_forgotten_and_the_moment_is_answe
     estimate = localizer.estimate(localizer.snapshot(estimate.stamp_s))
     assert estimate.placements and not filters_of(localizer)
     assert any('contradicts' in forgotten.text for forgotten in estimate.forgotten)
+
+
+def test_where_not_all_hypotheses_are_listed_directions_contradict_nothing(monkeypatch):
+    history = draw(8, 6.0)
+    localizer = localizer_of(history)
+    *_, (_time_s, estimate) = history.play(localizer, np.arange(1.0, 5.0, 0.5))
+
+    def with_one_more(found, *args):
+        return narrow_answer(replace(found, n_hypotheses=found.n_hypotheses + 1), *args)
+
+    narrow_answer = estimation.narrow_answer
+    monkeypatch.setattr(estimation, 'narrow_answer', with_one_more)
+    monkeypatch.setattr(PairFilters, 'follow', lambda *_: pair_filters.NOWHERE)
+    estimate = localizer.estimate(localizer.snapshot(estimate.stamp_s))
+    assert estimate.placements and not estimate.forgotten and filters_of(localizer)
 
 
 def test_where_a_filter_cannot_go_on_the_next_starts_later(monkeypatch):
