@@ -377,6 +377,7 @@ def test_ways_that_nothing_is_known_of_lose_nothing(unbounded):
     known, known_m = way_to((0.1, 0.0), (0.0, 0.1)), (np.array([1.0]), np.array([3.0]))
     nowhere = way_to((0.0, 0.0), (0.0, 0.0), half_m=unbounded)
     whirling = way_to((0.0, 0.0), (0.0, 0.0), half_rad=unbounded)
+    assert not nowhere.placed and whirling.placed and not whirling.bounded
     assert cover.carried(nowhere) is None and cover.carried(whirling) is None
     without = cover.carried(known)
     with_it = cover.carried(known, Ranges(nowhere, *known_m))
