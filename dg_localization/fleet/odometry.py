@@ -159,6 +159,10 @@ class OdometryPath:
         """The times of the samples, shape (n,)."""
         return self._stamps_s
 
+    def sample_s(self, time_s: float) -> float:
+        """Return the stamp of the sample nearest to a time."""
+        return float(self._stamps_s[self._index_at(time_s)])
+
     def stated(self, time_s: float) -> tuple[float, float, float]:
         """Return x, y and yaw of the sample nearest to a time, in the odometry frame."""
         index = self._index_at(time_s)

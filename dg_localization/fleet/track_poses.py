@@ -34,7 +34,7 @@ class TrackPoses:
 @dataclass(frozen=True)
 class TrackStep:
     """
-    Where a track is at one sample, seen from an earlier one.
+    Where a track is at one sample, seen from an earlier one, or where its robot is, seen from it.
 
     Parameters
     ----------

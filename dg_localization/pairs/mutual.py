@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 
 from dg_localization.interval.angles import angle_down, angle_up
-from dg_localization.interval.arrays import Interval, down, up
+from dg_localization.interval.arrays import down, up
 from dg_localization.interval.environment import default_environment
 from dg_localization.interval.rounding import rounding_error
 from dg_localization.pairs.cover import arc_around
@@ -47,7 +47,7 @@ from dg_localization.pairs.mutual_kernels import (
     WAY_B,
 )
 from dg_localization.pairs.mutual_steps import NO_ROOM, carry_cells
-from dg_localization.pairs.readings import PastPoses, center_and_half
+from dg_localization.pairs.readings import PastPoses, center_and_half, norm_up
 
 COARSEST, FINEST = 64, 256
 """Cells of the full turn: as few as there are at first, and as many as may be."""
@@ -164,7 +164,7 @@ class Ranges:
     @property
     def at_end_m(self) -> tuple[float, float]:
         """Bounds of the distance where the way ends."""
-        moved_m = up(_lengths(self.ways.a_m) + _lengths(self.ways.b_m))
+        moved_m = up(norm_up(self.ways.a_m) + norm_up(self.ways.b_m))
         moved_m = up(moved_m + self.ways.ball_m)
         lower_m, upper_m = down(self.lower_m - moved_m), up(self.upper_m + moved_m)
         return max(0.0, float(lower_m.max(initial=0.0))), float(upper_m.min(initial=math.inf))
@@ -295,10 +295,4 @@ def _balls(poses: PastPoses, yaw_rad: float) -> tuple[np.ndarray, np.ndarray]:
     middle, half = center_and_half(poses.position_m)
     x, y, c, s = middle[:, 0], middle[:, 1], math.cos(yaw_rad), math.sin(yaw_rad)
     rounded = rounding_error(float(np.abs(middle).max(initial=0.0)), OPERATIONS)
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1), up(_lengths(half) + rounded)
-
-
-def _lengths(ways_m: np.ndarray) -> np.ndarray:
-    """Return upper bounds of the lengths of ways in the plane, shape (m,)."""
-    bounds = Interval.point(ways_m[:, :2]).square()
-    return (bounds[:, 0] + bounds[:, 1]).sqrt().upper
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1), up(norm_up(half[:, :2]) + rounded)

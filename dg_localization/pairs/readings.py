@@ -236,9 +236,9 @@ class PairReadings:
             center, half = center_and_half(points)
             table[:, middle : middle + 3], table[:, error : error + 3] = center, half
             table[:, cuts.TERMS] += (np.abs(center) + half).sum(axis=-1)
-            radii.append(_norm_up(half))
+            radii.append(norm_up(half))
         table[:, cuts.ERROR_RADIUS] = up(radii[0] + radii[1])
-        table[:, cuts.B_RADIUS] = _norm_up(table[:, cuts.B : cuts.B + 2])
+        table[:, cuts.B_RADIUS] = norm_up(table[:, cuts.B : cuts.B + 2])
         table[:, cuts.NEAREST] = np.maximum(self.distance_m.lower, 0.0)
         table[:, cuts.FARTHEST] = self.distance_m.upper
         table[:, cuts.LOWEST], table[:, cuts.HIGHEST] = self.height_m.lower, self.height_m.upper
@@ -278,7 +278,7 @@ def center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:
     return center, np.where(exact, 0.0, half)
 
 
-def _norm_up(vectors: np.ndarray) -> np.ndarray:
+def norm_up(vectors: np.ndarray) -> np.ndarray:
     """Return upper bounds of the lengths along the last axis."""
     squares = up(vectors * vectors)
     total = squares[..., 0]
@@ -305,7 +305,7 @@ def start_bounds(table: np.ndarray, max_outliers: int) -> tuple[np.ndarray, np.n
     if len(table) <= max_outliers:
         return np.full(3, -math.inf), np.full(3, math.inf)
     points_a = table[:, cuts.A : cuts.A + 3]
-    lever = _norm_up(table[:, cuts.B : cuts.B + 3])
+    lever = norm_up(table[:, cuts.B : cuts.B + 3])
     reach = up(up(table[:, cuts.FARTHEST] + lever) + table[:, cuts.ERROR_RADIUS])[:, None]
     lower, upper = down(points_a - reach), up(points_a + reach)
     unknown = ~np.isfinite(lower) | ~np.isfinite(upper)

@@ -8,6 +8,7 @@ import math
 import signal
 
 from geometry_msgs.msg import PoseArray
+from heard_poses import assert_holds, half_widths_of, pose_from_message
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -27,7 +28,6 @@ SHARP = (
 )
 GHOST = '/uwb/ghost'
 REFERENCE = 1
-pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 
 
@@ -105,17 +105,23 @@ def test_cameras_leave_the_true_placement_only(fresh, paper_fleet):
     fresh.play(paper_fleet, cameras=True)
     fresh.until_status('fleet', Level.OK, 'one hypothesis')
     fresh.clear()
-    fresh.until(lambda: all(fresh.heard.poses.values()), 'a pose of every robot')
+
+    def poses():
+        return [[pose_from_message(x) for x in heard] for heard in fresh.heard.poses.values()]
+
+    def narrow(pose):
+        half_widths = half_widths_of(pose)
+        return half_widths[:2].max() < 1.0 and half_widths[5] < 0.5
+
+    # An answer of a busy machine may be coarser than the next one.
+    fresh.until(
+        lambda: all(any(map(narrow, heard)) for heard in poses()), 'a narrow pose of every robot'
+    )
     positions, yaws = paper_fleet.in_frame_of(REFERENCE)
-    for row, messages in enumerate(fresh.heard.poses.values()):
-        pose = pose_from_message(messages[-1])
-        half_widths = np.sqrt(np.diag(pose.covariance))
-        assert (np.abs(pose.position_xyz[:2] - positions[row]) <= half_widths[:2] + 1e-9).all()
-        assert half_widths[:2].max() < 1.0
-        assert half_widths[2:5] == pytest.approx(1e-3)
-        z, w = pose.orientation_xyzw[2:]
-        turn = (2.0 * math.atan2(z, w) - yaws[row] + math.pi) % (2.0 * math.pi) - math.pi
-        assert abs(turn) <= half_widths[5] < 0.5
+    for row, heard in enumerate(poses()):
+        for pose in heard:
+            assert_holds(pose, positions[row], yaws[row])
+            assert half_widths_of(pose)[2:5] == pytest.approx(1e-3)
     assert fresh.until_status('robot robot_4', Level.OK, 'localized')
 
 
@@ -323,6 +329,7 @@ def test_signals_end_a_working_node_cleanly(bench, paper_fleet, process, start_l
         bench.forget()
     else:
         ending = start_localizer('--params-file', CONFIG)
+        bench.until(lambda: 'the solver is ready' in ending.output(), 'the solver', 60.0)
         bench.clear()
     bench.play(paper_fleet, cameras=False)
     bench.until(lambda: bench.heard.fleet and bench.heard.fleet[-1].poses, 'placements')

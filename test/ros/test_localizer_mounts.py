@@ -5,16 +5,15 @@
 
 import math
 
+from heard_poses import assert_holds, half_widths_of, pose_from_message
 import numpy as np
 
-from msg_adapters import Level, adapter_for
+from msg_adapters import Level
 
 BEACONS = {'beacon_1': (0.0, 0.0), 'beacon_2': (6.0, 0.0), 'beacon_3': (1.0, 5.0)}
 TAGS = {'left': (0.2, 0.8), 'right': (0.2, -0.8)}
 PLACE_M, YAW_RAD = np.array([3.0, 2.0]), 0.7
 ERROR_M = 0.02
-
-pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
 
 
 def range_m(tag, beacon):
@@ -57,14 +56,10 @@ def test_two_tags_give_a_pose_by_template_link_and_peers(bench, make_node):
     bench.until_status('robot robot_1', Level.OK, 'localized')
     bench.clear()
 
-    def headed():
-        heard = bench.heard.poses['robot_1']
-        return heard and heard[-1].pose.covariance[35] < 1.0
+    def poses():
+        return [pose_from_message(message) for message in bench.heard.poses['robot_1']]
 
-    bench.until(headed, 'a heading')
-    pose = pose_from_message(bench.heard.poses['robot_1'][-1])
-    half_widths = np.sqrt(np.diag(pose.covariance))
-    assert (np.abs(pose.position_xyz[:2] - PLACE_M) <= half_widths[:2]).all()
-    z, w = pose.orientation_xyzw[2:]
-    turn = math.remainder(2.0 * math.atan2(z, w) - YAW_RAD, 2.0 * math.pi)
-    assert abs(turn) <= half_widths[5] < 0.3
+    # An answer of a busy machine may be coarser than the next one.
+    bench.until(lambda: any(half_widths_of(pose)[5] < 0.3 for pose in poses()), 'a heading')
+    for pose in poses():
+        assert_holds(pose, PLACE_M, YAW_RAD)

@@ -7,6 +7,7 @@ from itertools import combinations
 import math
 import time
 
+from heard_poses import assert_holds, half_widths_of, pose_from_message
 from nav_msgs.msg import Odometry
 import numpy as np
 
@@ -27,7 +28,6 @@ DRIFT = 1.0 + 0.8 * ODOMETRY_ERROR
 """Robots go and turn this much farther than their odometry says."""
 
 odometry_to_message = adapter_for('nav_msgs/msg/Odometry').to_message
-pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
 
 
 class Circling:
@@ -110,18 +110,14 @@ def test_robots_that_move_end_with_one_hypothesis_and_headings(bench, make_node)
         if not all(heard):
             return None
         poses = [pose_from_message(messages[-1]) for messages in heard]
-        half_widths = [math.sqrt(pose.covariance[5, 5]) for pose in poses]
+        half_widths = [half_widths_of(pose)[5] for pose in poses]
         same_time = len({pose.stamp_s for pose in poses}) == 1
         return poses if same_time and max(half_widths) < 1.0 else None
 
     poses = bench.until(headed, 'headings of all robots', DEADLINE_S)
     positions, yaws = fleet.in_fleet_frame(poses[0].stamp_s)
     for row, pose in enumerate(poses):
-        half_widths = np.sqrt(np.diag(pose.covariance))
-        assert np.all(np.abs(pose.position_xyz[:2] - positions[row]) <= half_widths[:2] + 1e-6)
-        z, w = pose.orientation_xyzw[2:]
-        turn = math.remainder(2.0 * math.atan2(z, w) - yaws[row], 2.0 * math.pi)
-        assert abs(turn) <= half_widths[5] + 1e-6
+        assert_holds(pose, positions[row], yaws[row])
 
 
 ANCHORS_M = {
@@ -192,12 +188,12 @@ def test_a_robot_that_flies_among_anchors_is_placed_and_has_an_orientation(bench
         if not heard:
             return None
         pose = pose_from_message(heard[-1])
-        half_widths = np.sqrt(np.diag(pose.covariance))
+        half_widths = half_widths_of(pose)
         return pose if np.all(half_widths[:3] < 1.5) and np.all(half_widths[3:] < 1.0) else None
 
     pose = bench.until(oriented, 'a pose that is known', DEADLINE_S)
     place, *angles = flier.pose(pose.stamp_s)
-    half_widths = np.sqrt(np.diag(pose.covariance))
+    half_widths = half_widths_of(pose)
     assert np.all(np.abs(pose.position_xyz - place) <= half_widths[:3] + 1e-6)
     angle = 2.0 * math.acos(
         min(1.0, abs(pose.orientation_xyzw @ np.array(quaternion_of_euler(*angles))))

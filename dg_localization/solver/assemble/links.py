@@ -27,6 +27,7 @@ from dg_localization.solver.assemble.subproblem import (
     Orientations,
     points_of,
     restricted,
+    restricted_boxes,
 )
 from dg_localization.solver.decompose.decomposition import pairs_of
 from dg_localization.solver.decompose.graph import BoolArray
@@ -173,8 +174,7 @@ class Linker:
         problem = restricted(self._problem, points, bounds, constraints)
         if problem is None:
             return False
-        index = np.ix_(points, points)
-        within = self._within and [(lower[index], upper[index]) for lower, upper in self._within]
+        within = self._within and restricted_boxes(self._within, points)
         stopped = self._budget.is_over
         options = replace(self._budget.options, tighten_slices=0)
         return contracted(problem, options, within, stopped) is not None

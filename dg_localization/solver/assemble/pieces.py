@@ -10,7 +10,7 @@ from a piece solved before: it is solved once for each of the ranges that these 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 import math
@@ -30,7 +30,13 @@ from dg_localization.solver.assemble.large_pieces import (
 )
 from dg_localization.solver.assemble.ranges import common_ranges, hull_of_ranges, ranges_of
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
-from dg_localization.solver.assemble.subproblem import Bounds, Orientations, Ranges, restricted
+from dg_localization.solver.assemble.subproblem import (
+    Bounds,
+    Orientations,
+    Ranges,
+    restricted,
+    restricted_boxes,
+)
 from dg_localization.solver.assemble.tasks import Part, SolvedPart
 from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
@@ -205,7 +211,7 @@ class PieceSolver:
         parts = []
         for number in numbers:
             points = self._tasks[number].points
-            within = self._within and _restricted(self._within, points)
+            within = self._within and restricted_boxes(self._within, points)
             constraints = self._orientations.among(points)
             parts.append(Part(restricted(self._problem, points, None, constraints), within))
         solved, self._given_boxes = self._budget.solve_ahead(parts, self._share(0))
@@ -271,7 +277,7 @@ class PieceSolver:
     def _solve(self, task: _Task, share: float) -> None:
         """Solve a piece for all that earlier pieces say of its points."""
         given = self._given(task)
-        within = self._within and _restricted(self._within, task.points)
+        within = self._within and restricted_boxes(self._within, task.points)
         constraints = self._orientations.among(task.points)
         for x, bounds in enumerate(given):
             problem = restricted(self._problem, task.points, bounds, constraints)
@@ -366,9 +372,3 @@ class PieceSolver:
         if left:
             answer.pieces.append(unexamined(self._problem, tuple(left), self._within))
         return answer
-
-
-def _restricted(boxes: Iterable[Bounds], points: Points) -> list[Bounds]:
-    """Return the bounds of some points."""
-    index = np.ix_(points, points)
-    return [(lower[index], upper[index]) for lower, upper in boxes]

@@ -140,6 +140,12 @@ def _narrowed_pairs(pairs: PairBounds, ranges: Ranges) -> PairBounds | None:
     return None if (narrowed.lower > narrowed.upper).any() else narrowed
 
 
+def restricted_boxes(boxes: Iterable[Bounds], points: Points) -> list[Bounds]:
+    """Return the bounds of some points."""
+    index = np.ix_(points, points)
+    return [(lower[index], upper[index]) for lower, upper in boxes]
+
+
 def common_parts(boxes: Iterable[Bounds], others: Iterable[Bounds]) -> list[Bounds]:
     """Return what each of some boxes has in common with each of others."""
     common = (

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece
-from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.assemble.subproblem import Bounds, restricted_boxes
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.patches.answers import ChainedHypothesis
 from dg_localization.solver.patches.chains import ChainGraph
@@ -42,8 +40,7 @@ def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None
     """
     known = problem.pairs.restricted(points)
     chains = ChainGraph(len(points), known.pairs, known.lower, known.upper)
-    index = np.ix_(points, points)
-    boxes = within and [(lower[index], upper[index]) for lower, upper in within]
+    boxes = within and restricted_boxes(within, points)
     hypothesis = ChainedHypothesis(chains, len(points), boxes, _nowhere, flexible=True)
     return SolvedPiece(points, [hypothesis], set(), was_examined=False)
 
