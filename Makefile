@@ -85,7 +85,9 @@ $(ready): setup.py setup.cfg $(wildcard requirements/*.txt)
 demo: $(ready) ## Simulate the paper's fleet, localize it over DDS, write demo.png
 	@$(run) -m dg_localization.ros.demo
 
+# Kernels are compiled first, with progress: it takes minutes, and a test that waits would time out.
 test: $(ready) ## Run all tests
+	$(run) -m dg_localization.compile_kernels || :
 	$(run) -m pytest -n $(JOBS) $(PYTEST_ARGS)
 
 lint: $(ready) ## Check style and types

@@ -38,6 +38,9 @@ class Localizer:
     from one thread. `estimate` reads nothing but its snapshot and what it keeps of the last one,
     and may run in another.
 
+    After the clock was set back call `reset`: what was measured before is of another time, which
+    stamps do not tell.
+
     Parameters
     ----------
     config : FleetConfig
