@@ -280,6 +280,7 @@ class Localizer:
             follower.filters,
             follower.pair_filters,
         )
+        follower.forget(snapshot, estimate)
         if cancel is not None and cancel.is_set():
             return estimate
         record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)

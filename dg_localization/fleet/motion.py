@@ -146,6 +146,8 @@ class Motion:
         )
         chord_m = _distance_up_m(start.position_m, end.position_m)
         chord_m = min(sum_up(chord_m, product_up(swing_rad, way_m)), way_m)
+        # The constant errors of the poses turn with the track, too.
+        error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))
         beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
         return min(by_speed_m, sum_up(chord_m, error_m, product_up(speed_m_s, beyond_s)))
 

@@ -133,10 +133,9 @@ class OdometryPath:
 
         """
         then, now, position, yaw = self._samples(times_s, now_s)
-        now_m = up(now.offset_m + self._error.constant_m)
-        now_rad = angle_up(up(now.offset_rad + self._error.constant_rad))
+        (then_m, _), (now_m, now_rad) = self._off_track(then), self._off_track(now)
         yaw_now = Interval(-now_rad, now_rad)
-        position = position + self._ball(then.offset_m) + self._ball(now_m)
+        position = position + self._ball(then_m) + self._ball(now_m)
         yaw = yaw + Interval(-then.offset_rad, then.offset_rad) - yaw_now
         return PastPoses(turned(-yaw_now, position), yaw)
 
@@ -244,10 +243,15 @@ class OdometryPath:
         step_angles(self._rotations, angles)
         angles = np.where(angles > 0.0, angle_up(angles), 0.0)
         error = self._error
-        return (
-            up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles)),
-            up(up(error.rotation_per_m * lengths) + up(error.rotation_per_rad * angles)),
-        )
+        way_m = up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles))
+        turn_rad = up(up(error.rotation_per_m * lengths) + up(error.rotation_per_rad * angles))
+        # The constant error of a pose turns with the track.
+        return up(way_m + up(turn_rad * self._centered_m)), turn_rad
+
+    @property
+    def _centered_m(self) -> float:
+        """How far any stated position is from one track at most: a shifted track is a track."""
+        return float(up(CENTERED * self._error.constant_m))
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""
@@ -257,7 +261,8 @@ class OdometryPath:
         """Return the samples nearest to some times."""
         stamps, latency = self._stamps_s, self._error.latency_s
         slack_s = 0.0
-        if math.isfinite(self._limits.speed_m_s) and math.isfinite(self._limits.turn_rate_rad_s):
+        limits = self._limits.speed_m_s, self._limits.turn_rate_rad_s
+        if latency > 0.0 or all(map(math.isfinite, limits)):
             # Equal numbers need not be equal times (`elapsed_up`).
             largest_s = max(np.abs(stamps).max(), np.abs(times_s).max(initial=0.0))
             slack_s = 4.0 * float(elapsed_up(largest_s, largest_s))
@@ -300,9 +305,9 @@ class OdometryPath:
 
     def _off_track(self, near: _Nearest) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the robot is from its track at some times at most, in m and rad."""
-        # A track that is shifted is a track, one whose headings alone are turned is none.
-        off_m = up(near.offset_m + up(CENTERED * self._error.constant_m))
-        return off_m, angle_up(up(near.offset_rad + self._error.constant_rad))
+        # A track whose headings alone are turned is none: their errors have no middle.
+        off_rad = angle_up(up(near.offset_rad + self._error.constant_rad))
+        return up(near.offset_m + self._centered_m), off_rad
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
         """Return the poses of samples seen from sample `last`, with the errors of the way."""

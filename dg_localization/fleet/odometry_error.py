@@ -30,7 +30,8 @@ class OdometryErrorModel:
     translation_per_m, translation_per_rad : float
         Error of a step, in m per m travelled and in m per rad turned.
     rotation_per_m, rotation_per_rad : float
-        Error of a turn, in rad per m travelled and in rad per rad turned.
+        Error of a turn, in rad per m travelled and in rad per rad turned. Ways and turns are those
+        of the stated poses.
     constant_m, constant_rad : float
         What does not add up along the way. The stated poses are those of a track that errs by the
         other terms alone, each with an error of its own. Any two errors of positions differ by

@@ -159,7 +159,7 @@ class CountedCover:
         Parameters
         ----------
         step : PastPoses
-            One pose: where B is now, seen from where it was.
+            One pose: where B is now, seen from where it was. Its height does not count.
         ball_m : float, optional
             How far from that it may be besides, in any direction.
 
@@ -183,7 +183,21 @@ class CountedCover:
 
     @default_environment()
     def cut(self, readings: PairReadings) -> Self:
-        """Return what readings in the plane leave, each of which counts once."""
+        """
+        Return what readings leave, each of which counts once.
+
+        Parameters
+        ----------
+        readings : PairReadings
+            In the plane: all points at one height, all rays level.
+
+        Raises
+        ------
+        ValueError
+            If the readings are not in the plane.
+
+        """
+        _check_level(readings)
         kept = np.empty_like(self.supports)
         cut_slices(self.supports, self.slices.yaws, readings.table, kept)
         return replace(self, supports=kept)._without_empty()

@@ -15,91 +15,20 @@ import bisect
 from dataclasses import dataclass, field
 import math
 
+from drives import SAMPLE_S, draw_drive, draw_errors
 import numpy as np
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
-from dg_localization.fleet.odometry_error import OdometryErrorModel
 
-SAMPLE_S = 0.1
 MAX_AGE_S = 0.5
+EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
+"""So many histories have one that is long enough for filters to answer."""
 TOLERANCE = 1e-7
 
 
 def wrapped(angle):
     return math.remainder(angle, 2.0 * math.pi)
-
-
-@dataclass
-class Drive:
-    """The true and the stated poses (x, y, yaw) of a robot at each sample."""
-
-    true: np.ndarray
-    stated: np.ndarray
-    scale: float = 1.0
-
-    def reported(self, sample):
-        """Return the pose that is reported, before it is scaled."""
-        x, y, yaw = self.stated[sample]
-        return np.array([x / self.scale, y / self.scale, yaw])
-
-    def pose(self, time_s):
-        """Return the true pose at a time since the start, on straight lines between samples."""
-        low = min(int(time_s / SAMPLE_S), len(self.true) - 2)
-        share = time_s / SAMPLE_S - low
-        return self.true[low] + share * (self.true[low + 1] - self.true[low])
-
-    def kick(self, sample, step_m):
-        """Move the robot at a sample, unnoticed by its odometry."""
-        self.true[sample:, :2] += step_m
-
-
-def draw_drive(rng, count, error, worst):
-    """Drive about; every step of the odometry errs by its bound if `worst`, by less otherwise."""
-    goal_turn = rng.uniform(-0.8, 0.8)
-    true = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-3.0, 3.0)])
-    stated = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-3.0, 3.0)])
-    speed = rng.uniform(0.0, 0.7)
-    sign, aim = rng.choice([-1.0, 1.0]), rng.uniform(-math.pi, math.pi)
-    poses = ([true], [stated])
-    for _sample in range(count):
-        if rng.random() < 0.05:
-            goal_turn, speed = rng.uniform(-0.8, 0.8), rng.uniform(0.0, 0.7)
-        way, turn = speed * SAMPLE_S, goal_turn * SAMPLE_S
-        share = 0.999 if worst else rng.random()
-        off = share * (error.translation_per_m * way + error.translation_per_rad * abs(turn))
-        angle = aim if worst else rng.uniform(-math.pi, math.pi)
-        step = np.array([way + off * math.cos(angle), off * math.sin(angle)])
-        most = error.rotation_per_m * way + error.rotation_per_rad * abs(turn)
-        off_turn = most * (0.999 * sign if worst else rng.uniform(-1.0, 1.0))
-        c, s = math.cos(true[2]), math.sin(true[2])
-        true = true + [c * step[0] - s * step[1], s * step[0] + c * step[1], turn + off_turn]
-        c, s = math.cos(stated[2]), math.sin(stated[2])
-        stated = stated + [c * way, s * way, turn]
-        poses[0].append(true)
-        poses[1].append(stated)
-    return Drive(np.array(poses[0]), np.array(poses[1]), error.translation_scale)
-
-
-def draw_errors(rng, robots, own):
-    """Draw the errors of the odometry of each robot: those of all, or its own, and its scale."""
-    of_all = draw_terms(rng)
-    return [
-        OdometryErrorModel(
-            **(of_all if own.random() < 0.5 else draw_terms(own)),
-            translation_scale=float(own.choice([1.0, 1.0, 0.8, 1.25])),
-        )
-        for _robot in range(robots)
-    ]
-
-
-def draw_terms(rng):
-    return {
-        'translation_per_m': rng.choice([0.0, 0.05, 0.2]),
-        'translation_per_rad': rng.choice([0.0, 0.02]),
-        'rotation_per_m': rng.choice([0.0, 0.05]),
-        'rotation_per_rad': rng.choice([0.0, 0.05, 0.2]),
-    }
 
 
 @dataclass
@@ -118,10 +47,12 @@ class History:
     def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
         """Draw a history of a seed; `mounted` robots have two sensors each."""
         rng = np.random.default_rng(seed)
-        errors = draw_errors(rng, robots, own=np.random.default_rng(np.append(seed, 2)))
+        constants = np.random.default_rng(np.append(seed, 3))
+        own = np.random.default_rng(np.append(seed, 2))
+        errors = draw_errors(rng, robots, own, constants)
         worst = bool(rng.random() < 0.5)
         count = round(seconds / SAMPLE_S) + 1
-        drives = [draw_drive(rng, count, error, worst) for error in errors]
+        drives = [draw_drive(rng, count, error, worst, constants) for error in errors]
         high = float(rng.choice([0.01, 0.05, 0.1]))
         config = FleetConfig(
             robots=tuple(f'r{i}' for i in range(robots)),
@@ -315,6 +246,16 @@ def truth_is_inside(history, time_s, estimate):
     )
 
 
+def draw_followed(seed, seconds):
+    """Draw a history of a seed whose robots are followed by filters: long, and long remembered."""
+    rng = np.random.default_rng([seed, 4])
+    robots, anchors = (2, 0) if rng.random() < 0.3 else (int(rng.integers(1, 4)), 3)
+    outliers = int(rng.choice([0, 1])) if anchors else 0
+    return History.draw(
+        seed, robots, anchors, seconds, memory_s=0.8 * seconds, window_outliers=outliers
+    )
+
+
 def draw_any(seed, seconds):
     """Draw a history of a seed that also says who is in it and what is remembered."""
     rng = np.random.default_rng([seed, 1])
@@ -356,9 +297,11 @@ def main():
     arguments = parser.parse_args()
     steps, seed = 0, arguments.first
     while steps < arguments.steps:
-        history = draw_any(seed, arguments.seconds)
+        seconds, draw = arguments.seconds, draw_any
+        if seed % EVERY_FOLLOWED == 0:
+            seconds, draw = FOLLOWED_S, draw_followed
         try:
-            steps += play_without_a_loss(history, arguments.seconds, resets=seed % 2 == 1)
+            steps += play_without_a_loss(draw(seed, seconds), seconds, resets=seed % 2 == 1)
         except AssertionError as error:
             raise SystemExit(f'seed {seed}, after {steps} steps: {error}') from error
         seed += 1

@@ -108,6 +108,20 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     assert half_width_rad >= abs(np.arctan2(np.sin(off_rad), np.cos(off_rad))) - 1e-9
 
 
+def test_the_constant_errors_of_poses_turn_with_the_track():
+    # Poses stated at one place err by a circle of 0.02 m, while each turn errs by 0.2 of itself.
+    count, turn_rad, place = 300, 0.1, 0.0
+    offs_rad = 0.2 * turn_rad * np.arange(count + 1)
+    constants = 0.02 * np.exp(-1j * (offs_rad - 0.5 * 0.2 * turn_rad + 0.5 * np.pi))
+    for off_rad, before, after in zip(offs_rad, constants, constants[1:], strict=False):
+        place += np.exp(1j * off_rad) * (before - after)
+    readings = [
+        OdometryReading(1.0 + k, np.zeros(3), yaw_rotation(turn_rad * k)) for k in range(count + 1)
+    ]
+    motion = motion_of(*readings, rotation_per_rad=0.2, constant_m=0.04)
+    assert 0.1 < abs(place) <= motion.displacement_m('a', 1.0, 1.0 + count) < 0.3
+
+
 def test_a_robot_may_move_at_full_speed_before_and_after_its_odometry():
     readings = [OdometryReading(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (2.0, 3.0)]
     motion = motion_of(*readings, speed=2.0)

@@ -212,7 +212,7 @@ def test_the_constant_turns_the_whole_way():
     poses = path.past_poses([0.0, 10.0], 10.0)
     assert poses.position_m.upper[0, 1] == pytest.approx(10.04 * math.sin(0.12) + 0.04, rel=1e-2)
     assert poses.yaw_rad.upper == pytest.approx([0.12, 0.12])
-    assert poses.position_m.upper[1] == pytest.approx([0.0448, 0.0448, 0.0], rel=2e-2)
+    assert poses.position_m.upper[1] == pytest.approx([0.0549, 0.0549, 0.0], rel=2e-2)
 
 
 @pytest.mark.parametrize('turns_rad', [(-0.06, 0.06), (0.0, 0.12), (-0.12, 0.0)])
@@ -240,6 +240,47 @@ def test_the_constant_of_now_is_that_of_its_track(seed, turns_rad):
     whole = path.past_poses(stamps, count - 1.0).position_m
     narrower = np.linalg.norm(found.past.position_m.upper - found.past.position_m.lower, axis=1)
     assert np.all(narrower < np.linalg.norm(whole.upper - whole.lower, axis=1))
+
+
+def spin(count, turn_rad, error):
+    """
+    Turn on the spot by the odometry; return the true positions, the stated and the true yaws.
+
+    Each turn errs by its bound. The poses are stated as one place, and their constant errors all
+    push the same way as the track turns.
+    """
+    off_rad = error.rotation_per_rad * turn_rad * 0.999
+    stated, true = np.arange(count + 1) * turn_rad, np.arange(count + 1) * (turn_rad + off_rad)
+    offs_rad = true - stated
+    angles = -0.5 * (offs_rad[1:] + offs_rad[:-1]) - 0.5 * math.pi
+    constants = np.zeros((count + 1, 3))
+    constants[1:, 0], constants[1:, 1] = np.cos(angles), np.sin(angles)
+    constants *= 0.499 * error.constant_m
+    steps = [
+        rotation(off) @ (before - after)
+        for off, before, after in zip(offs_rad, constants, constants[1:], strict=False)
+    ]
+    return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]), stated, true
+
+
+@pytest.mark.parametrize('count', [1, 10, 300, 600])
+def test_the_constant_errors_of_poses_turn_with_the_track(count):
+    error = OdometryErrorModel(rotation_per_rad=0.2, constant_m=0.04)
+    positions, stated, yaws = spin(count, 0.1, error)
+    if count >= 300:
+        assert np.linalg.norm(positions[-1] - positions[0]) > 2.0 * error.constant_m
+    stamps = 100.0 + 0.1 * np.arange(count + 1)
+    path = path_of(stamps, (np.zeros((count + 1, 3)), stated), error)
+    assert_inside(path.past_poses(stamps, stamps[-1]), *seen_from_last(positions, yaws))
+    on_track = path.past_poses_on_track(stamps, stamps[-1])
+    off_m = on_track.track.position_m.upper[0, 0]
+    seen, _ = seen_from_last(positions, yaws)
+    assert np.all(np.linalg.norm(seen, axis=1) <= on_track.past.position_m.upper[:, 0] + off_m)
+    step = path.track_step(stamps[0], stamps[-1])
+    ends_m = 2.0 * path.off_track(stamps[-1]).ball_m
+    reach_m = np.linalg.norm(step.pose.position_m.upper[0]) + step.ball_m + ends_m
+    assert np.linalg.norm(positions[-1] - positions[0]) <= reach_m
+    assert step.ball_m < 0.03 * 0.2 * 0.1 * count
 
 
 @pytest.mark.parametrize('lag_s', [-0.2, -0.07, 0.13, 0.2])

@@ -5,13 +5,14 @@
 
 from dataclasses import replace
 import math
+from threading import Event
 
 from histories import History, localizer_of, truth_is_inside
 import numpy as np
 import pytest
 
 from dg_localization import Verdict
-from dg_localization.fleet import estimation
+from dg_localization.fleet import estimation, localizer as localizer_room
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.window import pair_filters
 from dg_localization.fleet.window.forgetting import Forgotten
@@ -128,6 +129,22 @@ def test_filters_end_with_what_is_forgotten_at_a_reset_and_when_time_goes_back()
     assert all(known.knot_s <= estimate.stamp_s - 4.0 for known in filters_of(localizer))
     localizer.reset()
     assert not filters_of(localizer)
+
+
+def test_what_a_cancelled_estimate_forgets_is_forgotten(monkeypatch):
+    history = draw(3, 12.0)
+    localizer = localizer_of(history)
+    estimates = [estimate for _, estimate in history.play(localizer, np.arange(1.0, 12.0, 1.0))]
+    assert filters_of(localizer)
+    forgotten = Forgotten(frozenset([('r0', 'r1')]), math.inf, 'a test')
+    broken = replace(estimates[-1], forgotten=(forgotten,))
+    monkeypatch.setattr(localizer_room, 'estimate_snapshot', lambda *_: (broken, ()))
+    cancel = Event()
+    cancel.set()
+    snapshot = localizer.snapshot(broken.stamp_s)
+    localizer.estimate(snapshot, cancel)
+    assert not filters_of(localizer)
+    assert not localizer.snapshot(broken.stamp_s).window.observations
 
 
 @pytest.mark.parametrize(

@@ -172,6 +172,8 @@ def test_readings_that_do_not_bound_a_position_start_nothing():
 def test_readings_out_of_the_plane_are_refused(reading, name):
     with pytest.raises(ValueError, match=f'{name}: .* in the plane'):
         CountedCover.started(reading, PairOptions())
+    with pytest.raises(ValueError, match=f'{name}: .* in the plane'):
+        CountedCover.started(Walk(3).measure(8), PairOptions()).cut(reading)
 
 
 def test_more_wrong_readings_than_are_tolerated_leave_nothing():

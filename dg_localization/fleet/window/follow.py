@@ -77,10 +77,12 @@ class Follower:
             if proved.stamp_s <= snapshot.stamp_s <= proved.since_s + longest_s
         )
 
-    def follow(
-        self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
-    ) -> Estimate:
-        """Return an estimate with the numbers of its hypotheses; keep what it proved."""
+    def forget(self, snapshot: Snapshot, estimate: Estimate) -> None:
+        """
+        Forget what an estimate says has to be forgotten.
+
+        That counts where an estimate was cancelled, too: its filters have gone on.
+        """
         oldest_s = snapshot.stamp_s - snapshot.config.memory_s
         if self._last.stamp_s > snapshot.stamp_s:
             # The clock was set back: what is left out is of another time.
@@ -89,6 +91,11 @@ class Follower:
         self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
         self.filters.forget(snapshot.config, estimate.forgotten)
         self.pair_filters.forget(snapshot.config, estimate.forgotten)
+
+    def follow(
+        self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
+    ) -> Estimate:
+        """Return an estimate with the numbers of its hypotheses; keep what it proved."""
         listed = [
             *estimate.placements,
             *(placement for group in estimate.groups for placement in group.placements),
