@@ -356,6 +356,26 @@ SEARCHING = [
         ),
     ),
     *_in(
+        'solver/place',
+        'existence',
+        ('test/solver/test_stopped_early.py::test_a_proof_in_steps_looks_at_every_equation',),
+        (
+            'of the equations of a proof only the first ones are looked at',
+            'for first in range(0, n_pairs, at_once):',
+            'for first in range(0, 1, at_once):',
+        ),
+    ),
+    *_in(
+        'solver/place',
+        'hypotheses',
+        ('test/solver/test_stopped_early.py::test_what_was_not_placed_is_not_proved[8]',),
+        (
+            'what there was no time to place counts as rigid',
+            'flexible: bool = True',
+            'flexible: bool = False',
+        ),
+    ),
+    *_in(
         'solver',
         'box',
         BOX,

@@ -134,6 +134,7 @@ def load_kernels() -> float:
     from dg_localization.solver.assemble.answer import answer
     from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.decompose.decomposition import pieces_of
+    from dg_localization.solver.place.existence import settled
     from dg_localization.solver.place.placements import refine
 
     start = time.perf_counter()
@@ -153,6 +154,8 @@ def load_kernels() -> float:
     for hypothesis in answer(_braced_grid(9, 7), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
         bool(hypothesis.proved)
+    exact = 1.0 - np.eye(3)
+    settled(Problem(exact, exact), np.eye(3, 2))
     # Large enough to look at the clock on the way.
     pieces_of(np.isfinite(_braced_grid(20, 20).upper), 2)
     return time.perf_counter() - start

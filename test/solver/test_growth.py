@@ -89,11 +89,11 @@ def test_growth_begins_where_most_points_are_reached():
     np.fill_diagonal(measured, False)
     squared = squared_distances(np.random.default_rng(0).random((9, 3)))
     upper = np.where(measured | np.eye(9, dtype=bool), squared, np.inf)
-    seed = best_seed(Problem(np.where(measured, squared, 0.0), upper, 3), measured)
+    seed = best_seed(Problem(np.where(measured, squared, 0.0), upper, 3), measured, lambda: False)
     assert seed is not None
     assert measured[np.ix_(seed, seed)].sum() == 12
     nothing = Problem(np.zeros((4, 4)), np.where(np.eye(4), 0.0, np.inf), 3)
-    assert best_seed(nothing, np.zeros((4, 4), dtype=bool)) is None
+    assert best_seed(nothing, np.zeros((4, 4), dtype=bool), lambda: False) is None
 
 
 @pytest.mark.parametrize('seed', range(5))

@@ -319,6 +319,16 @@ def test_patches_of_wide_distances_are_reviewed_only_on_demand(n_points, degree,
         assert (truth * (1 - ROUNDING) <= patches.known.upper).all()
 
 
+@pytest.mark.parametrize(('degree', 'seed', 'n_hypotheses'), [(5, 110, 16), (6, 165, 48)])
+def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hypotheses):
+    """Both took 650 to 700 boxes, and had as many hypotheses."""
+    positions, _ = neighbors(30, degree, 2, seed)
+    result = solve(uwb_fleet(30, degree, seed), SolverOptions(max_boxes=10**4))
+    assert result.verdict is Verdict.COVERED and result.statistics.processed < 300
+    assert max(len(piece.hypotheses) for piece in result.pieces) == n_hypotheses
+    assert not missing(result, positions, squared_distances(positions))
+
+
 def test_patches_are_placed_when_somebody_asks(monkeypatch):
     """Placements of patches are no part of the answer of a piece that is contracted as a whole."""
     sizes = []

@@ -21,6 +21,8 @@ from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.tasks import Workers
 from dg_localization.solver.decompose import decomposition
+from dg_localization.solver.place import existence
+from dg_localization.solver.place.hypotheses import hypotheses_of
 
 SEEDS = range(FIRST_SEED, FIRST_SEED + max(100, PROBLEMS // 20))
 
@@ -171,3 +173,80 @@ def test_what_workers_have_solved_is_in_the_answer(monkeypatch):
     assert n_ahead[0] > 20
     assert len(result.pieces) >= n_ahead[0]
     assert not missing(result, positions, squared_distances(positions))
+
+
+def exact_and_wide(n_points, degree, seed):
+    """Return a fleet in space with exact distances among others, and its positions."""
+    rng = np.random.default_rng(seed)
+    positions = rng.random((n_points, 3))
+    squared = squared_distances(positions)
+    near = np.sort(squared, axis=1)[:, degree]
+    known = squared <= np.maximum(near, near[:, None])
+    exact = known & (rng.random((n_points, n_points)) < 0.2)
+    spread = np.where(exact | exact.T | np.eye(n_points, dtype=bool), 0.0, 0.02)
+    lower = np.where(known, (1.0 - spread) * squared, 0.0)
+    return Problem(lower, np.where(known, (1.0 + spread) * squared, np.inf), 3), positions
+
+
+@pytest.mark.parametrize('n_points', [8, 70])
+def test_what_was_not_placed_is_not_proved(n_points, watchful):
+    problem, positions = exact_and_wide(n_points, 10 if n_points > 10 else 6, 1)
+    squared = squared_distances(positions)
+    box = np.array([0.98 * squared, 1.02 * squared, *np.zeros((2, *squared.shape))])
+    (whole,) = hypotheses_of(problem, [box], lambda: False)
+    assert whole.positions is not None and not whole.flexible
+    cancel = CancelAfter(10**9)
+    hypotheses_of(problem, [box], cancel.is_set)
+    n_looks = 10**9 - cancel.left
+    assert n_looks > 10
+    n_placed = 0
+    for most in np.unique(np.linspace(0, n_looks - 1, 40).astype(int)).tolist():
+        (hypothesis,) = hypotheses_of(problem, [box], CancelAfter(most).is_set)
+        assert (hypothesis.lower == whole.lower).all() and (hypothesis.upper == whole.upper).all()
+        assert (hypothesis.boxes == whole.boxes).all()
+        assert hypothesis.flexible
+        if hypothesis.positions is None:
+            assert not hypothesis.proved
+        else:
+            n_placed += 1
+    assert n_placed > 0
+
+
+@pytest.mark.parametrize('n_points', [14, 30, 70])
+def test_pieces_in_space_that_are_stopped_hold_the_truth(n_points, watchful):
+    problem, positions = exact_and_wide(n_points, 8, n_points)
+    squared = squared_distances(positions)
+    for most in (0, 10, 100, 1000):
+        result = solve(problem, SolverOptions(max_boxes=20), cancel=CancelAfter(most))
+        assert result.verdict is not Verdict.INFEASIBLE
+        assert not missing(result, positions, squared)
+        for piece in result.pieces:
+            for hypothesis in piece.hypotheses:
+                assert hypothesis.positions is not None or hypothesis.flexible
+
+
+def test_a_piece_in_space_that_is_too_large_for_the_time_left_is_not_begun():
+    problem, positions = near_fleet(250, 3, 14)
+    options = SolverOptions(max_seconds=2.0 * GRACE_S)
+    result = answer(problem, CallBudget(options, clock=lambda: 0.0))
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert max(len(piece.points) for piece in result.pieces) > 200
+    assert not missing(result, positions, squared_distances(positions))
+    for piece in result.pieces:
+        if len(piece.points) > 200:
+            (hypothesis,) = piece.hypotheses
+            assert hypothesis.flexible and not hypothesis.proved
+
+
+def test_a_proof_in_steps_looks_at_every_equation(monkeypatch):
+    problem, positions = exact_and_wide(12, 6, 3)
+    exact = existence._exact(problem)
+    pairs = problem.pairs.pairs[exact][:20]
+    inverse = np.random.default_rng(0).standard_normal((12, 3, len(pairs)))
+    inverse[pairs[0, 0]] = inverse[pairs[0, 1]] = 0.0
+    slopes = existence.Interval.point(positions[pairs[:, 0]] - positions[pairs[:, 1]])
+    args = slopes, existence.Interval.point(inverse), pairs
+    at_once = existence._contraction(*args)
+    assert at_once > 1.0
+    monkeypatch.setattr(existence, 'WORK_PER_LOOK', 1)
+    assert existence._contraction(*args) == at_once

@@ -69,6 +69,10 @@ class CallBudget:
         """Return the time since the call began."""
         return self._clock() - self._start
 
+    def seconds_left(self) -> float:
+        """Return the time until the call has to come to an end."""
+        return self.options.max_seconds - self.seconds()
+
     def is_cancelled(self) -> bool:
         """Return whether the call was cancelled."""
         is_cancelled = bool(self._cancel and self._cancel.is_set())
@@ -217,7 +221,7 @@ class CallBudget:
         if self.workers is None:
             return [], 0
         # They share the workers, and so the time.
-        left_s = self.options.max_seconds - self.seconds()
+        left_s = self.seconds_left()
         options = self._limited(self._share(share, None).max_boxes, left_s)
         found = self.workers.solved(parts, options, self.is_over)
         return [solved for _, solved in found], options.max_boxes
@@ -303,7 +307,7 @@ class CallBudget:
             is over, all of it is pending, and counts as no effort.
 
         """
-        options = self._limited(1, share * (self.options.max_seconds - self.seconds()))
+        options = self._limited(1, share * self.seconds_left())
         cover, statistics = search(problem, options, self._cancel)
         if not cover.pending:
             self.spent += statistics

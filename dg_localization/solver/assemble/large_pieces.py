@@ -6,8 +6,8 @@ How a large piece is solved: its patches first, then what they leave open.
 
 Up to `MOST_TOGETHER` points all pairs of the piece are contracted together afterwards, within
 what its patches allow. Where the patches hold it together that is one step for each choice of
-their hypotheses, else the ordinary search. The answer of a larger piece, and of one that leaves
-many choices, is that of its patches.
+their hypotheses, else the ordinary search; where distances are wide, it splits at gaps alone. The
+answer of a larger piece, and of one that leaves many choices, is that of its patches.
 """
 
 from __future__ import annotations
@@ -133,7 +133,10 @@ def solve_large(
         return LargePiece(solved, None, answers.hypotheses(most))
     budget.go_on_from(solved.n_boxes())
     if not is_done:
-        return LargePiece(solved, budget.search(problem, share, boxes), [])
+        # Halves of wide distances would be parts of the hypotheses that the patches tell apart.
+        at_gaps = solved.is_complete() and not is_known_well(problem)
+        cover = budget.search(problem, share, boxes, at_gaps=at_gaps)
+        return LargePiece(solved, cover, [])
     is_split = len(boxes) * problem.n_points**3 <= MOST_SPLIT
     most_boxes = 2 * len(boxes) if is_split else len(boxes)
     cover = budget.search(problem, PATCHES_SHARE * share, boxes, most_boxes)

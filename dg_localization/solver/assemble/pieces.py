@@ -17,7 +17,8 @@ import math
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.interval.kernels import WORK_PER_LOOK
+from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.hidden_parts import MOST_PARTED, PartsTogether, hidden_parts
@@ -54,6 +55,9 @@ from dg_localization.solver.search.search import POINTS_PER_WORKER
 
 MOST_RANGES = 16
 """A piece is solved at most so often, for different ranges of what it is given."""
+
+TRIPLES_PER_S = 800 * WORK_PER_LOOK
+"""About how many triangles of a box are looked at in a second, twice each."""
 
 FIRST_SHARE = 0.5
 """At first a piece may take this part of a fair share: easy ones do not wait for hard ones."""
@@ -186,7 +190,7 @@ class PieceSolver:
         """Solve all pieces, until one of them cannot exist."""
         self._solve_ahead()
         for number in range(len(self._tasks)):
-            if number and number not in self._ahead and self._budget.is_overdue():
+            if self._is_too_late(number):
                 continue
             self._merge_degenerate(number)
             task = self._tasks[number]
@@ -197,6 +201,15 @@ class PieceSolver:
             if not task.hypotheses:
                 return SolvedPieces(contradiction=task.points)
         return self._solved()
+
+    def _is_too_late(self, number: int) -> bool:
+        """Return whether a piece is not begun any more."""
+        if number and number not in self._ahead and self._budget.is_overdue():
+            return True
+        # In space one box is as large as the piece, and nothing ends its first contraction.
+        n_points = len(self._tasks[number].points)
+        left_s = max(GRACE_S, self._budget.seconds_left())
+        return self._problem.dimension == 3 and n_points**3 > left_s * TRIPLES_PER_S
 
     def _solve_ahead(self) -> None:
         """Have workers, where there are any, solve the small pieces that wait for no other."""
@@ -241,7 +254,7 @@ class PieceSolver:
             cover = self._budget.search(search.problem, share, starts)
             search.kept += cover.kept
             search.pending, search.found = cover.pending, None
-            task.gather(self._budget.is_over)
+            task.gather(self._budget.is_overdue)
             yield task
 
     def _merge_degenerate(self, number: int) -> None:
@@ -285,7 +298,7 @@ class PieceSolver:
                 part = share / (len(given) - x)
                 search = self._found_ahead(task, problem, part)
                 task.searches.append(search or self._searched(problem, part, within))
-        task.gather(self._budget.is_over)
+        task.gather(self._budget.is_overdue)
 
     def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
         """Return what a worker found of a piece, None where that is not what would be found."""
@@ -332,7 +345,7 @@ class PieceSolver:
         if not budget.keep(len(boxes)):
             return None
         budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
-        found = hypotheses_of(problem, boxes, budget.is_over, start_of)
+        found = hypotheses_of(problem, boxes, budget.is_overdue, start_of)
         return _Search(problem, boxes, [], found=found)
 
     def _given(self, task: _Task) -> list[Ranges]:

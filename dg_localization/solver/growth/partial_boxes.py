@@ -126,7 +126,7 @@ class Growth:
             None where there is nothing to begin with.
 
         """
-        seed = best_seed(self._problem, self._measured)
+        seed = best_seed(self._problem, self._measured, self._stopped)
         if seed is None:
             return None
         box = self._contracted(seed, self._box_of(seed))

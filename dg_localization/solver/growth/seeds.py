@@ -10,6 +10,8 @@ any four points may be placed first.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
@@ -85,7 +87,9 @@ def _reached(neighbors: list[int], seed: int, dimension: int) -> int:
         waiting = left
 
 
-def best_seed(problem: Problem, measured: BoolArray) -> tuple[int, ...] | None:
+def best_seed(
+    problem: Problem, measured: BoolArray, stopped: Callable[[], bool]
+) -> tuple[int, ...] | None:
     """
     Return the four points that most others are reached from, of these the best known ones.
 
@@ -95,6 +99,8 @@ def best_seed(problem: Problem, measured: BoolArray) -> tuple[int, ...] | None:
         A problem in space.
     measured : ndarray of bool, shape (n, n)
         Which pairs are measured.
+    stopped : callable
+        Whether there is no time left to look for better ones.
 
     Returns
     -------
@@ -107,6 +113,8 @@ def best_seed(problem: Problem, measured: BoolArray) -> tuple[int, ...] | None:
     neighbors = [sum(1 << int(y) for y in np.flatnonzero(row)) for row in measured]
     best, best_reached = None, 0
     for x in np.argsort(-quality, kind='stable').tolist():
+        if best is not None and stopped():
+            break
         seed = sum(1 << int(point) for point in corners[x])
         if quality[x] <= 0.0 or seed & ~best_reached == 0:
             # What it reaches, the best one reaches as well.

@@ -77,7 +77,7 @@ def solve_grown(
         in_one_box = budget.search_in_one_box(problem, ONE_BOX_SHARE * share)
         if not in_one_box.pending:
             return in_one_box
-    left_s = budget.options.max_seconds - budget.seconds()
+    left_s = budget.seconds_left()
     growth_share = GROWTH_SHARE_ALONE if is_large else GROWTH_SHARE
     end_s = budget.seconds() + growth_share * share * left_s
     growth = Growth(

@@ -27,7 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.interval.arrays import Interval, determinant, squared_norm, total_up, up
+from dg_localization.interval.kernels import WORK_PER_LOOK, look_after
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.place.gradients import Gradients
 from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
 
@@ -37,6 +39,9 @@ its known distances."""
 
 NARROW = 1e-10
 """A pair whose squared distance is open by no more than this part of it counts as exact."""
+
+WORK_OF_INTERVALS = 100
+"""What a product of intervals takes in each dimension, in units of `look_after`."""
 
 NEWTON_STEPS = 6
 MOST_EXACT = 1000
@@ -48,6 +53,8 @@ def settled(
 ) -> tuple[FloatArray, bool]:
     """
     Move a placement onto the exact distances, and prove that it meets every constraint.
+
+    The clock is looked at on the way (`look_after`).
 
     Parameters
     ----------
@@ -105,44 +112,33 @@ def _exact(problem: Problem) -> NDArray[np.bool_]:
     return np.isfinite(upper) & ((1.0 - NARROW) * upper <= lower)
 
 
-def _rows(positions: FloatArray, pairs: IntArray, weights: FloatArray) -> FloatArray:
-    """Return the gradients of pairs, scaled by weights, as the rows of a matrix."""
-    rows = np.zeros((len(pairs), *positions.shape))
-    number = np.arange(len(pairs))
-    slopes = (positions[pairs[:, 0]] - positions[pairs[:, 1]]) * weights[:, None]
-    rows[number, pairs[:, 0]], rows[number, pairs[:, 1]] = slopes, -slopes
-    return rows.reshape(len(pairs), -1)
-
-
 def _newton(
     positions: FloatArray, pairs: IntArray, targets: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return coordinates that meet targets in m^2 up to rounding, and a right inverse there."""
-    moved, inverse = positions, np.empty(0)
+    moved, gradients = positions, None
     for _ in range(NEWTON_STEPS):
         differences = moved[pairs[:, 0]] - moved[pairs[:, 1]]
         squared = (differences**2).sum(axis=1)
         weights = 1.0 / np.sqrt(squared)
         if not np.isfinite(weights).all():
             return None
-        rows = _rows(moved, pairs, weights)
-        try:
-            inverse = rows.T @ np.linalg.inv(rows @ rows.T)
-        except np.linalg.LinAlgError:
+        gradients = Gradients(pairs, differences * weights[:, None], len(moved))
+        if not gradients.are_independent:
             return None
-        step = inverse @ (0.5 * (targets - squared) * weights)
-        if not (np.isfinite(step).all() and np.isfinite(inverse).all()):
+        moved = moved + gradients.least_displacements(0.5 * (targets - squared) * weights)
+        if not np.isfinite(moved).all():
             return None
-        moved = moved + step.reshape(moved.shape)
-    return moved, inverse
+    assert gradients is not None
+    inverse = gradients.right_inverse()
+    return (moved, inverse) if np.isfinite(inverse).all() else None
 
 
 def _radii(
     positions: FloatArray, inverse: FloatArray, pairs: IntArray, targets: FloatArray
 ) -> FloatArray | None:
     """Return within which distance of each coordinate a placement is proved to be, if it is."""
-    n_pairs, points = len(pairs), Interval.point(positions)
-    rows_of = Interval.point(inverse.reshape(*positions.shape, n_pairs))
+    points = Interval.point(positions)
     first, second = pairs.T
     differences = points[first] - points[second]
     squared = squared_norm(differences)
@@ -150,21 +146,34 @@ def _radii(
     if not np.isfinite(scales).all():
         return None
     weights = Interval.point(scales)
-    slopes = differences * weights[:, None]
-    product = -Interval.point(np.eye(n_pairs))
-    for axis in range(positions.shape[1]):
-        relative = rows_of[first, axis] - rows_of[second, axis]
-        product = product + slopes[:, axis, None] * relative
     half = Interval.point(np.array(0.5))
     residuals = _magnitude((Interval.point(targets) - squared) * weights * half).max()
-    contraction = total_up(_magnitude(product)).max()
-    reach = total_up(np.abs(rows_of.lower))
+    by_points = Interval.point(inverse.reshape(*positions.shape, len(pairs)))
+    contraction = _contraction(differences * weights[:, None], by_points, pairs)
+    reach = total_up(np.abs(by_points.lower))
     spread = Interval.point(reach[first]) + Interval.point(reach[second])
     curvature = (squared_norm(spread) * weights * half).upper.max()
     # Twice what the residuals take leaves room for the other two terms.
     radius = 2.0 * residuals / max(1.0 - contraction, NEARNESS) + np.finfo(float).tiny
     image = up(up(residuals + up(contraction * radius)) + up(up(curvature * radius) * radius))
     return up(reach * radius) if image <= radius else None
+
+
+def _contraction(slopes: Interval, inverse: Interval, pairs: IntArray) -> float:
+    """Return an upper bound of the norm of A R - 1; the clock is looked at on the way."""
+    n_pairs, dimension = slopes.lower.shape
+    unit, norms = np.eye(n_pairs), np.zeros(n_pairs)
+    work = WORK_OF_INTERVALS * n_pairs
+    at_once = 1 + WORK_PER_LOOK // work
+    for first in range(0, n_pairs, at_once):
+        some = slice(first, first + at_once)
+        product = -Interval.point(unit[some])
+        for axis in range(dimension):
+            relative = inverse[pairs[some, 0], axis] - inverse[pairs[some, 1], axis]
+            product = product + slopes[some, axis, None] * relative
+        norms[some] = total_up(_magnitude(product))
+        look_after(at_once * work)
+    return float(norms.max())
 
 
 def _magnitude(values: Interval) -> FloatArray:

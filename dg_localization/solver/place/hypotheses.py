@@ -6,14 +6,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 import math
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import kernel, until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.place.existence import has_exact_pairs, settled
-from dg_localization.solver.place.placements import place
+from dg_localization.solver.place.placements import place_step_by_step
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.place.sparse_placements import scaled, sought
@@ -82,10 +83,11 @@ def components(bounds: FloatArray) -> IntArray:
     return label
 
 
-@kernel
 def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
     """
     Return a placement for a box, its unconnected parts far enough apart.
+
+    The clock is looked at on the way (`look_after`).
 
     Parameters
     ----------
@@ -100,24 +102,18 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
         Coordinates in m.
 
     """
-    n_points = box.shape[1]
-    positions = np.zeros((n_points, dimension))
-    placed = np.zeros(n_points, dtype=np.bool_)
-    edge = 0.0
-    clearance = 1.0 + 2.0 * math.sqrt(box[LOWER].max())
-    for seed in range(n_points):
+    positions = np.zeros((box.shape[1], dimension))
+    placed = np.zeros(len(positions), dtype=np.bool_)
+    edge_m, clearance_m = 0.0, 1.0 + 2.0 * math.sqrt(box[LOWER].max())
+    for seed in range(len(positions)):
         if placed[seed]:
             continue
         # The triangles bound every distance between points that any chain connects.
         island = np.flatnonzero(box[UPPER, seed] < np.inf)
-        local = place(sub_box(box, island), dimension)
-        leftmost = local[:, 0].min()
-        for x in range(len(island)):
-            placed[island[x]] = True
-            for axis in range(dimension):
-                positions[island[x], axis] = local[x, axis]
-            positions[island[x], 0] += edge - leftmost
-        edge = positions[island, 0].max() + clearance
+        local = place_step_by_step(sub_box(box, island), dimension)
+        local[:, 0] += edge_m - local[:, 0].min()
+        positions[island], placed[island] = local, True
+        edge_m = float(local[:, 0].max()) + clearance_m
     return positions
 
 
@@ -189,6 +185,15 @@ def _placement_by_known_pairs(
     return positions, False
 
 
+@dataclass
+class _Placed:
+    """What is known of the placements of a hypothesis; nothing where there was no time."""
+
+    positions: FloatArray | None = None
+    proved: bool = False
+    flexible: bool = True
+
+
 def hypotheses_of(
     problem: Problem,
     boxes: list[FloatArray],
@@ -205,7 +210,8 @@ def hypotheses_of(
     boxes : list of ndarray, shape (4, n, n)
         The cover.
     stopped : callable, optional
-        Whether there is no time left to seek placements of many points.
+        Whether there is no time left. Hypotheses are not placed then, and count as flexible, as
+        nothing shows that they are rigid.
     start_of : callable, optional
         Returns a placement in m that is in or near a box, by the number of the box, or None.
 
@@ -216,15 +222,20 @@ def hypotheses_of(
 
     """
     measured = np.isfinite(problem.upper)
+    parts = hulls_of(boxes)
+    placed = [_Placed() for _ in parts]
+    with until(stopped):
+        for each, (_, indices) in zip(placed, parts, strict=True):
+            # Those of further boxes are computed only where the first ones prove nothing.
+            near = map(start_of, indices) if start_of else ()
+            inside = [boxes[index] for index in indices]
+            each.positions, each.proved = placement_in(problem, inside, near, stopped)
+            each.flexible = is_flexible(each.positions, measured)
     hypotheses = []
-    for (lower, upper), indices in hulls_of(boxes):
-        # Those of further boxes are computed only where the first ones prove nothing.
-        near = map(start_of, indices) if start_of else ()
-        inside = [boxes[index] for index in indices]
-        positions, proved = placement_in(problem, inside, near, stopped)
-        flexible = is_flexible(positions, measured)
-        bounds = np.array([box[: UPPER + 1] for box in inside])
-        hypotheses.append(Hypothesis(lower, upper, bounds, positions, proved, flexible))
+    for each, ((lower, upper), indices) in zip(placed, parts, strict=True):
+        bounds = np.array([boxes[index][: UPPER + 1] for index in indices])
+        found = each.positions, each.proved, each.flexible
+        hypotheses.append(Hypothesis(lower, upper, bounds, *found))
     return tuple(hypotheses)
 
 

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.solver.box import FloatArray
 
 RANK_TOLERANCE = 1e-6
@@ -24,21 +24,75 @@ RANK_TOLERANCE = 1e-6
 
 
 @kernel
-def _rank(columns: FloatArray, n_rows: int, most: int) -> int:
+def _gradients(positions: FloatArray, measured: NDArray[np.bool_]) -> tuple[FloatArray, int, int]:
     """
-    Return the numerical rank of unit rows, at most `most`; they are overwritten.
+    Return unit gradients of measured pairs, their number, and how many make a placement rigid.
 
-    They are given by columns, (q n, m): what is done to all rows is done to several at once.
+    They are given by columns, (q n, m): what is done to all is done to several at once. Of points
+    that coincide there is none. Where all distances are measured, nothing is asked of them.
     """
-    n_columns = len(columns)
-    left, along, squares = np.ones(n_rows), np.empty(n_rows), np.empty(n_rows)
-    for rank in range(most):
+    n_points, dimension = positions.shape
+    n_pairs = 0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            if measured[i, j]:
+                n_pairs += 1
+    columns = np.zeros((n_points * dimension, n_pairs))
+    if n_pairs == n_points * (n_points - 1) // 2:
+        return columns, 0, 0
+    row = 0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            if not measured[i, j]:
+                continue
+            total = 0.0
+            for axis in range(dimension):
+                total += (positions[i, axis] - positions[j, axis]) ** 2
+            # The gradient has the direction to and fro: its length is sqrt(2) times the distance.
+            length = math.sqrt(2.0 * total)
+            if length > 0.0:
+                for axis in range(dimension):
+                    slope = (positions[i, axis] - positions[j, axis]) / length
+                    columns[i * dimension + axis, row] = slope
+                    columns[j * dimension + axis, row] = -slope
+                row += 1
+    span = min(n_points - 1, dimension)
+    motions = dimension + span * (2 * dimension - span - 1) // 2
+    return columns, row, n_points * dimension - motions
+
+
+@kernel(borrows=True, watched=True)
+def _count_some(
+    columns: FloatArray, left: FloatArray, along: FloatArray, squares: FloatArray, most: int
+) -> int:
+    """
+    Count unit rows that are new, at most so many, and take away what the others have of them.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (c, m)
+        The rows, by columns; what is left of them is written.
+    left : ndarray, shape (m,)
+        The squared length that is left of each row, zero of those that were counted.
+    along, squares : ndarray, shape (m,)
+        Scratch.
+    most : int
+        So many at most.
+
+    Returns
+    -------
+    int
+        How many were counted; fewer than `most` where no other row is new.
+
+    """
+    n_columns, n_rows = columns.shape
+    for count in range(most):
         pivot = 0
         for row in range(n_rows):
             if left[row] > left[pivot]:
                 pivot = row
         if n_rows == 0 or left[pivot] <= RANK_TOLERANCE * RANK_TOLERANCE:
-            return rank
+            return count
         length = math.sqrt(left[pivot])
         left[pivot] = 0.0
         along[:] = 0.0
@@ -60,10 +114,11 @@ def _rank(columns: FloatArray, n_rows: int, most: int) -> int:
     return most
 
 
-@kernel
 def is_flexible(positions: FloatArray, measured: NDArray[np.bool_]) -> bool:
     """
     Return whether the measured distances leave a placement free to move.
+
+    The clock is looked at on the way (`look_after`).
 
     Parameters
     ----------
@@ -79,34 +134,18 @@ def is_flexible(positions: FloatArray, measured: NDArray[np.bool_]) -> bool:
         general position: a motion exists, or exists to first order.
 
     """
-    n_points, dimension = positions.shape
-    n_pairs = 0
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            if measured[i, j]:
-                n_pairs += 1
-    if n_pairs == n_points * (n_points - 1) // 2:
-        return False
-    span = min(n_points - 1, dimension)
-    motions = dimension + span * (2 * dimension - span - 1) // 2
-    rigid_rank = n_points * dimension - motions
-    if n_pairs < rigid_rank:
+    look_after(positions.size * int(np.count_nonzero(measured)))
+    columns, n_rows, rigid_rank = _gradients(positions, measured)
+    if n_rows < rigid_rank:
         return True
-    columns = np.zeros((n_points * dimension, n_pairs))
-    row = 0
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            if not measured[i, j]:
-                continue
-            total = 0.0
-            for axis in range(dimension):
-                total += (positions[i, axis] - positions[j, axis]) ** 2
-            # The gradient has the direction to and fro: its length is sqrt(2) times the distance.
-            length = math.sqrt(2.0 * total)
-            if length > 0.0:
-                for axis in range(dimension):
-                    slope = (positions[i, axis] - positions[j, axis]) / length
-                    columns[i * dimension + axis, row] = slope
-                    columns[j * dimension + axis, row] = -slope
-                row += 1
-    return _rank(columns, row, rigid_rank) < rigid_rank
+    columns = np.ascontiguousarray(columns[:, :n_rows])
+    left, along, squares = np.ones(n_rows), np.empty(n_rows), np.empty(n_rows)
+    rank, at_once = 0, 1 + WORK_PER_LOOK // max(1, columns.size)
+    while rank < rigid_rank:
+        some = min(at_once, rigid_rank - rank)
+        look_after(some * columns.size)
+        new = int(_count_some(columns, left, along, squares, some))
+        rank += new
+        if new < some:
+            return True
+    return False

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import kernel, look_after
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.place.placements import MARGIN
 
@@ -71,12 +71,12 @@ FLATTENINGS, FLATTENED = 12, 0.8
 
 def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
     """Return the placement whose distances are closest to given ones (classical scaling)."""
-    n_points = len(squared_m2)
     longest_m2 = max(float(squared_m2.max()), np.finfo(float).tiny)
-    centering = np.eye(n_points) - 1.0 / n_points
-    values, vectors = np.linalg.eigh(-0.5 * centering @ (squared_m2 / longest_m2) @ centering)
-    lengths = np.sqrt(np.maximum(values[-dimension:], 0.0))
-    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors[:, -dimension:] * lengths)
+    relative = squared_m2 / longest_m2
+    means = relative.mean(axis=0)
+    gram = -0.5 * (relative - means - means[:, None] + means.mean())
+    values, vectors = _leading_eigenpairs(gram, dimension)
+    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
@@ -119,6 +119,7 @@ def _leading_eigenpairs(matrix: FloatArray, count: int) -> tuple[FloatArray, Flo
     size = len(matrix)
     vectors = np.random.default_rng(0).standard_normal((size, min(size, count + MORE_VECTORS)))
     for _ in range(ITERATIONS):
+        look_after(vectors.size * size)
         vectors, _ = np.linalg.qr(matrix @ vectors)
     values, turned = np.linalg.eigh(vectors.T @ matrix @ vectors)
     return values[-count:], vectors @ turned[:, -count:]
