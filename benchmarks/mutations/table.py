@@ -608,6 +608,11 @@ FLEET = [
         'motion',
         ('test/fleet/test_motion.py',),
         (
+            'constant errors of odometry make no way longer as the track turns',
+            'error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))',
+            'error_m = sum_up(error_m)',
+        ),
+        (
             'odometry counts as exact',
             'error_m = greatest_errors(error, way_m, turned_rad)[0]',
             'error_m = 0.0',
@@ -884,9 +889,13 @@ FLEET = [
         ('test/fleet/test_odometry.py',),
         (
             'the drift of odometry is halved',
-            'up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles)),',
-            'up(up(error.translation_per_m * lengths) / 2.0'
-            ' + up(error.translation_per_rad * angles)),',
+            'way_m = up(up(error.translation_per_m * lengths)',
+            'way_m = up(up(error.translation_per_m * lengths) / 2.0',
+        ),
+        (
+            'constant errors of odometry do not turn with the track',
+            'return up(way_m + up(turn_rad * self._centered_m)), turn_rad',
+            'return way_m, turn_rad',
         ),
         (
             'beyond the last sample a robot stands still',
