@@ -244,7 +244,7 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
     if count > config.max_hypotheses:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
-        parts.append('the fleet can still move without any measurement changing')
+        parts.append('the fleet may still move without any measurement changing')
         parts += found.rigidity.remedies[:1]
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:

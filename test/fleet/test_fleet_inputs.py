@@ -339,7 +339,9 @@ def test_odometry_says_how_far_a_robot_really_moved(localizer):
     drive(localizer, 'a', [0.0, 0.01, 0.02, 0.03, 0.04])
     localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
     error = localizer.config.odometry_error
-    moved_m = 0.04 * (1.0 + error.translation_per_m) + error.constant_m
+    # The constant turns with the track.
+    constant_m = error.constant_m * (1.0 + 0.04 * error.rotation_per_m)
+    moved_m = 0.04 * (1.0 + error.translation_per_m) + constant_m
     assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
 
 
@@ -351,7 +353,8 @@ def test_a_scale_counts_and_the_errors_are_those_of_the_scaled_way(config):
     for robot in 'ab':
         localizer.add_range(robot, 'c', 3.0, NOW_S - 0.4, NOW_S)
     of_b = config.odometry_error
-    moved_m = [0.5 * 0.08 * 1.1, 0.08 * (1.0 + of_b.translation_per_m) + of_b.constant_m]
+    constant_m = of_b.constant_m * (1.0 + 0.08 * of_b.rotation_per_m)
+    moved_m = [0.5 * 0.08 * 1.1, 0.08 * (1.0 + of_b.translation_per_m) + constant_m]
     for row in (0, 1):
         assert link(localizer, row=row).upper_m == pytest.approx(3.0 + moved_m[row])
 

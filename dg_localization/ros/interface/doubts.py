@@ -18,7 +18,7 @@ def doubts_of_placements(estimate: Estimate) -> Iterator[str]:
     if estimate.n_hypotheses > 1:
         yield f'ambiguous: {estimate.n_hypotheses} hypotheses'
     if any(placement.flexible for placement in estimate.placements):
-        yield 'flexible: robots could move without any measurement changing'
+        yield 'flexible: robots may be able to move without any measurement changing'
     if estimate.verdict is Verdict.OUT_OF_BUDGET:
         yield 'out of budget: the hypotheses hold every placement, but may be too many or too wide'
     for forgotten in estimate.forgotten:

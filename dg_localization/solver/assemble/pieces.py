@@ -204,11 +204,15 @@ class PieceSolver:
 
     def _is_too_late(self, number: int) -> bool:
         """Return whether a piece is not begun any more."""
-        if number and number not in self._ahead and self._budget.is_overdue():
+        if number in self._ahead:
+            return False
+        if number and self._budget.is_overdue():
             return True
         # In space one box is as large as the piece, and nothing ends its first contraction.
         n_points = len(self._tasks[number].points)
-        left_s = max(GRACE_S, self._budget.seconds_left())
+        left_s = GRACE_S
+        if not self._budget.is_over():
+            left_s = max(left_s, self._budget.seconds_left())
         return self._problem.dimension == 3 and n_points**3 > left_s * TRIPLES_PER_S
 
     def _solve_ahead(self) -> None:

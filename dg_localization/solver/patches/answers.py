@@ -298,17 +298,19 @@ class PatchAnswers:
         """
         Return whether a placement can move, where that is to be had in time.
 
-        Rigid patches that hold together are rigid as a whole. Else the rank decides, and a piece
-        that is too large for it is rigid, as its graph is.
+        Rigid patches that hold together are rigid as a whole. Else the rank decides; without the
+        time for it nothing shows that the piece is rigid. One that is too large for it is rigid,
+        as its graph is.
         """
         solved, problem = self._solved, self._problem
         if solved.is_one_body and not any(
             h.flexible for p in solved.patches for h in p.remaining()
         ):
             return False
-        is_late = solved.n_unsolved > 0 or self._stopped()
-        if positions is None or problem.n_points > MOST_RANKED or is_late:
+        if problem.n_points > MOST_RANKED:
             return False
+        if positions is None or solved.n_unsolved > 0 or self._stopped():
+            return True
         return bool(is_flexible(positions, np.isfinite(problem.upper)))
 
     def _choices(self, most: int) -> list[dict[int, int]]:

@@ -31,6 +31,14 @@ MOST_SMALL, MOST_DENSE = 12, 60
 """Least squares over all pairs meets exact distances of few points, and takes too long for many;
 between the two, known pairs alone are tried last."""
 
+ALWAYS_PLACED = 60
+"""Coordinates of a piece that is placed whatever the time: that takes a millisecond or two."""
+
+
+def never() -> bool:
+    """Return False: no limit of a call stops a placement that is asked for later."""
+    return False
+
 
 @kernel(borrows=True)
 def _touch(first: FloatArray, second: FloatArray) -> bool:
@@ -83,11 +91,13 @@ def components(bounds: FloatArray) -> IntArray:
     return label
 
 
-def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
+def place_everywhere(
+    box: FloatArray, dimension: int, stopped: Callable[[], bool] | None = None
+) -> FloatArray:
     """
     Return a placement for a box, its unconnected parts far enough apart.
 
-    The clock is looked at on the way (`look_after`).
+    The clock is looked at on the way, as `place_step_by_step` does.
 
     Parameters
     ----------
@@ -110,16 +120,18 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
             continue
         # The triangles bound every distance between points that any chain connects.
         island = np.flatnonzero(box[UPPER, seed] < np.inf)
-        local = place_step_by_step(sub_box(box, island), dimension)
+        local = place_step_by_step(sub_box(box, island), dimension, stopped)
         local[:, 0] += edge_m - local[:, 0].min()
         positions[island], placed[island] = local, True
         edge_m = float(local[:, 0].max()) + clearance_m
     return positions
 
 
-def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
+def place_problem(
+    problem: Problem, box: FloatArray, stopped: Callable[[], bool] | None = None
+) -> FloatArray:
     """Return a placement for a box of a problem, with the chirality that is known."""
-    return with_known_chirality(problem, place_everywhere(box, problem.dimension))
+    return with_known_chirality(problem, place_everywhere(box, problem.dimension, stopped))
 
 
 @kernel
@@ -145,27 +157,46 @@ def placement_in(
     stopped: Callable[[], bool],
 ) -> tuple[FloatArray, bool]:
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
+    ended = _end_of_placing(problem, stopped)
     for start in starts:
         if start is not None:
-            positions, proved = settled(problem, with_known_chirality(problem, start), boxes)
-            if proved:
-                return positions, True
+            found = with_known_chirality(problem, start)
+            found, proved = _settled_in_time(problem, found, boxes, ended)
+            if proved or stopped():
+                return found, proved
     is_moderate = boxes[0][UPPER].max() < LARGEST_M2
     if problem.n_points > MOST_DENSE and is_moderate:
         return _placement_by_known_pairs(problem, boxes, stopped)
     first = None
     for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
-        positions, proved = settled(problem, place_problem(problem, box), boxes)
-        if proved:
-            return positions, True
-        if first is None:
-            first = positions
+        found = place_problem(problem, box, ended)
+        found, proved = _settled_in_time(problem, found, boxes, ended)
+        if first is None or proved:
+            first = found
+        if proved or stopped():
+            return first, proved
     assert first is not None
     if is_moderate and problem.n_points > MOST_SMALL and has_exact_pairs(problem):
-        positions, proved = _placement_by_known_pairs(problem, boxes, stopped)
-        if proved:
-            return positions, True
+        with until(stopped):
+            found, proved = _placement_by_known_pairs(problem, boxes, stopped)
+            if proved:
+                return found, True
     return first, False
+
+
+def _settled_in_time(
+    problem: Problem, positions: FloatArray, boxes: list[FloatArray], ended: Callable[[], bool]
+) -> tuple[FloatArray, bool]:
+    """Return what `settled` does; what was given, not proved, where there is no time for it."""
+    found = positions, False
+    with until(ended):
+        found = settled(problem, positions, boxes)
+    return found
+
+
+def _end_of_placing(problem: Problem, stopped: Callable[[], bool]) -> Callable[[], bool]:
+    """Return what ends a first placement, its proof and its rank: nothing for few points."""
+    return never if problem.n_points * problem.dimension <= ALWAYS_PLACED else stopped
 
 
 def _placement_by_known_pairs(
@@ -197,7 +228,7 @@ class _Placed:
 def hypotheses_of(
     problem: Problem,
     boxes: list[FloatArray],
-    stopped: Callable[[], bool] = lambda: False,
+    stopped: Callable[[], bool] = never,
     start_of: Callable[[int], FloatArray | None] | None = None,
 ) -> tuple[Hypothesis, ...]:
     """
@@ -210,8 +241,8 @@ def hypotheses_of(
     boxes : list of ndarray, shape (4, n, n)
         The cover.
     stopped : callable, optional
-        Whether there is no time left. Hypotheses are not placed then, and count as flexible, as
-        nothing shows that they are rigid.
+        Whether there is no time left. Of a large piece only the first hypothesis is placed then,
+        as well as it can be at once, and all count as flexible: nothing shows that they are rigid.
     start_of : callable, optional
         Returns a placement in m that is in or near a box, by the number of the box, or None.
 
@@ -221,11 +252,14 @@ def hypotheses_of(
         One for each connected component.
 
     """
+    ended = _end_of_placing(problem, stopped)
     measured = np.isfinite(problem.upper)
     parts = hulls_of(boxes)
     placed = [_Placed() for _ in parts]
-    with until(stopped):
-        for each, (_, indices) in zip(placed, parts, strict=True):
+    for number, (each, (_, indices)) in enumerate(zip(placed, parts, strict=True)):
+        if number and ended():
+            break
+        with until(ended):
             # Those of further boxes are computed only where the first ones prove nothing.
             near = map(start_of, indices) if start_of else ()
             inside = [boxes[index] for index in indices]

@@ -11,6 +11,7 @@ outward: whether a placement agrees with the measurements is decided in `proofs`
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple
 
@@ -272,8 +273,15 @@ def place(box: FloatArray, dimension: int, most_steps: int = MOST_STEPS) -> Floa
     return refine(positions, scaled, most_steps) * unit_m
 
 
-def place_step_by_step(box: FloatArray, dimension: int) -> FloatArray:
-    """Return what `place` does; the clock is looked at on the way (`look_after`)."""
+def place_step_by_step(
+    box: FloatArray, dimension: int, stopped: Callable[[], bool] | None = None
+) -> FloatArray:
+    """
+    Return what `place` does, and look at the clock on the way.
+
+    Once `stopped` returns true, what was found so far is returned. Without it the block of `until`
+    that this is in is left (`look_after`).
+    """
     positions, scaled, unit_m = _first(box, dimension)
     descent = _begin(positions, scaled)
     # Most of a step is the factorization of the normal equations.
@@ -281,7 +289,8 @@ def place_step_by_step(box: FloatArray, dimension: int) -> FloatArray:
     at_once = 1 + WORK_PER_LOOK // work
     for done in range(0, MOST_STEPS, at_once):
         steps = min(at_once, MOST_STEPS - done)
-        look_after(steps * work)
-        if _descend(descent, scaled, steps):
+        if stopped is None:
+            look_after(steps * work)
+        if _descend(descent, scaled, steps) or (stopped is not None and stopped()):
             break
     return np.asarray(descent.positions * unit_m)

@@ -37,9 +37,9 @@ def _gradients(positions: FloatArray, measured: NDArray[np.bool_]) -> tuple[Floa
         for j in range(i + 1, n_points):
             if measured[i, j]:
                 n_pairs += 1
-    columns = np.zeros((n_points * dimension, n_pairs))
     if n_pairs == n_points * (n_points - 1) // 2:
-        return columns, 0, 0
+        return np.zeros((n_points * dimension, 0)), 0, 0
+    columns = np.zeros((n_points * dimension, n_pairs))
     row = 0
     for i in range(n_points):
         for j in range(i + 1, n_points):

@@ -12,18 +12,13 @@ import numpy as np
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.box import UPPER, FloatArray
-from dg_localization.solver.place.hypotheses import hulls_of, placement_in
+from dg_localization.solver.place.hypotheses import hulls_of, never, placement_in
 from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 Placement: TypeAlias = tuple[FloatArray | None, bool]
 """A placement in m, None where none could be computed, and whether it is proved."""
-
-
-def never() -> bool:
-    """Return False: no limit of a call stops a placement that is asked for later."""
-    return False
 
 
 class UnplacedHypothesis(Hypothesis):
