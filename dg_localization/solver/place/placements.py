@@ -27,6 +27,9 @@ MARGIN = 0.1
 MOST_STEPS = 40
 """Least squares takes at most so many steps."""
 
+AT_ONCE = 60
+"""So many coordinates are placed in one call, which is over before the clock need be looked at."""
+
 LEAST_GAIN = 0.01
 """A step that gains less than this fraction of the misfit is the last: others go where all agrees,
 or nowhere."""
@@ -282,6 +285,8 @@ def place_step_by_step(
     Once `stopped` returns true, what was found so far is returned. Without it the block of `until`
     that this is in is left (`look_after`).
     """
+    if box.shape[1] * dimension <= AT_ONCE:
+        return np.asarray(place(box, dimension))
     positions, scaled, unit_m = _first(box, dimension)
     descent = _begin(positions, scaled)
     # Most of a step is the factorization of the normal equations.
