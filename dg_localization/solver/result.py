@@ -79,7 +79,7 @@ class Hypothesis:
         lie within 1e-9 of them, in units of the longest known distance.
     flexible : bool
         Whether the placements are a continuum even without measurement errors; also where there
-        was no time to begin with a piece.
+        was no time to examine that.
 
     """
 

@@ -190,7 +190,7 @@ def exact_and_wide(n_points, degree, seed):
 
 @pytest.mark.parametrize('n_points', [24, 70])
 def test_what_was_not_placed_is_not_proved(n_points, watchful):
-    problem, positions = exact_and_wide(n_points, 10 if n_points > 10 else 6, 1)
+    problem, positions = exact_and_wide(n_points, 10, 1)
     squared = squared_distances(positions)
     box = np.array([0.98 * squared, 1.02 * squared, *np.zeros((2, *squared.shape))])
     (whole,) = hypotheses_of(problem, [box], lambda: False)

@@ -14,7 +14,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel, until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.place.existence import has_exact_pairs, settled
-from dg_localization.solver.place.placements import place_step_by_step
+from dg_localization.solver.place.placements import AT_ONCE, place_step_by_step
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.place.sparse_placements import scaled, sought
@@ -30,9 +30,6 @@ LARGEST_M2 = 1e150
 MOST_SMALL, MOST_DENSE = 12, 60
 """Least squares over all pairs meets exact distances of few points, and takes too long for many;
 between the two, known pairs alone are tried last."""
-
-ALWAYS_PLACED = 60
-"""Coordinates of a piece that is placed whatever the time: that takes a millisecond or two."""
 
 
 def never() -> bool:
@@ -92,12 +89,10 @@ def components(bounds: FloatArray) -> IntArray:
 
 
 def place_everywhere(
-    box: FloatArray, dimension: int, stopped: Callable[[], bool] | None = None
+    box: FloatArray, dimension: int, stopped: Callable[[], bool] = never
 ) -> FloatArray:
     """
     Return a placement for a box, its unconnected parts far enough apart.
-
-    The clock is looked at on the way, as `place_step_by_step` does.
 
     Parameters
     ----------
@@ -105,6 +100,8 @@ def place_everywhere(
         The box in m^2, its triangles smoothed; it may be unbounded.
     dimension : int
         The dimension q of the space.
+    stopped : callable, optional
+        Once it returns true, what was found so far is returned.
 
     Returns
     -------
@@ -128,7 +125,7 @@ def place_everywhere(
 
 
 def place_problem(
-    problem: Problem, box: FloatArray, stopped: Callable[[], bool] | None = None
+    problem: Problem, box: FloatArray, stopped: Callable[[], bool] = never
 ) -> FloatArray:
     """Return a placement for a box of a problem, with the chirality that is known."""
     return with_known_chirality(problem, place_everywhere(box, problem.dimension, stopped))
@@ -196,7 +193,7 @@ def _settled_in_time(
 
 def _end_of_placing(problem: Problem, stopped: Callable[[], bool]) -> Callable[[], bool]:
     """Return what ends a first placement, its proof and its rank: nothing for few points."""
-    return never if problem.n_points * problem.dimension <= ALWAYS_PLACED else stopped
+    return never if problem.n_points * problem.dimension <= AT_ONCE else stopped
 
 
 def _placement_by_known_pairs(

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel
 from dg_localization.interval.rounding import LARGEST
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 
@@ -28,7 +28,7 @@ MOST_STEPS = 40
 """Least squares takes at most so many steps."""
 
 AT_ONCE = 60
-"""So many coordinates are placed in one call, which is over before the clock need be looked at."""
+"""So many coordinates are placed whatever the time: that takes a millisecond or two."""
 
 LEAST_GAIN = 0.01
 """A step that gains less than this fraction of the misfit is the last: others go where all agrees,
@@ -277,25 +277,16 @@ def place(box: FloatArray, dimension: int, most_steps: int = MOST_STEPS) -> Floa
 
 
 def place_step_by_step(
-    box: FloatArray, dimension: int, stopped: Callable[[], bool] | None = None
+    box: FloatArray, dimension: int, stopped: Callable[[], bool] = lambda: False
 ) -> FloatArray:
-    """
-    Return what `place` does, and look at the clock on the way.
-
-    Once `stopped` returns true, what was found so far is returned. Without it the block of `until`
-    that this is in is left (`look_after`).
-    """
+    """Return what `place` does; once `stopped` returns true, what was found so far."""
     if box.shape[1] * dimension <= AT_ONCE:
         return np.asarray(place(box, dimension))
     positions, scaled, unit_m = _first(box, dimension)
     descent = _begin(positions, scaled)
     # Most of a step is the factorization of the normal equations.
-    work = 1 + positions.size**3 // 6
-    at_once = 1 + WORK_PER_LOOK // work
+    at_once = 1 + WORK_PER_LOOK // (1 + positions.size**3 // 6)
     for done in range(0, MOST_STEPS, at_once):
-        steps = min(at_once, MOST_STEPS - done)
-        if stopped is None:
-            look_after(steps * work)
-        if _descend(descent, scaled, steps) or (stopped is not None and stopped()):
+        if _descend(descent, scaled, min(at_once, MOST_STEPS - done)) or stopped():
             break
     return np.asarray(descent.positions * unit_m)
