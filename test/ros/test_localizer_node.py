@@ -234,6 +234,22 @@ def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypat
     bench.until_placements(2)
 
 
+def test_what_waits_at_a_reset_does_not_count_after_it(bench, make_node):
+    node = make_node()
+    bench.play_triangle()
+    bench.until_placements(2)
+    bench.sending = []
+    bench.send_triangle()
+    # Nothing spins meanwhile: as where the node publishes for long, messages wait to be taken.
+    time.sleep(0.3)
+    # A reset that is called over DDS may come before these messages or after them.
+    assert node._on_reset(Trigger.Request(), Trigger.Response()).success
+    bench.clear()
+    bench.until(lambda: len(bench.heard.fleet) > 4, 'answers')
+    assert all(not array.poses for array in bench.heard.fleet)
+    bench.until_status('fleet', Level.WARN, 'no usable measurement has arrived yet')
+
+
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
     cancels = []
 

@@ -37,18 +37,22 @@ class NodeTime:
         self._steady_s = steady_s
         self._last_s = read_s()
         self._moved_at_s = steady_s()
-        self._jumped_at_s = -math.inf
+        self._begun_at_s = -math.inf
 
     def now(self) -> tuple[float, float]:
         """Return the time in s, and by how many seconds it has jumped back since the last call."""
         now_s = self._read_s()
         back_s = max(0.0, self._last_s - now_s)
         if back_s > 0.0:
-            self._jumped_at_s = self._steady_s()
+            self.begin_anew()
         if now_s != self._last_s:
             self._moved_at_s = self._steady_s()
         self._last_s = now_s
         return now_s, back_s
+
+    def begin_anew(self) -> None:
+        """Let nothing count any more that has arrived until now."""
+        self._begun_at_s = self._steady_s()
 
     def arrived_s(self, waited_s: float) -> float | None:
         """
@@ -57,12 +61,12 @@ class NodeTime:
         Returns
         -------
         float or None
-            None where the time jumped back after it had arrived: it must not look new. Of a
-            simulated time it is not known how much of it has passed; then the time is that of
-            the last call.
+            None where it had arrived before the time jumped back, or before `begin_anew`: it must
+            not look new. Of a simulated time it is not known how much of it has passed; then the
+            time is that of the last call.
 
         """
-        if self._steady_s() - waited_s < self._jumped_at_s:
+        if self._steady_s() - waited_s < self._begun_at_s:
             return None
         return self._last_s if self._is_simulated else self._last_s - waited_s
 

@@ -359,8 +359,9 @@ class LocalizerNode(LifecycleNode):
         return response
 
     def _forget(self, reason: str) -> None:
-        """Stop the running estimate, forget every measurement, and take back the last answer."""
+        """Stop the estimate, forget all that has arrived, and take back the last answer."""
         self._worker.cancel()
+        self._time.begin_anew()
         self._localizer.reset()
         self._rate.clear()
         self._intake.forget()
