@@ -21,7 +21,7 @@ from dg_localization.ros.node.worker import (  # noqa: E402
     EstimateWorker,
 )
 
-DEADLINE_S = 10.0
+DEADLINE_S = 60.0
 
 
 @pytest.fixture
