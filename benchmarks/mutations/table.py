@@ -1205,6 +1205,11 @@ PAIRS = [
             'around = half_angle * (half_x + half_y + 0.5 * half_angle * size)',
             'around = 0.0',
         ),
+        (
+            'headings that are not tried do not widen the way',
+            'if halved > 1 and _is_inside(allowed, a, b) and not _may_widen(hull, way, between):',
+            'if halved > 1 and _is_inside(allowed, a, b):',
+        ),
     ),
 ]
 
