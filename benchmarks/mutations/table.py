@@ -965,6 +965,26 @@ FLEET = [
     ),
     *_in(
         'fleet/window',
+        'recollection',
+        ('test/fleet/test_wrong_readings.py',),
+        (
+            'the first readings of a fleet are trusted where some may be wrong',
+            'return Recollection(snapshot, allowance, replaced=replaced)',
+            'return Recollection(snapshot, allowance)',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'carry',
+        ('test/fleet/test_wrong_readings.py',),
+        (
+            'the first readings of a pair are trusted where some may be wrong',
+            'if self._pair_of(index[key.observer], index[key.target]) is not None',
+            'if self._pair_of(index[key.observer], index[key.target]) in self._rows',
+        ),
+    ),
+    *_in(
+        'fleet/window',
         'narrowing',
         ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
         (
