@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog='compile_kernels',
-        description='Compile the solver now, so that the first start does not take two minutes.',
+        description='Compile the solver now, so that the first start does not take minutes.',
         epilog='Compiled kernels are kept in dg_localization/ below $NUMBA_CACHE_DIR, else below '
         '$XDG_CACHE_HOME, else below ~/.cache.',
     )

@@ -201,6 +201,20 @@ class Localizer:
         """Return what every input has delivered since the start or the last reset."""
         return self._store.input_states(now_s)
 
+    def odometry_restarted_s(self, robot: str) -> float:
+        """
+        Return when the odometry of a robot last started anew, in s; 0 where it never did.
+
+        Poses of before are in another odometry frame, although that may have the same name.
+
+        Parameters
+        ----------
+        robot : str
+            One whose odometry was accepted.
+
+        """
+        return self._store.odometry_restarted_s(robot)
+
     def answer_time(self, now_s: float) -> float:
         """
         Return the time that an answer is best given for: now, or a little before.

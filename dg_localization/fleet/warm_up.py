@@ -25,8 +25,8 @@ def warm_up() -> None:
     """
     Load every kernel of the solver and the fleet, so that later estimates wait for none.
 
-    The first time on a machine this compiles them, for about two minutes; `warm_up_status` reports
-    how far it has come. Without numba there is nothing to load.
+    The first time on a machine this compiles them, for two to three minutes of one processor;
+    `warm_up_status` reports how far it has come. Without numba there is nothing to load.
     """
     if not COMPILED:
         return

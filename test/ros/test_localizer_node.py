@@ -78,6 +78,42 @@ def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node)
     bench.until_count('input range robot_1->robot_2', 'accepted')
 
 
+def test_answer_that_ends_after_the_clock_went_back_is_not_published(bench, make_node):
+    """Its stamp lies ahead of the clock: no answer would look newer, for as long as the bag."""
+    answered = Event()
+
+    class Slow(Localizer):
+        def estimate(self, snapshot, cancel=None):
+            estimate = super().estimate(snapshot, cancel)
+            if estimate.placements:
+                answered.set()
+                # At once, before anything else of the node looks at the clock.
+                end_s = time.monotonic() + DEADLINE_S
+                while node._clock_s() > 100.0 and time.monotonic() < end_s:
+                    time.sleep(1e-4)
+            return estimate
+
+    node = make_node(make_localizer=Slow, use_sim_time=True, max_future=0.5)
+    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
+    clock = {'s': 1000.0}
+
+    def send():
+        clock['s'] += 0.1
+        bench.send_clock(clock['s'])
+        bench.send_triangle(stamp_s=clock['s'])
+
+    bench.sending = [send]
+    bench.until(answered.is_set, 'an estimate')
+    bench.sending = []
+    end_s = time.monotonic() + 0.5
+    bench.until(lambda: time.monotonic() > end_s, 'the end of what is on its way')
+    bench.clear()
+    # The bag starts again, and its sensors are silent at first.
+    bench.send_clock(10.0)
+    bench.until(lambda: bench.heard.fleet, 'an array')
+    assert all(not array.poses for array in bench.heard.fleet)
+
+
 def test_stamps_of_arrival_serve_sources_without_headers(bench, make_node):
     make_node(stamp_source='receive')
     bench.play_triangle(stamp_s=0.0)

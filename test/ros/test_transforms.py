@@ -172,6 +172,14 @@ def test_nothing_lies_between_poses_in_different_frames():
     assert poses.at(1.25).position_m == pytest.approx([0.5, 0.0, 0.0])
 
 
+def test_nothing_lies_between_poses_before_and_after_a_restart():
+    poses = odometry_of((1.0, 10.0, 0.0, 0.0), (1.1, 10.0, 0.0, 0.0))
+    poses.keep(reading(0.0, 0.0, 0.0), 1.2, restarted_s=1.2)
+    assert poses.at(1.15) is None and poses.at(1.25) is None
+    poses.keep(reading(1.0, 0.0, 0.0), 1.3, restarted_s=1.2)
+    assert poses.at(1.25).position_m == pytest.approx([0.5, 0.0, 0.0])
+
+
 def test_odometry_of_days_takes_no_more_memory():
     poses = OdometryPoses()
     for number in range(2 * MOST_POSES):
@@ -296,6 +304,35 @@ def test_no_time_has_two_transforms(bench, make_node, heard):
     bench.until(lambda: len(heard) > 10, 'transforms')
     stamps_s = [entry.stamp_s for (entry,) in heard]
     assert len(set(stamps_s)) == len(stamps_s)
+
+
+def test_nothing_lies_between_the_poses_before_and_after_a_restart_of_odometry(
+    bench, make_node, heard
+):
+    """A driver that starts anew counts from another place, under the same name of the frame."""
+    # Without memory answers are for now, and so between two poses, or beyond the last one.
+    make_anchored_node(make_node, publish_tf=True, rate=50.0, memory__seconds=0.0)
+    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
+    n_sent = [0]
+
+    def send():
+        send_anchored_robot(bench)
+        n_sent[0] += 1
+        # The robot stands still; every half second its odometry starts anew.
+        place = np.array([50.0 if n_sent[0] // 5 % 2 else 1.0, 2.0, 0.0])
+        moved = OdometryReading(bench.now_s(), place, yaw_xyzw(0.0), 'robot_1/odom', 'robot_1')
+        bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+
+    bench.repeat(send)
+    bench.until(lambda: n_sent[0] > 40 and len(heard) > 40, 'transforms')
+    turn = np.array(
+        [[math.cos(YAW_RAD), -math.sin(YAW_RAD)], [math.sin(YAW_RAD), math.cos(YAW_RAD)]]
+    )
+    true_places = [PLACE - turn @ [x, 2.0] for x in (1.0, 50.0)]
+    for (entry,) in heard:
+        off_m = min(np.linalg.norm(entry.translation_m[:2] - true) for true in true_places)
+        # A heading error of 0.1 rad is 5 m at the end of 50 m.
+        assert off_m < 6.0, entry
 
 
 def test_there_is_no_topic_unless_asked_for(bench, make_node, transform_class):

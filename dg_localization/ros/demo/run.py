@@ -29,8 +29,9 @@ from dg_localization.ros.domain import claim_domain
 from dg_localization.ros.spinning import rclpy_running
 from dg_localization.ros.terminal import print_line
 
-# Without compiled kernels in its cache the localizer compiles them before its first answer.
-FIRST_ANSWER_S = 600.0
+# Without compiled kernels in its cache the localizer compiles them before its first answer: some
+# minutes, and several times as long on a machine that is busy. The line shows how far it has come.
+FIRST_ANSWER_S = 1800.0
 
 MOVING = 4.0
 """Robots that move take so many times as long: nine ranges leave 16 hypotheses to be ruled out."""
@@ -174,7 +175,7 @@ def _spin_until(
 def _state(spectator: Spectator) -> str:
     """Return the newest answer in a few words."""
     if not spectator.compared:
-        return 'waiting for the first answer (the first run compiles the solver for two minutes)'
+        return spectator.status
     held = sum(len(compared.held_by) > 0 for compared in spectator.compared)
     return (
         f'{count_text(spectator.compared[-1].answer)}; '

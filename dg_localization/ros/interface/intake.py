@@ -159,8 +159,9 @@ class Intake:
                 reading = replace(reading, rays_xyz=link.turned(reading.rays_xyz))
         rejection = add_reading(self._localizer, link.key, reading, stamp_s, now_s)
         if isinstance(reading, OdometryReading) and rejection is None:
-            poses = self.odometry.setdefault(link.key.observer, OdometryPoses())
-            poses.keep(reading, stamp_s)
+            robot = link.key.observer
+            poses = self.odometry.setdefault(robot, OdometryPoses())
+            poses.keep(reading, stamp_s, self._localizer.odometry_restarted_s(robot))
         return rejection
 
     def _add_identified(

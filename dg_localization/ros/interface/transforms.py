@@ -75,11 +75,22 @@ class OdometryPoses:
         self.frame_id = ''
         self.child_frame_id = ''
 
-    def keep(self, reading: OdometryReading, stamp_s: float) -> None:
-        """Take one pose, newer than those before."""
+    def keep(self, reading: OdometryReading, stamp_s: float, restarted_s: float = 0.0) -> None:
+        """
+        Take one pose, newer than those before.
+
+        Parameters
+        ----------
+        reading : OdometryReading
+        stamp_s : float
+        restarted_s : float, optional
+            When the odometry last started anew; 0 where it never did.
+
+        """
         # An adapter of somebody else may give anything.
         frames = str(reading.frame_id), str(reading.child_frame_id)
-        if frames != (self.frame_id, self.child_frame_id):
+        is_restarted = bool(self._stamps_s) and self._stamps_s[-1] < restarted_s
+        if is_restarted or frames != (self.frame_id, self.child_frame_id):
             # Poses in different frames have nothing between them.
             self._stamps_s.clear()
             self._poses.clear()

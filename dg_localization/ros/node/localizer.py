@@ -132,12 +132,8 @@ class LocalizerNode(LifecycleNode):
             made.callback(self._transforms.destroy)
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
-        self._worker = EstimateWorker(
-            self._answer,
-            answer_ready,
-            warm_up,
-            self._make_wake_up(self._on_warm),
-        )
+        is_warm = self._make_wake_up(self._on_warm)
+        self._worker = EstimateWorker(self._answer, answer_ready, warm_up, is_warm)
         fleet = self.settings.fleet
         self._watchdog = Watchdog(fleet.solver.max_seconds + fleet.max_conflict_seconds)
         made.callback(self._worker.close)
@@ -263,7 +259,8 @@ class LocalizerNode(LifecycleNode):
             self.get_logger().error(f'the warm-up of the solver failed: {error!r}')
 
     def _on_answer(self) -> None:
-        """Publish what the worker found."""
+        """Publish what the worker found, unless time has jumped back since it was asked for."""
+        self._now_s()
         took_s = self._worker.busy_s
         try:
             answer = self._worker.take()

@@ -11,7 +11,7 @@ from typing import Any
 
 from dg_localization.fleet import LinkKind, LinkOverride, RangeErrorModel
 from dg_localization.ros.interface.links import ANY_OBSERVER, OVERRIDES, RANGE_BOUNDS, Link
-from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from dg_localization.ros.interface.parameters.spec import WrongParameterError, by_parameters
 
 BEARING_FIELDS = {
     'half_width': 'bearing_half_width_rad',
@@ -54,7 +54,8 @@ def overrides_from(
                 gathered[pair] = _widest(gathered.get(pair, override), override)
         except ValueError as error:
             raise WrongParameterError(
-                f"parameter 'links': the bounds of '{link.topic}' are not allowed: {error}"
+                f"parameter 'links': the bounds of '{link.topic}' are not allowed: "
+                f'{by_parameters(str(error))}'
             ) from None
     return tuple(gathered.values())
 

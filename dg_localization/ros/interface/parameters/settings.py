@@ -43,6 +43,7 @@ from dg_localization.ros.interface.parameters.odometry import (
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
+    by_parameters,
     declare,
     given_values,
 )
@@ -225,7 +226,7 @@ def settings_from(
     except WrongParameterError:
         raise
     except ValueError as error:
-        raise WrongParameterError(f'parameters: {error}') from None
+        raise WrongParameterError(f'parameters: {by_parameters(str(error))}') from None
     return Settings(
         fleet=fleet,
         links=explicit,

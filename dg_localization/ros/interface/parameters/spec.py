@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
+import re
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -34,6 +35,16 @@ LARGEST_INTEGER = 2**63 - 1
 
 class WrongParameterError(UsageError, ValueError):
     """A parameter of a node has a value that is not allowed."""
+
+
+def by_parameters(text: str) -> str:
+    """
+    Return what the fleet says of its settings with the names of their parameters.
+
+    Settings have units in their names, and those of one robot or point stand in brackets.
+    """
+    text = re.sub(r'\[(\w+)\](?=[.:[])', r'.\1', text)
+    return re.sub(r'\b(min_error|max_error|position|elevations)_m\b', r'\1', text)
 
 
 @dataclass(frozen=True)

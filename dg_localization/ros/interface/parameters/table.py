@@ -188,8 +188,7 @@ RANGES = Section(
             'range.max_error_relative',
             DOUBLE,
             0.03,
-            'greatest error as a fraction of the reading',
-            at_most=1.0,
+            'greatest error as a fraction of the reading, below 1',
         ),
         Spec(
             'range.sigma_factor',
