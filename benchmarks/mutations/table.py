@@ -998,6 +998,26 @@ FLEET = [
     ),
     *_in(
         'fleet/window',
+        'recollection',
+        ('test/fleet/test_wrong_readings.py',),
+        (
+            'the first readings of a fleet are trusted where some may be wrong',
+            'return Recollection(snapshot, allowance, replaced=replaced)',
+            'return Recollection(snapshot, allowance)',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'carry',
+        ('test/fleet/test_wrong_readings.py',),
+        (
+            'the first readings of a pair are trusted where some may be wrong',
+            'if self._pair_of(index[key.observer], index[key.target]) is not None',
+            'if self._pair_of(index[key.observer], index[key.target]) in self._rows',
+        ),
+    ),
+    *_in(
+        'fleet/window',
         'narrowing',
         ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
         (
@@ -1237,6 +1257,11 @@ PAIRS = [
             'a turned box does not grow with the angle',
             'around = half_angle * (half_x + half_y + 0.5 * half_angle * size)',
             'around = 0.0',
+        ),
+        (
+            'headings that are not tried do not widen the way',
+            'if halved > 1 and _is_inside(allowed, a, b) and not _may_widen(hull, way, between):',
+            'if halved > 1 and _is_inside(allowed, a, b):',
         ),
     ),
 ]

@@ -72,9 +72,10 @@ def find_suspects(
     -------
     numpy.ndarray of int
         Indices into the readings, ascending; empty where it is not proved that some contradict
-        the others. Otherwise at least one of them is wrong, and with as many wrong readings as the
-        cover tolerates, all that rule out the box of the true poses are among them, unless some
-        of these alone rule out another box.
+        the others. Otherwise some reading is wrong, and with as many wrong readings as the cover
+        tolerates, all that rule out the box of the true poses are among them, unless some of these
+        alone rule out another box. Where only several together rule out that box, none of them
+        need be: a reading that is off by little more than its bound may not be named.
 
     """
     table = readings.table

@@ -85,9 +85,32 @@ def _widen(hull: np.ndarray, first: np.ndarray, second: np.ndarray) -> bool:
     return True
 
 
+@kernel(borrows=True)
+def _is_inside(allowed: np.ndarray, a: int, b: int) -> bool:
+    """Return whether all pairs of headings next to one are left."""
+    count = allowed.shape[0]
+    for da in range(-1, 2):
+        for db in range(-1, 2):
+            if not allowed[(a + da) % count, (b + db) % count]:
+                return False
+    return True
+
+
+@kernel(borrows=True)
+def _may_widen(hull: np.ndarray, first: np.ndarray, second: np.ndarray) -> bool:
+    """Return whether what two boxes have in common reaches beyond a hull (2, 3)."""
+    for axis in range(3):
+        if max(first[LOW, axis], second[LOW, axis]) < hull[LOW, axis]:
+            return True
+        if min(first[HIGH, axis], second[HIGH, axis]) > hull[HIGH, axis]:
+            return True
+    return False
+
+
 @kernel
 def try_cells(
     allowed: np.ndarray,
+    ways: np.ndarray,
     between: np.ndarray,
     table: np.ndarray,
     max_outliers: int,
@@ -99,10 +122,16 @@ def try_cells(
     """
     Drop the pairs of headings that the readings of two bodies rule out.
 
+    Where `ways` are those of coarser cells, pairs inside of what is left are tried only while they
+    may widen the hull: few of them are ruled out, and none is at the end of an arc.
+
     Parameters
     ----------
     allowed : numpy.ndarray of bool, shape (n, n)
         By the cell of the heading of A, and of B. Receives false where a pair is ruled out.
+    ways : numpy.ndarray, shape (l, l, 2, 3)
+        Bounds of the way from A to B by pairs of headings, of these cells (l = n) or of cells that
+        were halved since. Those of these cells are received.
     between : numpy.ndarray, shape (2, 3)
         Bounds of the way from A to B, in m, in the frame of the headings.
     table : numpy.ndarray, shape (m, COLUMNS)
@@ -115,7 +144,7 @@ def try_cells(
         Widened by the way from A to B of every pair of headings that is left.
 
     """
-    count = allowed.shape[0]
+    count, halved = allowed.shape[0], allowed.shape[0] // ways.shape[0]
     listed = np.arange(table.shape[0])
     undecided = np.empty(table.shape[0], np.int64)
     box, pose, back = np.empty((2, 4)), np.empty((2, 3)), np.empty((2, 3))
@@ -133,6 +162,9 @@ def try_cells(
         for b in range(count):
             if not allowed[a, b]:
                 continue
+            way = ways[a // halved, b // halved]
+            if halved > 1 and _is_inside(allowed, a, b) and not _may_widen(hull, way, between):
+                continue
             yaw = (b - a) * cell
             box[LOW, :YAW], box[HIGH, :YAW] = pose[LOW], pose[HIGH]
             box[LOW, YAW] = down(yaw - up(2.0 * half_cell))
@@ -141,3 +173,5 @@ def try_cells(
             if allowed[a, b]:
                 turn_box(box[:, :YAW], heading, half_cell, back)
                 allowed[a, b] = _widen(hull, back, between)
+                if halved == 1:
+                    way[:] = back

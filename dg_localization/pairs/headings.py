@@ -30,8 +30,8 @@ from dg_localization.pairs.heading_kernels import try_cells
 from dg_localization.pairs.readings import PairReadings
 from dg_localization.pairs.turns import TURN
 
-COARSEST = 16
-"""Cells of the full turn in the first round."""
+COARSEST, ALL_TRIED = 16, 32
+"""Cells of the full turn in the first round, and the most of which all pairs are tried."""
 
 BATCH = 8
 """
@@ -221,6 +221,7 @@ class _Search:
         self._readings = {pair: options.chosen(part.table) for pair, part in readings.items()}
         shape = (COARSEST, COARSEST)
         self._tables = {pair: np.ones(shape, bool) for pair in readings}
+        self._ways = self._unknown_ways()
 
     def run(self) -> bool:
         """Narrow headings and places; return whether it came to its end."""
@@ -254,6 +255,7 @@ class _Search:
                     return False
                 try_cells(
                     self._tables[pair],
+                    self._ways[pair],
                     between,
                     rows,
                     self._options.max_outliers,
@@ -265,6 +267,12 @@ class _Search:
             self._make_consistent(pair)
             self._place(pair, found)
         return True
+
+    def _unknown_ways(self) -> dict[Pair, np.ndarray]:
+        """Return what no reading has bounded: the ways between two bodies by their headings."""
+        anywhere = np.array([np.full(3, -math.inf), np.full(3, math.inf)])
+        cells = self.allowed.shape[1]
+        return {pair: np.tile(anywhere, (cells, cells, 1, 1)) for pair in self._tables}
 
     def _between(self, pair: Pair) -> np.ndarray:
         """Return bounds of the way from one body to another, shape (2, 3)."""
@@ -312,3 +320,5 @@ class _Search:
             pair: np.repeat(np.repeat(table, 2, axis=0), 2, axis=1)
             for pair, table in self._tables.items()
         }
+        if self.allowed.shape[1] <= ALL_TRIED:
+            self._ways = self._unknown_ways()

@@ -10,7 +10,7 @@ from moved_fleet import MovedFleet
 import numpy as np
 import pytest
 
-from dg_localization.pairs import HeadingOptions, narrow_headings
+from dg_localization.pairs import HeadingOptions, headings, narrow_headings
 
 FLEETS = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
 FINE = HeadingOptions(cells=64)
@@ -87,6 +87,23 @@ def test_headings_cut_places():
         assert fleet.holds(found)
         cut += np.sum(found.upper_m - found.lower_m) < 0.9 * np.sum(upper - lower)
     assert cut > 5
+
+
+def test_what_is_not_tried_among_fine_cells_cuts_no_place(monkeypatch):
+    loose, widths_m = [], []
+    for seed in range(20):
+        fleet = MovedFleet(seed, rays=seed % 2 == 0)
+        few = {pair: rows[:2] for pair, rows in fleet.readings.items()}
+        loose.append((fleet, few, *fleet._bounds(0.5)))
+    found = [narrow_headings(lower, upper, few, FINE) for _, few, lower, upper in loose]
+    monkeypatch.setattr(headings, 'ALL_TRIED', FINE.cells)
+    for (fleet, few, lower, upper), part in zip(loose, found, strict=True):
+        whole = narrow_headings(lower, upper, few, FINE)
+        assert fleet.holds(part)
+        assert np.all(part.lower_m <= whole.lower_m) and np.all(whole.upper_m <= part.upper_m)
+        assert not np.any(whole.allowed & ~part.allowed)
+        widths_m.append([np.sum(f.upper_m - f.lower_m) for f in (part, whole)])
+    assert np.sum(widths_m, axis=0)[0] < 1.001 * np.sum(widths_m, axis=0)[1]
 
 
 def test_stopped_at_any_time_it_is_complete():

@@ -52,7 +52,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 REPOSITORY = Path(__file__).parents[2]
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 SEND_PERIOD_S = 0.1
 
 range_to_message = adapter_for('sensor_msgs/msg/Range').to_message

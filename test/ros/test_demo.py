@@ -152,7 +152,7 @@ def test_yaws_survive_quaternions_and_zero_is_unknown():
 
 def test_a_process_that_ends_early_is_reported_with_what_it_wrote():
     executable = Executable('simulate_fleet', '--ros-args', '-p', 'rate:=-1')
-    executable.wait(20)
+    executable.wait(60)
     with pytest.raises(
         demo_compare.DemoError, match="(?s)simulate_fleet ended with exit code 2.*'rate'"
     ):

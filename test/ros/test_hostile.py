@@ -27,7 +27,7 @@ from dg_localization.ros import spinning
 from dg_localization.ros.node import watchdog
 from msg_adapters import Level
 
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 
 
 @pytest.fixture

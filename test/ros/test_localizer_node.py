@@ -20,7 +20,7 @@ from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
 from dg_localization.ros.node import localizer
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 
 
 def test_managed_node_waits_to_be_told(bench, make_node):

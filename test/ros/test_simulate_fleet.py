@@ -302,14 +302,14 @@ def test_a_signal_ends_the_process_cleanly(number):
     assert 'measurement topics' in process.stdout.readline()
     time.sleep(0.5)
     process.send_signal(number)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 0
     assert 'Traceback' not in errors and not errors.strip()
 
 
 def test_a_wrong_parameter_ends_the_process_with_a_sentence():
     process = start('--ros-args', '-p', 'rate:=-5')
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert "'rate': -5" in errors and '>= 0.1' in errors
     assert 'Traceback' not in errors
@@ -317,6 +317,6 @@ def test_a_wrong_parameter_ends_the_process_with_a_sentence():
 
 def test_an_unknown_ros_argument_ends_the_process_with_a_sentence():
     process = start('--ros-args', '--help')
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert errors == "wrong ROS arguments: ['--help']\n"

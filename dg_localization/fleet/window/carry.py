@@ -132,12 +132,12 @@ class CarriedWindow:
         return tuple(near)
 
     def links_among(self, keys: Iterable[LinkKey]) -> frozenset[LinkKey]:
-        """Return the links between bodies that observed each other in the window."""
+        """Return the links between bodies whose motions are known: all that can be remembered."""
         index = {name: i for i, name in enumerate(self._config.points)}
         return frozenset(
             key
             for key in keys
-            if self._pair_of(index[key.observer], index[key.target]) in self._rows
+            if self._pair_of(index[key.observer], index[key.target]) is not None
         )
 
     def pairs_apart(self, keys: Iterable[LinkKey], newest_s: float) -> tuple[Pair, ...]:

@@ -356,21 +356,22 @@ def recall(
 
     In space that is where robots are among anchors, if their odometry is upright.
     """
-    config = snapshot.config
+    config, carried = snapshot.config, snapshot.carried
     allowance = Allowance(config.memory_max_seconds, cancel)
+    # A pair of which nothing is remembered yet may begin with an outlier, too.
+    tolerates = config.window_outliers > 0 and config.memory_s > 0.0
+    replaced = carried.links_among(snapshot.keys) if tolerates else frozenset()
     any_upright = any(map(config.is_upright, config.robots))
     if not any_upright or not (snapshot.window.observations or proved):
-        return Recollection(snapshot, allowance)
+        return Recollection(snapshot, allowance, replaced=replaced)
     if allowance.part(1)():
         proved = ()
-    carried = snapshot.carried
     newest_s = config.memory_s * WINDOW_SHARE
     filters = filters or PoseFilters()
     pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, filters)
     spans_s = {pair: carried.span_s(pair) for pair in carried.pairs}
     snapshot = without(snapshot, forgotten)
     carried = snapshot.carried
-    replaced = carried.links_among(snapshot.keys) if config.window_outliers else frozenset()
     recalled = Recollection(
         snapshot,
         allowance,
