@@ -9,13 +9,12 @@ Wrong readings: is the truth in the answer, are culprits named; figures of docs/
     python -m benchmarks.liars mrclam [--data ../shared/data/mrclam]
 
 Simulated robots drive in a square of 10 m and range each other to 3 %. Some readings lie by 1 to
-4 m. Every seed counts.
+4 m. Every seed counts. `benchmarks.culprits` says which of these are named.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
@@ -54,10 +53,7 @@ from dg_localization.fleet import (
     FleetConfig,
     Localizer,
     RangeErrorModel,
-    Snapshot,
 )
-from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
-from dg_localization.fleet.window.recollection import recall
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[int, int]
@@ -100,7 +96,6 @@ class Case:
     pairs: list[Pair]
     ranges_m: dict[Lie, float]
     lies: list[Lie]
-    suspects: set[Lie] = field(default_factory=set)
 
     @classmethod
     def draw(cls, seed: Sequence[int], graph: str, kind: str, robots: int, wrong: int) -> Case:
@@ -172,6 +167,14 @@ class Case:
 
     def localize(self, outliers: int) -> tuple[Estimate, float]:
         """Return the answer at the end, with so many outliers, and what it took in s."""
+        localizer, now_s = self.told(outliers)
+        snapshot = localizer.snapshot(now_s)
+        start_s = time.process_time()
+        estimate = localizer.estimate(snapshot)
+        return estimate, time.process_time() - start_s
+
+    def told(self, outliers: int) -> tuple[Localizer, float]:
+        """Return a localizer that was told all of it, with so many outliers, and the time then."""
         config = replace(
             driving_config(len(self.members), 2.0 * SECONDS),
             memory_max_seconds=MEMORY_MAX_SECONDS,
@@ -187,21 +190,7 @@ class Case:
                 if (step, (i, j)) in self.ranges_m:
                     range_m = self.ranges_m[step, (i, j)]
                     localizer.add_range(f'r{i}', f'r{j}', range_m, now_s, now_s)
-        snapshot = localizer.snapshot(now_s)
-        self._note_suspects(snapshot)
-        start_s = time.process_time()
-        estimate = localizer.estimate(snapshot)
-        return estimate, time.process_time() - start_s
-
-    def _note_suspects(self, snapshot: Snapshot) -> None:
-        """Note whom the window makes suspect where there is time to find out."""
-        config = replace(snapshot.config, memory_max_seconds=math.inf)
-        patient = replace(snapshot, config=config)
-        pose_sets = recall(patient, (), None).pose_sets
-        self.suspects = {
-            (round((one.stamp_s - START_S) / STEP_S), (int(one.name[1:]), int(one.target[1:])))
-            for one in suspects_in_window(patient, pose_sets, lambda: False)
-        }
+        return localizer, now_s
 
     def truth_is_in(self, estimate: Estimate) -> bool:
         """Return whether some placement holds the truth."""
@@ -216,91 +205,36 @@ class Case:
         return truth_in_frame(self.members, -1, origin, towards)
 
 
-@dataclass
-class Tally:
-    """Figures of many runs."""
-
-    runs: int = 0
-    inside: int = 0
-    wrong: int = 0
-    named: int = 0
-    noticed: int = 0
-    suspects: list[int] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-
-    def row(self) -> str:
-        """Return the figures as cells of a table."""
-        fast, slow = np.percentile(self.seconds, [50, 95])
-        share = f'{self.named / self.wrong:.1%}' if self.wrong else ''
-        return (
-            f'{self.inside} of {self.runs} | {self.noticed} | {self.named} of {self.wrong} '
-            f'({share}) | {np.mean(self.suspects or [0]):.1f} | {fast:.2f} ({slow:.2f}) |'
-        )
-
-
-LEAST_BEYOND_M = (0.0, 0.25, 0.5, 1.0)
-
-
-@dataclass
-class Found:
-    """Where culprits are found: by k, by how far they are off, and by the lies of their pair."""
-
-    counts: Counter[tuple[int, int, int, bool]] = field(default_factory=Counter)
-
-    def add(self, k: int, beyond_m: float, of_pair: int, *, named: bool) -> None:
-        """Count a culprit."""
-        size = int(np.searchsorted(LEAST_BEYOND_M, beyond_m, side='right')) - 1
-        self.counts[k, size, of_pair, named] += 1
-
-    def report(self) -> None:
-        """Print a table."""
-        print('| k | lies of the pair | beyond its bound (m) | named |\n|---|---|---|---|')
-        for k, of_pair, size in sorted({(k, of, size) for k, size, of, _ in self.counts}):
-            named, not_named = (self.counts[k, size, of_pair, flag] for flag in (True, False))
-            least_m = LEAST_BEYOND_M[size]
-            print(f'| {k} | {of_pair} | {least_m:g} | {named} of {named + not_named} |')
-
-
-HEADER = (
-    '| graph | lies | robots | k | truth inside | noticed | culprits among the suspects '
-    '| suspects | s (95 %) |\n|---|---|---|---|---|---|---|---|---|'
-)
+HEADER = '| graph | lies | robots | k | truth inside | s (95 %) |\n|---|---|---|---|---|---|'
 
 
 def report_window(seeds: range, robots: list[int], wrong: list[int]) -> None:
     """Print how fleets stand wrong readings in a window that tolerates so many."""
     print(HEADER)
-    found = Found()
     for graph, kind, count, k in product(GRAPHS, LIES, robots, wrong):
-        tally = Tally()
+        inside, spent = 0, []
         for seed in seeds:
             case = Case.draw([seed, count, k], graph, kind, count, k)
             estimate, seconds = case.localize(k)
-            named = case.suspects
-            _count(tally, case, estimate, seconds, case.wrong, named)
-            for lie in case.wrong:
-                found.add(k, *case.redundancy(lie), named=lie in named)
-        print(f'| {graph} | {kind} | {count} | {k} | {tally.row()}', flush=True)
-    found.report()
+            inside += case.truth_is_in(estimate)
+            spent.append(seconds)
+        fast, slow = np.percentile(spent, [50, 95])
+        print(
+            f'| {graph} | {kind} | {count} | {k} | {inside} of {len(seeds)} '
+            f'| {fast:.2f} ({slow:.2f}) |',
+            flush=True,
+        )
 
 
-def _count(
-    tally: Tally,
-    case: Case,
-    estimate: Estimate,
-    seconds: float,
-    wrong: set[Lie],
-    named: set[Lie],
-) -> None:
-    """Add a run to a tally; who is suspected counts where a contradiction was noticed."""
-    tally.runs += 1
-    tally.inside += case.truth_is_in(estimate)
-    tally.seconds.append(seconds)
-    tally.wrong += len(wrong)
-    tally.named += len(wrong & named)
-    if named:
-        tally.noticed += 1
-        tally.suspects.append(len(named))
+@dataclass
+class Tally:
+    """Figures of many runs."""
+
+    inside: int = 0
+    wrong: int = 0
+    named: int = 0
+    suspects: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
 
 
 def report_landmarks(runs: int) -> None:
@@ -324,7 +258,6 @@ def report_landmarks(runs: int) -> None:
                 if (one.target and (one.name, one.target) == pair)
                 or (not one.target and one.name in pair)
             }
-            tally.runs += 1
             tally.inside += scene.truth_is_in(estimate)
             tally.seconds.append(seconds)
             tally.wrong += wrong

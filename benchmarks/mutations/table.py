@@ -1018,6 +1018,36 @@ FLEET = [
     ),
     *_in(
         'fleet/window',
+        'mutual_walk',
+        ('test/fleet/test_window_suspects.py', 'test/fleet/test_pair_filters.py'),
+        (
+            'the errors of the ways of two robots do not count',
+            'ball_m = sum_up(first.ball_m, second.ball_m)',
+            'ball_m = 0.0',
+        ),
+        (
+            'what is not walked in time is a contradiction',
+            'if stopped():\n                return False',
+            'if stopped():\n                return True',
+        ),
+        (
+            'ranges before the odometry of both count',
+            'if stamp_s >= known_s and math.isfinite(observation.upper_m):',
+            'if math.isfinite(observation.upper_m):',
+        ),
+    ),
+    *_in(
+        'fleet/contradictions',
+        'window_suspects',
+        ('test/fleet/test_window_suspects.py',),
+        (
+            'nobody is suspected where a search ends at its limits',
+            'return corrected | (suspects or frozenset().union(*explanation.conflicts))',
+            'return corrected',
+        ),
+    ),
+    *_in(
+        'fleet/window',
         'narrowing',
         ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
         (

@@ -20,7 +20,12 @@ from dg_localization.fleet.contradictions.explanation import (
     reason_of,
     suspects_of,
 )
-from dg_localization.fleet.contradictions.window_suspects import suspects_in_window
+from dg_localization.fleet.contradictions.suspects import Suspect
+from dg_localization.fleet.contradictions.window_suspects import (
+    SuspectsByPair,
+    explain_window,
+    suspects_in_window,
+)
 from dg_localization.fleet.estimate import Estimate, Group
 from dg_localization.fleet.frames.finders import fit_headed
 from dg_localization.fleet.frames.plan import Plans, plan_frames
@@ -88,9 +93,11 @@ def estimate_snapshot(
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
+        recalled.allowance.resume()
         # The moment contradicts itself: that says nothing of what else is remembered.
         forgotten = (*by_memory, *estimate.forgotten)
-        return replace(estimate, suspects_in_window=in_window, forgotten=forgotten), ()
+        suspects = _suspects(snapshot, recalled, in_window)
+        return replace(estimate, suspects_in_window=suspects, forgotten=forgotten), ()
     refit = partial(fit_headed, snapshot, constraints)
     narrowed = narrow_answer(found, plans, recalled, refit)
     estimate = _answered(snapshot, narrowed.answer, plans)
@@ -98,11 +105,19 @@ def estimate_snapshot(
     estimate = replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out), *doubts]),
-        suspects_in_window=in_window,
+        suspects_in_window=_suspects(snapshot, recalled, in_window),
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
     )
     return estimate, narrowed.proved
+
+
+def _suspects(
+    snapshot: Snapshot, recalled: Recollection, found: SuspectsByPair
+) -> tuple[Suspect, ...]:
+    """Return whom a window makes suspect, in what is left of the time for it."""
+    by_pair = explain_window(snapshot, found, recalled.allowance.part(1))
+    return tuple(sorted(frozenset().union(*by_pair.values())))
 
 
 def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions:

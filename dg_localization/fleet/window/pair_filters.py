@@ -25,55 +25,19 @@ from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.carry import Pair
 from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.fleet.window.memory import Observation
+from dg_localization.fleet.window.mutual_walk import MutualWalk, PairFilter
 from dg_localization.fleet.window.proved import PoseBounds, heading_arcs, intersect_arcs
 from dg_localization.fleet.window.shape_headings import within_bounds
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.bounds import sum_up
 from dg_localization.interval.kernels import COMPILED
-from dg_localization.pairs import MutualCover, Ranges, Ways
+from dg_localization.pairs import MutualCover, Ways
 from dg_localization.pairs.turns import HALF_TURN_UP
 
 PAIR: Pair = (0, 1)
 
-KNOTS = 75
-"""In a memory: seen from farther away than from the next knot, readings tell less."""
-
-LONGEST_WAY = 8
-"""Knots that are left out at most where the robots are near to each other."""
-
-KNOTS_IN_CELLS = 2
-"""So many knots pass before there are new cells, which widen the cover; old ones only grow."""
-
 FILTERS = 3
 """The oldest knows at least all but one part of so many of what is remembered."""
-
-
-@dataclass(frozen=True)
-class PairFilter:
-    """
-    What the ranges of two robots since some time tell of their tracks at a knot.
-
-    Parameters
-    ----------
-    since_s : float
-        The stamp of the first range; older ones have no effect.
-    knot_s : float
-        Later ranges have none yet.
-    samples_s : tuple of float
-        The stamps of the samples of both odometries that are nearest to the knot.
-    cover : MutualCover
-        Of the tracks at these samples, in the odometry frames.
-    knots_in_cells : int, optional
-        For how many knots its cells have been carried on.
-
-    """
-
-    since_s: float
-    knot_s: float
-    samples_s: tuple[float, float]
-    cover: MutualCover
-    knots_in_cells: int = 0
 
 
 @dataclass(frozen=True)
@@ -204,31 +168,28 @@ class _Walk:
         self.lost_s = -math.inf
         config, self._carried = snapshot.config, snapshot.carried
         self._now_s, self._stopped = snapshot.stamp_s, stopped
-        self._paths = self._carried.path(0), self._carried.path(1)
         self._oldest_s = self._now_s - config.memory_s
-        self._between_s = config.memory_s / KNOTS
         self._until_next_s = config.memory_s / FILTERS
-        newest_s = min(float(path.stamps_s[-1]) for path in self._paths)
+        self._walk = MutualWalk.of(self._carried, PAIR, config.memory_s)
+        newest_s = min(float(path.stamps_s[-1]) for path in self._walk.paths)
         # No reading of before will be accepted any more, nor a nearer sample.
         self._settled_s = min(self._now_s - config.max_age_s, newest_s)
-        seen = [observation for _, _, observation in self._carried.sources(PAIR)]
-        self._seen = sorted((one for one in seen if one.has_distance), key=lambda one: one.stamp_s)
 
     def goes_on(self, known: PairFilter) -> bool:
         """Return whether a filter is in memory, and at samples that are known."""
         if not self._oldest_s <= known.since_s <= known.knot_s <= self._now_s:
             return False
-        samples = zip(self._paths, known.samples_s, strict=True)
+        samples = zip(self._walk.paths, known.samples_s, strict=True)
         return all(bool(np.any(path.stamps_s == sample_s)) for path, sample_s in samples)
 
     def settled(self, known: PairFilter) -> PairFilter | None:
         """Return a filter at its last knot before which nothing can come any more."""
         found: PairFilter | None = known
         while found is not None and not found.cover.empty and not self._stopped():
-            knot_s = self._next_knot_s(found, self._settled_s)
+            knot_s = self._walk.next_knot_s(found, self._settled_s)
             if knot_s > self._settled_s:
                 break
-            before_s, found = found.knot_s, self._to(found, knot_s)
+            before_s, found = found.knot_s, self._walk.to(found, knot_s)
             if found is None:
                 self.lost_s = max(self.lost_s, before_s)
         return found
@@ -239,17 +200,13 @@ class _Walk:
 
         Not where another one was lost before: it would be lost there, too.
         """
-        known_s = max(float(path.stamps_s[0]) for path in self._paths)
-        first_s = max(known_s, self._oldest_s, newest_since_s + self._until_next_s)
-        for observation in self._seen:
+        first_s = max(self._walk.known_s, self._oldest_s, newest_since_s + self._until_next_s)
+        for observation in self._walk.seen:
             stamp_s = observation.stamp_s
             in_time = lost_s < stamp_s and first_s <= stamp_s <= self._settled_s
             if in_time and math.isfinite(observation.upper_m):
-                lower_m, upper_m = self._ranges([observation], stamp_s).at_end_m
-                if not math.isfinite(upper_m):
-                    return
-                cover = MutualCover.started(lower_m, upper_m)
-                found = self.settled(PairFilter(stamp_s, stamp_s, self._samples_s(stamp_s), cover))
+                start = self._walk.started(observation)
+                found = None if start is None else self.settled(start)
                 if found is not None:
                     yield found
                 return
@@ -258,14 +215,7 @@ class _Walk:
         """Return what the oldest of some filters tells now."""
         if any(known.cover.empty for known in filters):
             return NOWHERE
-        found: PairFilter | None = filters[0]
-        while found is not None and not found.cover.empty and not self._stopped():
-            knot_s = self._next_knot_s(found, self._now_s)
-            if knot_s >= self._now_s:
-                break
-            found = self._to(found, knot_s)
-        if found is not None and not self._stopped():
-            found = self._to(found, self._now_s)
+        found = self._walk.arrived(filters[0], self._now_s, self._stopped)
         if found is None or self._stopped():
             return None
         return self._seen_by_robots(found.cover)
@@ -274,8 +224,8 @@ class _Walk:
         """Return what a cover of the tracks now tells of the robots."""
         if cover.empty:
             return NOWHERE
-        yaws_rad = [path.stated(self._now_s)[2] for path in self._paths]
-        first, second = (path.off_track(self._now_s) for path in self._paths)
+        yaws_rad = [path.stated(self._now_s)[2] for path in self._walk.paths]
+        first, second = (path.off_track(self._now_s) for path in self._walk.paths)
         ball_m = sum_up(first.ball_m, second.ball_m)
         now = cover.carried(Ways.of(first.pose, second.pose, yaws_rad[0], yaws_rad[1], ball_m))
         if now is None or now.empty:
@@ -283,62 +233,4 @@ class _Walk:
         arcs = now.arcs_rad - np.array(yaws_rad)[:, None]
         return Directions(
             np.stack([angle_down(arcs[:, 0]), angle_up(arcs[:, 1])], axis=-1), *now.distance_m
-        )
-
-    def _next_knot_s(self, known: PairFilter, until_s: float) -> float:
-        """
-        Return the time of the next knot; infinite where it is later than a time.
-
-        It is that of a range at which the robots are not near to each other for the way that they
-        went: directions change too fast there.
-        """
-        first_s = known.knot_s + self._between_s
-        last_s = known.knot_s + LONGEST_WAY * self._between_s
-        for observation in self._seen:
-            stamp_s = observation.stamp_s
-            if first_s <= stamp_s <= min(last_s, until_s):
-                way_m = sum(
-                    math.dist(path.stated(known_s)[:2], path.stated(stamp_s)[:2])
-                    for path, known_s in zip(self._paths, known.samples_s, strict=True)
-                )
-                if observation.lower_m >= way_m:
-                    return stamp_s
-        return last_s if last_s <= until_s else math.inf
-
-    def _samples_s(self, time_s: float) -> tuple[float, float]:
-        """Return the stamps of the samples nearest to a time."""
-        first, second = (
-            float(path.stamps_s[np.argmin(np.abs(path.stamps_s - time_s))]) for path in self._paths
-        )
-        return first, second
-
-    def _to(self, known: PairFilter, until_s: float) -> PairFilter | None:
-        """Return a filter at a later time; None where the way is not bounded."""
-        samples_s = self._samples_s(until_s)
-        ends = zip(self._paths, known.samples_s, samples_s, strict=True)
-        first, second = (path.track_step(before_s, after_s) for path, before_s, after_s in ends)
-        yaws_rad = [
-            path.stated(sample_s)[2]
-            for path, sample_s in zip(self._paths, known.samples_s, strict=True)
-        ]
-        ball_m = sum_up(first.ball_m, second.ball_m)
-        way = Ways.of(first.pose, second.pose, yaws_rad[0], yaws_rad[1], ball_m)
-        seen = [one for one in self._seen if known.knot_s < one.stamp_s <= until_s]
-        cover = known.cover.carried(way, self._ranges(seen, until_s) if seen else None)
-        if cover is None:
-            return None
-        knots = known.knots_in_cells + 1
-        if knots == KNOTS_IN_CELLS:
-            cover, knots = cover.gathered(), 0
-        return PairFilter(known.since_s, until_s, samples_s, cover, knots)
-
-    def _ranges(self, seen: list[Observation], until_s: float) -> Ranges:
-        """Return observations up to a time, seen from the tracks at the samples nearest to it."""
-        stamps_s = np.array([one.stamp_s for one in seen])
-        first, second = (path.past_poses_on_track(stamps_s, until_s).past for path in self._paths)
-        yaws_rad = [path.stated(until_s)[2] for path in self._paths]
-        return Ranges(
-            Ways.of(first, second, yaws_rad[0], yaws_rad[1]),
-            np.array([one.lower_m for one in seen]),
-            np.array([one.upper_m for one in seen]),
         )
