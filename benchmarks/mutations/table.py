@@ -934,6 +934,16 @@ FLEET = [
         ),
     ),
     *_in(
+        'fleet',
+        'odometry_error',
+        ('test/fleet/test_between_samples.py',),
+        (
+            'between two samples a robot does not err',
+            'sums = [total_up(step_errors[:, a:b])',
+            'sums = [0.0 * total_up(step_errors[:, a:b])',
+        ),
+    ),
+    *_in(
         'fleet/window',
         'pose_filters',
         ('test/fleet/test_pose_filters.py',),
