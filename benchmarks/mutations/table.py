@@ -967,6 +967,16 @@ FLEET = [
         ),
     ),
     *_in(
+        'fleet',
+        'odometry_error',
+        ('test/fleet/test_between_samples.py',),
+        (
+            'between two samples a robot does not err',
+            'up(sums[:, there] + step_errors[:, first[there] + step])',
+            'sums[:, there]',
+        ),
+    ),
+    *_in(
         'fleet/window',
         'pose_filters',
         ('test/fleet/test_pose_filters.py',),

@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.odometry_error import OdometryErrorModel
+from dg_localization.fleet.odometry_error import OdometryErrorModel, errors_around
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
 from dg_localization.fleet.rotations import level_rotations, rotations_about_z, steepness
 from dg_localization.fleet.track_poses import TrackPoses, TrackStep
@@ -58,9 +58,9 @@ class OdometryPath:
     """
     The path of one robot through its odometry samples.
 
-    Between samples the robot is taken to be no farther from either than they are apart, or than
-    its limits allow; before the first and after the last only its limits bound its motion. Without
-    limits the robot is at a sample when the time is the same number.
+    Between samples the robot is taken to be no farther from either than they truly are apart, or
+    than its limits allow; before the first and after the last only its limits bound its motion.
+    Without limits the robot is at a sample when the time is the same number.
 
     Parameters
     ----------
@@ -268,17 +268,25 @@ class OdometryPath:
             slack_s = 4.0 * float(elapsed_up(largest_s, largest_s))
         index = np.empty(len(times_s), np.int64)
         spans = np.empty((3, len(times_s)))
+        around_s = float(up(latency + slack_s)) if slack_s else latency
         find_nearest(
             times_s,
             stamps,
             self._positions_m,
             self._yaws_rad,
             self._rotations,
-            float(up(latency + slack_s)) if slack_s else latency,
+            around_s,
             index,
             spans,
         )
         spans[1:] = np.where(spans[1:] > 0.0, angle_up(spans[1:]), 0.0)
+        # The true samples are farther apart than the stated ones by what the steps err.
+        step_errors = np.stack([self._step_errors_m, self._step_errors_rad])
+        off_m, off_rad = errors_around(stamps, step_errors, times_s, around_s)
+        spans[0] = np.where(
+            off_m > 0.0, up(up(spans[0] + off_m) + up(off_rad * spans[0])), spans[0]
+        )
+        spans[1:] = np.where(off_rad > 0.0, up(spans[1:] + off_rad), spans[1:])
         reach_s = up(elapsed_up(times_s, stamps[index]) + latency)
         beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
         at_end = (times_s - latency <= stamps[0] + slack_s) | (

@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from dg_localization.fleet.checks import require_number
+from dg_localization.interval.arrays import up
 
 LEAST_SCALE, MOST_SCALE = 0.01, 100.0
 """More than what another unit of length explains is a mistake."""
@@ -86,3 +87,33 @@ class OdometryErrorModel:
     def least_tilt_rad(self) -> float:
         """The error of roll and pitch, zero where none is stated."""
         return 0.0 if self.tilt_rad is None else self.tilt_rad
+
+
+def errors_around(
+    stamps_s: np.ndarray, step_errors: np.ndarray, times_s: np.ndarray, around_s: float
+) -> np.ndarray:
+    """
+    Return what the steps err by between the samples around some times.
+
+    Parameters
+    ----------
+    stamps_s : numpy.ndarray, shape (n,)
+    step_errors : numpy.ndarray, shape (k, n - 1)
+    times_s : numpy.ndarray, shape (m,)
+    around_s : float
+        The samples reach from the last one this much before a time to the first one this much
+        after it.
+
+    Returns
+    -------
+    numpy.ndarray, shape (k, m)
+
+    """
+    first = np.maximum(np.searchsorted(stamps_s, times_s - around_s, side='right') - 1, 0)
+    last = np.searchsorted(stamps_s, times_s + around_s, side='left')
+    steps = np.minimum(last, step_errors.shape[1]) - first
+    sums = np.zeros((len(step_errors), len(times_s)))
+    for step in range(np.max(steps, initial=0)):
+        there = step < steps
+        sums[:, there] = up(sums[:, there] + step_errors[:, first[there] + step])
+    return sums
