@@ -54,13 +54,17 @@ class History:
         count = round(seconds / SAMPLE_S) + 1
         drives = [draw_drive(rng, count, error, worst, constants) for error in errors]
         high = float(rng.choice([0.01, 0.05, 0.1]))
+        # Where ranges tell little, a motion that is bounded too narrowly loses no truth.
+        scale = 0.05 if np.random.default_rng(np.append(seed, 5)).random() < 0.4 else 1.0
         config = FleetConfig(
             robots=tuple(f'r{i}' for i in range(robots)),
             anchors={f'a{i}': Anchor(tuple(rng.uniform(-5.0, 5.0, 2))) for i in range(anchors)},
             mounts={f'r{i}': draw_mounts(rng) for i in range(mounted)},
             max_age_s=MAX_AGE_S,
             range_error=RangeErrorModel(
-                min_error_relative=-high, max_error_relative=high * 0.5, max_error_m=0.02
+                min_error_relative=-scale * high,
+                max_error_relative=0.5 * scale * high,
+                max_error_m=0.02 * scale,
             ),
             bearing_half_width_rad=float(rng.choice([0.02, 0.1])),
             max_speed_m_s=1.0,

@@ -4,7 +4,6 @@
 """The thread that estimates."""
 
 from concurrent.futures import ThreadPoolExecutor
-import gc
 import os
 import subprocess
 import sys
@@ -121,15 +120,6 @@ def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
     assert warm.wait(DEADLINE_S)
     assert answered.wait(DEADLINE_S)
     assert done == ['warm-up', 'dropped', 'estimate']
-
-
-def test_what_the_warm_up_loads_is_left_out_of_garbage_collections(make_worker):
-    gc.unfreeze()
-    loaded = []
-    worker = make_worker(print, warm_up=lambda: loaded.append([]))
-    worker.warm_up.result(DEADLINE_S)
-    assert gc.get_freeze_count() > 0
-    assert not any(thing is loaded[0] for thing in gc.get_objects())
 
 
 def test_nobody_is_told_of_a_warm_up_after_the_end(make_worker, monkeypatch):

@@ -6,7 +6,6 @@
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
-import gc
 import os
 import sys
 from threading import Event, Lock, enumerate as running_threads, get_ident, get_native_id
@@ -28,14 +27,6 @@ MOST_STUCK = 3
 
 def _nothing() -> None:
     """Do nothing."""
-
-
-def _load(warm_up: Callable[[], None]) -> None:
-    """Warm up, and leave what that loads out of garbage collections, which take 70 ms with it."""
-    warm_up()
-    if gc.get_freeze_count() == 0:
-        gc.collect()
-        gc.freeze()
 
 
 class EstimateWorker(Generic[A]):
@@ -77,7 +68,7 @@ class EstimateWorker(Generic[A]):
         self._cancel = Event()
         self._closed = Event()
         self._lock = Lock()
-        self.warm_up = self._pool.submit(_load, warm_up)
+        self.warm_up = self._pool.submit(warm_up)
         self.warm_up.add_done_callback(lambda _: self._call_unless(self._closed, warm))
         self._newest: Future[Any] = self.warm_up
 

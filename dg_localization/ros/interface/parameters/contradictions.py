@@ -42,6 +42,7 @@ CONTRADICTIONS = Section(
             200,
             'most problems solved to explain one contradiction; 0 explains none',
             at_least=0,
+            details='Of a window, those of each pair.',
         ),
         Spec(
             'conflicts.max_seconds',

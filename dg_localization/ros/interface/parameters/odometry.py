@@ -144,7 +144,8 @@ MEMORY = Section(
             's',
             0.0,
             details='When it is over, or three times as long on the clock, the answer is wider, '
-            'never wrong.',
+            'never wrong. With `window_outliers` what is left of it goes to the search for '
+            'suspects, where a pair contradicts itself.',
         ),
         Spec(
             'window_outliers',
