@@ -82,7 +82,12 @@ def culprits_of(case: Case, outliers: int) -> Iterator[Culprit]:
     """Yield the culprits of a case, with so many outliers tolerated."""
     localizer, now_s = case.told(outliers)
     snapshot = localizer.snapshot(now_s)
-    unlimited = replace(snapshot.config, max_conflict_solves=10_000, max_conflict_seconds=math.inf)
+    unlimited = replace(
+        snapshot.config,
+        memory_max_seconds=math.inf,
+        max_conflict_solves=10_000,
+        max_conflict_seconds=math.inf,
+    )
     snapshot = replace(snapshot, config=unlimited)
     for pair in sorted({pair for _, pair in case.wrong}):
         cover, shown, named = suspects_of(snapshot, pair)

@@ -57,9 +57,8 @@ def test_transition_that_is_not_possible_is_refused(bench, make_node):
     assert not bench.call('/localizer/change_state', ChangeState, request).success
 
 
-def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
-    make_node(use_sim_time=True, max_future=0.5)
-    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
+def play_with_clock(bench):
+    """Keep sending a simulated clock, and the ranges of three robots; return the clock."""
     clock = {'s': 1000.0}
 
     def send():
@@ -68,6 +67,13 @@ def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node)
         bench.send_triangle(stamp_s=clock['s'])
 
     bench.sending = [send]
+    return clock
+
+
+def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
+    make_node(use_sim_time=True, max_future=0.5)
+    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
+    clock = play_with_clock(bench)
     bench.until_placements(2)
     bench.until_count('input range robot_1->robot_2', 'accepted')
     bench.clear()
@@ -95,14 +101,7 @@ def test_answer_that_ends_after_the_clock_went_back_is_not_published(bench, make
 
     node = make_node(make_localizer=Slow, use_sim_time=True, max_future=0.5)
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
-    clock = {'s': 1000.0}
-
-    def send():
-        clock['s'] += 0.1
-        bench.send_clock(clock['s'])
-        bench.send_triangle(stamp_s=clock['s'])
-
-    bench.sending = [send]
+    play_with_clock(bench)
     bench.until(answered.is_set, 'an estimate')
     bench.sending = []
     end_s = time.monotonic() + 0.5
