@@ -918,18 +918,23 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'odometry',
+        'odometry_error',
         ('test/fleet/test_odometry.py',),
         (
             'the drift of odometry is halved',
-            'way_m = up(up(error.translation_per_m * lengths)',
-            'way_m = up(up(error.translation_per_m * lengths) / 2.0',
+            'of_way_m = most_up(error.translation_per_m, lengths_m)',
+            'of_way_m = 0.5 * most_up(error.translation_per_m, lengths_m)',
         ),
         (
             'constant errors of odometry do not turn with the track',
-            'return up(way_m + up(turn_rad * self._centered_m)), turn_rad',
+            'return up(way_m + most_up(error.centered_m, turn_rad)), turn_rad',
             'return way_m, turn_rad',
         ),
+    ),
+    *_in(
+        'fleet',
+        'odometry',
+        ('test/fleet/test_odometry.py',),
         (
             'beyond the last sample a robot stands still',
             'return np.where(by_limit, limited, np.minimum(spans, limited))',
@@ -974,6 +979,51 @@ FLEET = [
             'between two samples a robot does not err',
             'up(sums[:, there] + step_errors[:, first[there] + step])',
             'sums[:, there]',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry',
+        ('test/fleet/test_between_samples.py',),
+        (
+            'where samples are missing the robot is between its neighbours',
+            'spans[:, missing >= 1.0] = np.inf',
+            'spans[:, missing >= 2.0] = np.inf',
+        ),
+        (
+            'where samples are missing the way is straight',
+            'np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))',
+            'lengths',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_motion.py',),
+        (
+            'where odometry is missing the robot goes straight',
+            'return max(step_m, by_speed_m), max(turn_rad, by_rate_rad)',
+            'return step_m, turn_rad',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'config',
+        ('test/fleet/test_stamp_error.py',),
+        (
+            'stamps of odometry are right',
+            'return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))',
+            'return error',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_stamp_error.py',),
+        (
+            'stamps of readings are right',
+            'sum_up(elapsed_s, more_s) if more_s else elapsed_s',
+            'elapsed_s',
         ),
     ),
     *_in(

@@ -156,6 +156,7 @@ def take_snapshot(
             point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
         },
         in_plane=config.dimension == 2,
+        between_stamps_s=config.between_stamps_s,
     )
 
     @cache

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from dg_localization.fleet import LinkKind, LinkOverride, RangeErrorModel
-from dg_localization.ros.interface.links import ANY_OBSERVER, OVERRIDES, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, RANGE_BOUNDS, Link
 from dg_localization.ros.interface.parameters.spec import WrongParameterError, by_parameters
 
 BEARING_FIELDS = {
@@ -63,7 +63,7 @@ def overrides_from(
 def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the bounds of all that a link measures; of peers only those that it names."""
     kind, stated = link.key.kind, {}
-    of_ranges = () if kind is LinkKind.BEARING else OVERRIDES[LinkKind.RANGE]
+    of_ranges = () if kind is LinkKind.BEARING else (*RANGE_BOUNDS, 'expected_error')
     overrides = {name: value for name, value in link.overrides.items() if name in of_ranges}
     if overrides or kind is LinkKind.RANGE:
         stated['range_error'] = range_error_from(values, **overrides)
