@@ -1007,6 +1007,26 @@ FLEET = [
         ),
     ),
     *_in(
+        'fleet/window',
+        'carry',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'remembered sensors are at the center of their robots',
+            'return poses.points_now(arms_m)',
+            'return poses.position_m',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'forgetting',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'what sensors measured is not forgotten',
+            'return frozenset(product(config.points_on(body), theirs))',
+            'return frozenset(product([body], others))',
+        ),
+    ),
+    *_in(
         'fleet',
         'config',
         ('test/fleet/test_stamp_error.py',),

@@ -305,6 +305,10 @@ class FleetConfig:
         """Return the robot that a sensor is mounted on, and any other point itself."""
         return point.rpartition('/')[0] if point in self.sensors else point
 
+    def points_on(self, body: str) -> tuple[str, ...]:
+        """Return a robot or an anchor with its sensors."""
+        return (body, *(f'{body}/{name}' for name in self.mounts.get(body, ())))
+
     def elevation_m(self, point: str) -> tuple[float, float]:
         """Return the least and the greatest elevation of a point in the plane."""
         of_robot = self.elevations_m.get(self.robot_of(point), (0.0, 0.0))
