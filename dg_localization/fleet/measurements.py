@@ -328,6 +328,7 @@ class MeasurementStore:
                 self._config.max_turn_rate_rad_s,
                 self._config.odometry_error_of(robot),
                 keep_s,
+                self._config.dimension == 2,
             )
         return self._tracks[robot]
 

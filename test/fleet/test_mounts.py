@@ -283,6 +283,30 @@ def test_ranges_between_elevations_are_those_of_the_plane():
     assert plain.step(NOW_S).placements == ()
 
 
+@pytest.mark.parametrize('sensor', ['r', 'r/left'])
+def test_a_robot_that_climbs_within_its_elevations_is_not_lost(sensor):
+    """It stands still in the plane, which is all that its odometry states, and rises by 0.5 m/s."""
+    anchors = {'a': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
+    config = FleetConfig(
+        ['r'],
+        mounts={'r': {'left': (0.4, 0.6)}},
+        anchors={name: Anchor(place) for name, place in anchors.items()},
+        elevations_m={'r': (0.0, 2.0)},
+        max_speed_m_s=0.6,
+        range_error=RangeErrorModel(-0.001, 0.001, 0.0, 0.0),
+    )
+    localizer = Localizer(config)
+    place_m = (2.4, 3.6) if '/' in sensor else (2.0, 3.0)
+    for now_s in NOW_S + 0.2 * np.arange(5):
+        localizer.add_odometry('r', (2.0, 3.0, 0.0), (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        for name, anchor in anchors.items():
+            range_m = math.dist((*place_m, 0.2 + 0.5 * (now_s - NOW_S)), (*anchor, 0.0))
+            localizer.add_range(sensor, name, range_m, now_s, now_s)
+    (placement,) = localizer.step(NOW_S + 0.8).placements
+    low, high = placement.enclosure_m[0]
+    assert (low <= [2.0, 3.0]).all() and (high >= [2.0, 3.0]).all()
+
+
 SITES = [1, 2, 3, 4, 5]
 
 
