@@ -159,6 +159,21 @@ def test_a_camera_on_an_arm_sees_from_there_and_along_its_own_axes():
     assert np.abs(placement.positions_m[0] - truth.points['r0']).max() < 0.2
 
 
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_camera_at_the_origin_of_its_robot_has_an_answer(dimension):
+    """Nothing is seen, and where the camera is on the robot tells nothing of its heading."""
+    truth = Truth(1, dimension, robots=1)
+    mounts = {'r0': {'camera': Mount((0.0,) * dimension)}}
+    anchors = {name: Anchor(tuple(place)) for name, place in truth.anchors.items()}
+    localizer = Localizer(
+        FleetConfig(['r0'], dimension=dimension, mounts=mounts, anchors=anchors)
+    )
+    for anchor in anchors:
+        truth.range_between(localizer, 'r0', anchor)
+    (placement,) = localizer.step(NOW_S).placements
+    assert truth.holds(placement)
+
+
 def test_an_old_range_of_a_sensor_is_widened_by_the_turn_of_its_robot():
     config = FleetConfig(
         ['r', 's'],
