@@ -189,6 +189,17 @@ def test_recording_has_six_links_and_no_templates():
         ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a finite number'),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=-9'], "'/t' .*range.min_error: "),
         ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 *'], 'do not say who measured; name the obs'),
+        (
+            'links',
+            ['/t sensor_msgs/msg/Range a b max_error=1.0 max_error=0.1'],
+            "'max_error' is named twice",
+        ),
+        (
+            'links',
+            ['/s nav_msgs/msg/Odometry a', '/t nav_msgs/msg/Odometry a'],
+            "the odometry of 'a' is named 2 times",
+        ),
         ('solver.resolution', 0.0, "'solver.resolution': 0.0 is not allowed"),
         ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
         (
