@@ -195,7 +195,7 @@ class MeasurementStore:
         position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
         error = self._config.odometry_error_of(key.observer)
         scaled = None if position is None else error.scaled(position)
-        if scaled is None or quaternion is None or not _is_pose(scaled, quaternion):
+        if scaled is None or quaternion is None or not is_pose(scaled, quaternion):
             text = (
                 f'position {_written(position, position_xyz)}, orientation '
                 f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
@@ -388,7 +388,7 @@ def _read_rows(
     return rows, Rejection(RejectionReason.INVALID_PEER, text)
 
 
-def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
+def is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
     """Return whether numbers are a position and a unit quaternion."""
     values_ok = position.shape == (3,) and quaternion.shape == (4,)
     values_ok = values_ok and bool(np.isfinite(position).all() and (abs(quaternion) < 2.0).all())

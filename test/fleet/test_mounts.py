@@ -165,9 +165,7 @@ def test_a_camera_at_the_origin_of_its_robot_has_an_answer(dimension):
     truth = Truth(1, dimension, robots=1)
     mounts = {'r0': {'camera': Mount((0.0,) * dimension)}}
     anchors = {name: Anchor(tuple(place)) for name, place in truth.anchors.items()}
-    localizer = Localizer(
-        FleetConfig(['r0'], dimension=dimension, mounts=mounts, anchors=anchors)
-    )
+    localizer = Localizer(FleetConfig(['r0'], dimension=dimension, mounts=mounts, anchors=anchors))
     for anchor in anchors:
         truth.range_between(localizer, 'r0', anchor)
     (placement,) = localizer.step(NOW_S).placements

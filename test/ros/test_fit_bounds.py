@@ -23,8 +23,15 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
+from dg_localization.calibration.bounds import Choice  # noqa: E402
+from dg_localization.ros.bags import fit_with_truth  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
-from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
+from dg_localization.ros.bags.samples import read_truth_file  # noqa: E402
+from dg_localization.ros.executables import (  # noqa: E402
+    UsageError,
+    fit_bounds,
+    localize_bag,
+)
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
     simulated_fleet,
@@ -353,6 +360,41 @@ def test_without_truth_bounds_that_cannot_hold_the_scatter_are_widened(tmp_path,
     assert 'widened' in learn.output
 
 
+def test_without_truth_readings_that_no_bias_explains_are_excluded(tmp_path, learn):
+    count = 0
+
+    def jumps(topic, message):
+        nonlocal count
+        if topic == 'robot_1/range/robot_2':
+            count += 1
+            message.range, message.max_range = message.range + 30.0 * (count == 100), 100.0
+        return message
+
+    bag = record(tmp_path / 'bag', change=jumps, cameras=False, error=0.01)
+    learn(bag, '--keep', '0.99')
+    text = ' '.join(learn.output.replace('#', '').split())
+    one = re.search(r'robot_1->robot_2: (\d+) readings, [^;]*; (\S+) % excluded', text)
+    assert float(one[2]) == round(100.0 / int(one[1]), 2)
+    assert re.search(r'robot_1->robot_3: [^;]*; 0.00 % excluded', text)
+
+
+def test_odometry_that_is_no_pose_is_passed_over(tmp_path, learn):
+    """The node rejects it; here it must not hide what comes after it."""
+    count = 0
+
+    def broken(topic, message):
+        nonlocal count
+        if topic == 'robot_1/odom':
+            count += 1
+            message.pose.pose.position.x = np.nan if count == 2 else message.pose.pose.position.x
+            message.pose.pose.orientation.w *= 3.0 if count == 3 else 1.0
+        return message
+
+    bag = record(tmp_path / 'bag', change=broken, odometry=True, cameras=False)
+    learn(bag, '--truth', TRUTH)
+    assert 'Odometry of robot_1' in learn.output
+
+
 def test_both_directions_are_compared(tmp_path, learn):
     def both_ways(topic, message):
         return message
@@ -413,9 +455,31 @@ def test_a_table_with_a_wrong_number_names_the_line(tmp_path, learn):
     table.write_text('stamp,robot,x,y\n1.0,robot_1,2.0,three\n')
     assert learn(bag, '--truth', table)[0] == 2
     assert 'truth.csv, line 2: could not convert' in learn.errors
+    table.write_text('stamp,robot,x,y\n1.0,robot_1,2.0,3.0\nnan,robot_1,2.0,3.0\n')
+    assert learn(bag, '--truth', table)[0] == 2
+    assert 'truth.csv, line 3: stamp nan is not a finite number' in learn.errors
     table.write_text('time,robot,x,y\n')
     assert learn(bag, '--truth', table)[0] == 2
     assert 'has no column stamp' in learn.errors
+
+
+def test_a_table_of_truth_in_space_has_heights(tmp_path):
+    table = tmp_path / 'truth.csv'
+    table.write_text('stamp,robot,x,y\n1.0,a,2.0,3.0\n')
+    with pytest.raises(UsageError, match='has no column z'):
+        read_truth_file(table, ['a'], 3)
+    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
+    table.write_text('stamp,robot,x,y,z\n1.0,a,2.0,3.0,\n')
+    with pytest.raises(UsageError, match='line 2: '):
+        read_truth_file(table, ['a'], 3)
+    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
+
+
+def test_in_space_the_likeliest_error_of_a_ray_is_not_told():
+    """An angle without a sign is no error about the vertical axis."""
+    errors = np.linspace(0.01, 0.05, 30)
+    bounds = fit_with_truth._bearing_group(np.arange(30.0), errors, Choice(), 3).bounds
+    assert bounds.keys() == {'half_width'}
 
 
 def test_stamps_on_two_clocks_are_explained(tmp_path, learn):

@@ -77,7 +77,7 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
             for pair, (stamps, readings, errors) in by_group.items()
         },
         bearings={
-            pair: _bearing_group(stamps, errors, choice)
+            pair: _bearing_group(stamps, errors, choice, dimension)
             for pair, (stamps, errors) in gathered(
                 {key: (one.stamps_s, one.errors) for key, one in bearings.items()}, per
             ).items()
@@ -122,13 +122,18 @@ def _range_group(
     return GroupFit(len(errors_m), excluded, seen, bounds, rest)
 
 
-def _bearing_group(stamps_s: FloatArray, errors_rad: FloatArray, choice: Choice) -> GroupFit:
+def _bearing_group(
+    stamps_s: FloatArray, errors_rad: FloatArray, choice: Choice, dimension: int
+) -> GroupFit:
     half_width_rad = fit_half_width_rad(errors_rad, choice)
     bias_rad = float(np.median(errors_rad))
     seen = f'error {errors_rad.min():.3f} to {errors_rad.max():.3f} rad, median {bias_rad:.3f}'
     sizes_rad = np.abs(errors_rad)
     excluded = int(np.count_nonzero(sizes_rad > half_width_rad))
-    bounds = {'half_width': half_width_rad, EXPECTED_ERROR: bias_rad}
+    bounds = {'half_width': half_width_rad}
+    if dimension == 2:
+        # In space the errors are angles without a sign, and say nothing of the vertical axis.
+        bounds[EXPECTED_ERROR] = bias_rad
 
     def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
         half_rad = fit_half_width_rad(errors_rad[learned], choice)
