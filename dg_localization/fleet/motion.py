@@ -150,7 +150,7 @@ class Motion:
         point : str
         first_s, second_s : float
         climb_m : float, optional
-            How far it moved at most besides what odometry states, which in the plane has no heights.
+            How far it moved at most besides what odometry states: in the plane, its heights.
 
         """
         speed_m_s = self.max_speed_m_s[point]

@@ -298,7 +298,7 @@ def test_ranges_between_elevations_are_those_of_the_plane():
 
 @pytest.mark.parametrize('sensor', ['r', 'r/left'])
 def test_a_robot_that_climbs_within_its_elevations_is_not_lost(sensor):
-    """It stands still in the plane, which is all that its odometry states, and rises by 0.5 m/s."""
+    """It stands still in the plane, which is all that odometry states, and rises by 0.5 m/s."""
     anchors = {'a': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
     config = FleetConfig(
         ['r'],
