@@ -26,6 +26,7 @@ from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.error_models import (
+    in_body_frame,
     interpret_range,
     interpret_ray,
     is_single,
@@ -159,7 +160,7 @@ class MeasurementStore:
     ) -> Rejection | None:
         """Accept a ray of a link and a stamp that were checked, or return why not."""
         config = self._config
-        ray = self._in_body_frame(key.observer, ray_xyz)
+        ray = in_body_frame(config.sensors.get(key.observer), ray_xyz)
         if isinstance(ray, Rejection):
             return self._reject(key, ray)
         direction = interpret_ray(ray, config.dimension)
@@ -295,17 +296,6 @@ class MeasurementStore:
             )
             for key, source in sorted(self._inputs.items())
         ]
-
-    def _in_body_frame(self, observer: str, ray_xyz: ArrayLike) -> ArrayLike | Rejection:
-        """Return a ray in the frame of the robot that the observer is mounted on, if it is one."""
-        mount = self._config.sensors.get(observer)
-        if mount is None:
-            return ray_xyz
-        ray = interpret_ray(ray_xyz, 3)
-        if isinstance(ray, Rejection):
-            return ray
-        quaternion = np.array(mount.rotation_xyzw)
-        return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray
 
     def _is_young(self, stamp_s: float, now_s: float) -> bool:
         """Return whether a measurement of that time counts at `now_s`."""

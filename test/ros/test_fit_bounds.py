@@ -5,6 +5,7 @@
 
 import csv
 import json
+import math
 import os
 from pathlib import Path
 import re
@@ -19,6 +20,7 @@ pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not install
 yaml = pytest.importorskip('yaml')
 
 from rclpy.serialization import serialize_message  # noqa: E402
+from recorder import Recorder  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
@@ -428,6 +430,34 @@ def test_the_truth_may_be_a_table(tmp_path, learn):
     learn(bag, '--truth', table)
     found = [line for line in learn.output.splitlines() if line.startswith('#   robot_1->')]
     assert found == expected
+
+
+def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, learn):
+    """On a circle, a tag that is also a camera and looks left; they err by 0.1 m and 0.02 rad."""
+    recorder, arm_m, beacon_m = Recorder(), np.array([0.5, 0.3]), np.array([6.0, 1.0])
+    for stamp_s in START_S + np.arange(0.0, 20.0, 0.1):
+        yaw = 0.4 * (stamp_s - START_S)
+        place_m = 2.0 * np.array([math.cos(yaw), math.sin(yaw)])
+        forward, left = np.array([math.cos(yaw), math.sin(yaw)]), [-math.sin(yaw), math.cos(yaw)]
+        way_m = beacon_m - (place_m + arm_m[0] * forward + arm_m[1] * np.array(left))
+        bearing_rad = math.atan2(way_m[1], way_m[0]) - yaw - math.pi / 2.0 + 0.02
+        recorder.add_truth('a', place_m, yaw, stamp_s)
+        recorder.add_range('a/tag', 'beacon', float(np.hypot(*way_m)) + 0.1, stamp_s, stamp_s)
+        recorder.add_bearing('a/tag', 'beacon', bearing_rad, stamp_s, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    mounts = {'tag': {'position': arm_m.tolist(), 'rotation': [0.0, 0.0, math.pi / 2.0]}}
+    fleet = {
+        'robots': ['a'],
+        'mounts': {'names': ['a/tag'], 'a': mounts},
+        'anchors': {'names': ['beacon'], 'beacon': {'position': beacon_m.tolist()}},
+    }
+    learn.params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
+    code, found = learn(
+        tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', 'all', '--margin', '0'
+    )
+    assert code == 0
+    assert 0.099 < found['range']['min_error'] <= found['range']['max_error'] < 0.101
+    assert found['bearing']['expected_error'] == pytest.approx(0.02, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,10 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     known = sum(len(one.errors) for one in (*ranges.values(), *bearings.values()))
     unknown = samples.n_readings - known
     if unknown:
-        fit.notes.append(f'{unknown} readings have no ground truth at their time.')
+        fit.notes.append(
+            f'{unknown} readings have no ground truth at their time: of places, and of headings '
+            'for rays and for sensors away from the center of a robot.'
+        )
     fit.notes += broken_bounds(settings.fleet, ranges, bearings)
     return fit
 

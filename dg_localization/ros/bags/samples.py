@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message
 
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
-from dg_localization.fleet.error_models import interpret_range, interpret_ray
+from dg_localization.fleet.error_models import in_body_frame, interpret_range, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
 from dg_localization.fleet.measurements import is_pose
 from dg_localization.ros.bags.offline import Inputs, in_seconds
@@ -73,13 +73,17 @@ class Samples:
         return sum(len(rows) for rows in (*self.ranges.values(), *self.rays.values()))
 
     def tracks(self, settings: Settings) -> dict[str, TrueTrack]:
-        """Return the true paths of the robots and the places of the anchors, by name."""
+        """Return the true paths of robots and sensors and the places of anchors, by name."""
         tracks = {
             robot: TrueTrack(*map(np.array, zip(*rows, strict=True)))
             for robot, rows in self.truth.items()
         }
         for name, anchor in settings.fleet.anchors.items():
             tracks.setdefault(name, TrueTrack.at_rest(anchor.coordinates_m))
+        for name, mount in settings.fleet.sensors.items():
+            robot = tracks.get(settings.fleet.robot_of(name))
+            if robot is not None:
+                tracks[name] = robot.carrying(mount.position_m)
         return tracks
 
 
@@ -117,8 +121,10 @@ class _Gatherer(Localizer):
     def add_bearing(
         self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
     ) -> None:
-        """Keep the unit vector of a ray that has a direction."""
-        taken = interpret_ray(ray_xyz, self.config.dimension)
+        """Keep the unit vector of a ray that has a direction, in the body frame."""
+        taken = in_body_frame(self.config.sensors.get(observer), ray_xyz)
+        if not isinstance(taken, Rejection):
+            taken = interpret_ray(taken, self.config.dimension)
         if not isinstance(taken, Rejection):
             key = LinkKey(LinkKind.BEARING, observer, target)
             self.samples.rays[key].append((stamp_s, taken))
