@@ -348,6 +348,28 @@ def test_without_truth_triangles_refute_bounds_that_are_wrong(tmp_path, learn):
     assert 'between robot_1, robot_2, robot_3 contradict the stated bounds at 200 of 200' in text
 
 
+def test_a_tag_that_swings_contradicts_no_triangle(tmp_path, learn):
+    """A robot turns on the spot; its tag passes between two others, which it ranges in turn."""
+    recorder, others_m = Recorder(), {'b': (-4.0, 1.0), 'c': (4.0, 1.0)}
+    for stamp_s in START_S + np.arange(0.0, 5.0, 0.2):
+        for late_s, (name, place_m) in zip((0.0, 0.08), others_m.items(), strict=True):
+            angle = 0.5 * math.pi - 0.5 * (stamp_s + late_s - START_S - 2.5)
+            range_m = math.dist((math.cos(angle), math.sin(angle)), place_m)
+            recorder.add_range('a/tag', name, range_m, stamp_s + late_s, stamp_s + late_s)
+        recorder.add_range('b', 'c', 8.0, stamp_s, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    fleet = {
+        'robots': ['a', 'b', 'c'],
+        'mounts': {'names': ['a/tag'], 'a': {'tag': {'position': [1.0, 0.0]}}},
+        'max_speed': 0.0,
+        'max_turn_rate': 0.5,
+        'range': {'min_error_relative': -1e-6, 'max_error_relative': 1e-6},
+    }
+    learn.params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
+    learn(tmp_path / 'bag')
+    assert '25 triangles were checked' in learn.output and 'contradict' not in learn.output
+
+
 def test_without_truth_bounds_that_cannot_hold_the_scatter_are_widened(tmp_path, learn):
     rng = np.random.default_rng(0)
 

@@ -183,7 +183,10 @@ def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
             (stamp_s, *distance_bounds_m(model, range_m)) for stamp_s, range_m in rows
         ]
     columns = {ends: np.array(sorted(rows)).T for ends, rows in sides.items()}
-    speed_m_s = 2.0 * max(fleet.speed_m_s(robot) for robot in fleet.robots)
+    # A sensor away from the center of its robot swings as that turns.
+    arms_m = (math.hypot(*mount.position_m) + mount.bound_m for mount in fleet.sensors.values())
+    swing_m_s = fleet.max_turn_rate_rad_s * max(arms_m, default=0.0)
+    speed_m_s = 2.0 * (max(fleet.speed_m_s(robot) for robot in fleet.robots) + swing_m_s)
     looked_at = 0
     for corners in combinations(sorted(frozenset().union(*columns)), 3):
         triangle = [frozenset(pair) for pair in combinations(corners, 2)]
