@@ -22,7 +22,7 @@ from dg_localization.calibration.odometry import (
     odometry_windows,
 )
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet import FleetConfig, OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, compared_rays
 from dg_localization.ros.bags.fitted import (
@@ -83,7 +83,7 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
             ).items()
         },
     )
-    learned = _add_odometry(fit, samples, tracks, per, choice)
+    learned = _add_odometry(fit, samples, tracks, settings.fleet, per, choice)
     if learned:
         _add_stated_odometry(fit, settings.fleet.robot_odometry_error, learned)
     if not (fit.ranges or fit.bearings or fit.odometry):
@@ -158,7 +158,12 @@ def _share_of_rest(
 
 
 def _add_odometry(
-    fit: Fit, samples: Samples, tracks: Mapping[str, TrueTrack], per: str, choice: Choice
+    fit: Fit,
+    samples: Samples,
+    tracks: Mapping[str, TrueTrack],
+    fleet: FleetConfig,
+    per: str,
+    choice: Choice,
 ) -> frozenset[str]:
     """
     Add the bounds of odometry, those of all robots and of each, and a sentence on each.
@@ -176,7 +181,12 @@ def _add_odometry(
         rotations = rotation_of_quaternion(turns)
         increasing = np.concatenate([[True], np.diff(np.maximum.accumulate(stamps)) > 0.0])
         windows = odometry_windows(
-            stamps[increasing], positions[increasing], rotations[increasing], tracks[robot]
+            stamps[increasing],
+            positions[increasing],
+            rotations[increasing],
+            tracks[robot],
+            fleet.dimension,
+            fleet.is_upright(robot),
         )
         if len(windows.seconds) >= LEAST_READINGS:
             found[robot] = windows
