@@ -761,6 +761,11 @@ FLEET = [
         'interface/parameters/link_bounds',
         ('test/ros/test_parameters.py',),
         (
+            'a cloud without bounds has those of another link',
+            'if overrides or is_cloud or kind',
+            'if overrides or kind',
+        ),
+        (
             'the last of two links that measure the same gives the bounds',
             'gathered[pair] = _widest(gathered.get(pair, override), override)',
             'gathered[pair] = override',

@@ -378,6 +378,19 @@ def test_bounds_of_peers_are_those_of_all_targets():
     assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
 
 
+def test_a_cloud_without_bounds_has_those_of_the_fleet():
+    found = settings(
+        links=[
+            '/uwb/ab sensor_msgs/msg/Range a b max_error=0.1',
+            '/cam/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.02',
+            '/a/all sensor_msgs/msg/PointCloud2 a',
+        ],
+        **{'range.max_error': 0.5, 'bearing.half_width': 0.3},
+    )
+    assert found.fleet.range_error_of('a', 'b').max_error_m == 0.5
+    assert found.fleet.bearing_half_width_of('a', 'b') == 0.3
+
+
 def test_bounds_of_links_join_points_of_two_robots():
     mounts = {
         'mounts.names': ['a/left', 'a/camera'],
