@@ -627,6 +627,11 @@ FLEET = [
             'return after.T @ before, error_rad',
             'return before.T @ after, error_rad',
         ),
+        (
+            'the heading of a body that pitches turns no more than the body',
+            'if self._in_plane:',
+            'if False:',
+        ),
     ),
     *_in(
         'fleet',
@@ -646,6 +651,16 @@ FLEET = [
             'the projection of a steep ray errs no more than the ray',
             'quotient_up(angle_up(math.sin(half_width_rad)), horizontal)',
             'quotient_up(angle_up(math.sin(half_width_rad)), 1.0)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'snapshot',
+        ('test/fleet/test_mounts.py',),
+        (
+            'robots that climb stay at their elevation',
+            'sum_up(high_m, -low_m) if low_m < high_m else 0.0',
+            '0.0',
         ),
     ),
     *_in(
@@ -745,6 +760,11 @@ FLEET = [
         'ros',
         'interface/parameters/link_bounds',
         ('test/ros/test_parameters.py',),
+        (
+            'a cloud without bounds has those of another link',
+            'if overrides or is_cloud or kind',
+            'if overrides or kind',
+        ),
         (
             'the last of two links that measure the same gives the bounds',
             'gathered[pair] = _widest(gathered.get(pair, override), override)',

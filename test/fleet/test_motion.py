@@ -151,3 +151,18 @@ def test_a_body_that_turns_left_sees_a_fixed_direction_turn_right():
     readings += [OdometryReading(2.0, np.zeros(3), left)]
     rotation, _ = motion_of(*readings).turn('a', 1.0, 2.0)
     assert rotation @ [1.0, 0.0, 0.0] == pytest.approx([c, -s, 0.0])
+
+
+@pytest.mark.parametrize('pitch_rad', [0.0, 0.3, 0.6])
+def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
+    """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""
+    c, s = np.cos(pitch_rad), np.sin(pitch_rad)
+    pitch = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    before, after = (pitch @ yaw_rotation(angle) for angle in (-0.25, 0.25))
+    error = OdometryErrorModel(rotation_per_rad=0.1)
+    track = OdometryTrack(1e9, 1e9, error, 1e9, in_plane=True)
+    for stamp_s, rotation in ((1.0, before), (2.0, after)):
+        track.append(OdometryReading(stamp_s, np.zeros(3), rotation))
+    motion = Motion({'a': 1e9}, 1e9, {'a': error}, {'a': track.readings}, in_plane=True)
+    first_rad, last_rad = (np.arctan2(turn[1, 0], turn[0, 0]) for turn in (before, after))
+    assert motion.turn('a', 1.0, 2.0)[1] >= 0.1 * (last_rad - first_rad)

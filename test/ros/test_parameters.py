@@ -189,6 +189,17 @@ def test_recording_has_six_links_and_no_templates():
         ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a finite number'),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=-9'], "'/t' .*range.min_error: "),
         ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 *'], 'do not say who measured; name the obs'),
+        (
+            'links',
+            ['/t sensor_msgs/msg/Range a b max_error=1.0 max_error=0.1'],
+            "'max_error' is named twice",
+        ),
+        (
+            'links',
+            ['/s nav_msgs/msg/Odometry a', '/t nav_msgs/msg/Odometry a'],
+            "the odometry of 'a' is named 2 times",
+        ),
         ('solver.resolution', 0.0, "'solver.resolution': 0.0 is not allowed"),
         ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
         (
@@ -365,6 +376,19 @@ def test_bounds_of_peers_are_those_of_all_targets():
     assert bounds == [1.5, 0.7, 0.7]
     assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
     assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
+
+
+def test_a_cloud_without_bounds_has_those_of_the_fleet():
+    found = settings(
+        links=[
+            '/uwb/ab sensor_msgs/msg/Range a b max_error=0.1',
+            '/cam/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.02',
+            '/a/all sensor_msgs/msg/PointCloud2 a',
+        ],
+        **{'range.max_error': 0.5, 'bearing.half_width': 0.3},
+    )
+    assert found.fleet.range_error_of('a', 'b').max_error_m == 0.5
+    assert found.fleet.bearing_half_width_of('a', 'b') == 0.3
 
 
 def test_bounds_of_links_join_points_of_two_robots():

@@ -41,7 +41,7 @@ KIND_OF_VALUE = {
 }
 
 # Their messages never say who measured.
-NAMELESS = {PixelReading}
+NAMELESS = {PeersReading, PixelReading}
 
 # Stands for the observer in a link whose messages say who measured.
 ANY_OBSERVER = '*'
@@ -158,7 +158,11 @@ def parse_link(text: str) -> Link:
     if observer == target:
         raise ValueError(f"'{observer}' cannot measure itself; name two different points")
     check_topic(topic)
-    overrides = dict(_parse_override(word, kind) for word in words if '=' in word)
+    overrides: dict[str, float] = {}
+    for name, value in (_parse_override(word, kind) for word in words if '=' in word):
+        if name in overrides:
+            raise ValueError(f"'{name}' is named twice, name it once")
+        overrides[name] = value
     return Link(topic, type_name, LinkKey(kind, observer, target), True, overrides)
 
 

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
+    LinkKind,
     SuspectKind,
 )
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
@@ -274,6 +275,13 @@ def _parse_links(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tu
         if topics.count(topic) > 1:
             raise WrongParameterError(
                 f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
+            )
+    for key, count in Counter(link.key for link in links).items():
+        if key.kind is LinkKind.ODOMETRY and count > 1:
+            # Steps from a pose of one to a pose of the other are no steps of the robot.
+            raise WrongParameterError(
+                f"parameter 'links': the odometry of '{key.observer}' is named {count} times, a "
+                'robot can have one only'
             )
     return tuple(links)
 
