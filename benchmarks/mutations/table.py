@@ -922,8 +922,8 @@ FLEET = [
         ('test/fleet/test_fleet_inputs.py',),
         (
             'the odometry of a robot errs as that of all does',
-            'return self.robot_odometry_error.get(robot, self.odometry_error)',
-            'return self.odometry_error',
+            'error = self.robot_odometry_error.get(robot, self.odometry_error)',
+            'error = self.odometry_error',
         ),
     ),
     *_in(
