@@ -127,6 +127,11 @@ CONTRACT = [
             'return -high, high',
             'return low, high',
         ),
+        (
+            'the product of two roots that underflows counts as exact',
+            'if twice_m2 > SMALLEST_PRODUCT else math.inf',
+            'if twice_m2 > 0.0 else math.inf',
+        ),
     ),
     *_in(
         'solver',
@@ -501,6 +506,26 @@ SEARCHING = [
         'assemble/pieces',
         ('test/solver/test_stopped_early.py',),
         ('the points of pieces that were not begun are left out', 'if left:', 'if not tasks:'),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_executors.py',),
+        (
+            'a worker solves what waits for another piece',
+            '            and not self._parts[number].given\n',
+            '',
+        ),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_pieces.py',),
+        (
+            'the boxes of a piece that was solved before are not counted',
+            'if known and known.kept and self._budget.keep(len(known.kept)):',
+            'if known and known.kept:',
+        ),
     ),
     *_in(
         'solver',

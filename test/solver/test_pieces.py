@@ -291,6 +291,13 @@ def test_a_stopped_call_leaves_a_complete_cover():
         assert holds(result, positions, squared_distances(positions))
 
 
+@pytest.mark.parametrize('max_boxes', [2, 3])
+def test_pieces_that_are_alike_take_a_box_each(max_boxes):
+    done = solve(Problem(*bounds(3, {})), SolverOptions(max_boxes=max_boxes)).statistics
+    assert done.processed == done.kept == max_boxes
+    assert done.empty == 0 and done.pending == 3 - max_boxes
+
+
 def test_progress_adds_up_over_pieces():
     seen = []
     result = solve(strip(5), progress=seen.append)
