@@ -497,6 +497,16 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'assemble/large_pieces',
+        ('test/solver/test_patches.py',),
+        (
+            'patches that were not examined take the boxes of other pieces',
+            'budget.go_on_from(solved.n_boxes() - solved.n_pending())',
+            'budget.go_on_from(solved.n_boxes())',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/solved_pieces',
         ('test/solver/test_stopped_early.py',),
         ('what was not examined counts as examined', 'return 1, 1', 'return 1, 0'),

@@ -351,12 +351,13 @@ class PieceSolver:
         solved = PieceSolver(problem, parts, budget, within, share, self._finished).run()
         if solved.contradiction is not None:
             return _Search(problem, [], [])
+        counts = [piece.n_boxes(range(len(piece.hypotheses))) for piece in solved.pieces]
+        budget.go_on_from(sum(n_boxes - n_pending for n_boxes, n_pending in counts))
         if not all(piece.is_finished for piece in solved.pieces):
             return None
         boxes, start_of = PartsTogether(problem, solved, budget, within).boxes()
         if not budget.keep(len(boxes)):
             return None
-        budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
         found = hypotheses_of(problem, boxes, budget.is_overdue, start_of)
         return _Search(problem, boxes, [], found=found)
 
