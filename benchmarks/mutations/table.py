@@ -513,6 +513,16 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'assemble/solved_pieces',
+        ('test/solver/test_pieces.py',),
+        (
+            'what was not examined beside patches counts as examined',
+            'n_pending = len(self.pending) + sum(',
+            'n_pending = sum(',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/pieces',
         ('test/solver/test_stopped_early.py',),
         ('the points of pieces that were not begun are left out', 'if left:', 'if not tasks:'),
