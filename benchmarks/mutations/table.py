@@ -127,6 +127,11 @@ CONTRACT = [
             'return -high, high',
             'return low, high',
         ),
+        (
+            'the product of two roots that underflows counts as exact',
+            'if twice_m2 > SMALLEST_PRODUCT else math.inf',
+            'if twice_m2 > 0.0 else math.inf',
+        ),
     ),
     *_in(
         'solver',
@@ -492,15 +497,55 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'assemble/large_pieces',
+        ('test/solver/test_patches.py',),
+        (
+            'patches that were not examined take the boxes of other pieces',
+            'budget.go_on_from(solved.n_boxes() - solved.n_pending())',
+            'budget.go_on_from(solved.n_boxes())',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/solved_pieces',
         ('test/solver/test_stopped_early.py',),
         ('what was not examined counts as examined', 'return 1, 1', 'return 1, 0'),
     ),
     *_in(
         'solver',
+        'assemble/solved_pieces',
+        ('test/solver/test_pieces.py',),
+        (
+            'what was not examined beside patches counts as examined',
+            'n_pending = len(self.pending) + sum(',
+            'n_pending = sum(',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/pieces',
         ('test/solver/test_stopped_early.py',),
         ('the points of pieces that were not begun are left out', 'if left:', 'if not tasks:'),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_executors.py',),
+        (
+            'a worker solves what waits for another piece',
+            '            and not self._parts[number].given\n',
+            '',
+        ),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_pieces.py',),
+        (
+            'the boxes of a piece that was solved before are not counted',
+            'if known and known.kept and self._budget.keep(len(known.kept)):',
+            'if known and known.kept:',
+        ),
     ),
     *_in(
         'solver',
