@@ -127,6 +127,11 @@ CONTRACT = [
             'return -high, high',
             'return low, high',
         ),
+        (
+            'the product of two roots that underflows counts as exact',
+            'if twice_m2 > SMALLEST_PRODUCT else math.inf',
+            'if twice_m2 > 0.0 else math.inf',
+        ),
     ),
     *_in(
         'solver',
@@ -184,7 +189,7 @@ CONTRACT = [
     ),
     *_in(
         'solver',
-        'contract/projection',
+        'contract/axis_bounds',
         PROJECTION,
         (
             'the minimum of the coordinate within the axis is forgotten',
@@ -211,6 +216,11 @@ CONTRACT = [
             '(d_lower if high > 0.0 else d_upper)',
             '(d_upper if high > 0.0 else d_lower)',
         ),
+    ),
+    *_in(
+        'solver',
+        'contract/projection',
+        PROJECTION,
         (
             'the projected distance takes the least part along the axis for its lower bound',
             'square_high = square_up(max(-along_lower[y], along_upper[y]))',
@@ -497,15 +507,55 @@ SEARCHING = [
     ),
     *_in(
         'solver',
+        'assemble/large_pieces',
+        ('test/solver/test_patches.py',),
+        (
+            'patches that were not examined take the boxes of other pieces',
+            'budget.go_on_from(solved.n_boxes() - solved.n_pending())',
+            'budget.go_on_from(solved.n_boxes())',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/solved_pieces',
         ('test/solver/test_stopped_early.py',),
         ('what was not examined counts as examined', 'return 1, 1', 'return 1, 0'),
     ),
     *_in(
         'solver',
+        'assemble/solved_pieces',
+        ('test/solver/test_pieces.py',),
+        (
+            'what was not examined beside patches counts as examined',
+            'n_pending = len(self.pending) + sum(',
+            'n_pending = sum(',
+        ),
+    ),
+    *_in(
+        'solver',
         'assemble/pieces',
         ('test/solver/test_stopped_early.py',),
         ('the points of pieces that were not begun are left out', 'if left:', 'if not tasks:'),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_executors.py',),
+        (
+            'a worker solves what waits for another piece',
+            '            and not self._parts[number].given\n',
+            '',
+        ),
+    ),
+    *_in(
+        'solver',
+        'assemble/pieces',
+        ('test/solver/test_pieces.py',),
+        (
+            'the boxes of a piece that was solved before are not counted',
+            'if known and known.kept and self._budget.keep(len(known.kept)):',
+            'if known and known.kept:',
+        ),
     ),
     *_in(
         'solver',
@@ -632,6 +682,11 @@ FLEET = [
             'return after.T @ before, error_rad',
             'return before.T @ after, error_rad',
         ),
+        (
+            'the heading of a body that pitches turns no more than the body',
+            'if self._in_plane:',
+            'if False:',
+        ),
     ),
     *_in(
         'fleet',
@@ -651,6 +706,16 @@ FLEET = [
             'the projection of a steep ray errs no more than the ray',
             'quotient_up(angle_up(math.sin(half_width_rad)), horizontal)',
             'quotient_up(angle_up(math.sin(half_width_rad)), 1.0)',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'snapshot',
+        ('test/fleet/test_mounts.py',),
+        (
+            'robots that climb stay at their elevation',
+            'sum_up(high_m, -low_m) if low_m < high_m else 0.0',
+            '0.0',
         ),
     ),
     *_in(
@@ -750,6 +815,11 @@ FLEET = [
         'ros',
         'interface/parameters/link_bounds',
         ('test/ros/test_parameters.py',),
+        (
+            'a cloud without bounds has those of another link',
+            'if overrides or is_cloud or kind',
+            'if overrides or kind',
+        ),
         (
             'the last of two links that measure the same gives the bounds',
             'gathered[pair] = _widest(gathered.get(pair, override), override)',
@@ -907,8 +977,8 @@ FLEET = [
         ('test/fleet/test_fleet_inputs.py',),
         (
             'the odometry of a robot errs as that of all does',
-            'return self.robot_odometry_error.get(robot, self.odometry_error)',
-            'return self.odometry_error',
+            'error = self.robot_odometry_error.get(robot, self.odometry_error)',
+            'error = self.odometry_error',
         ),
     ),
     *_in(
@@ -923,18 +993,23 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'odometry',
+        'odometry_error',
         ('test/fleet/test_odometry.py',),
         (
             'the drift of odometry is halved',
-            'way_m = up(up(error.translation_per_m * lengths)',
-            'way_m = up(up(error.translation_per_m * lengths) / 2.0',
+            'of_way_m = most_up(error.translation_per_m, lengths_m)',
+            'of_way_m = 0.5 * most_up(error.translation_per_m, lengths_m)',
         ),
         (
             'constant errors of odometry do not turn with the track',
-            'return up(way_m + up(turn_rad * self._centered_m)), turn_rad',
+            'return up(way_m + most_up(error.centered_m, turn_rad)), turn_rad',
             'return way_m, turn_rad',
         ),
+    ),
+    *_in(
+        'fleet',
+        'odometry',
+        ('test/fleet/test_odometry.py',),
         (
             'beyond the last sample a robot stands still',
             'return np.where(by_limit, limited, np.minimum(spans, limited))',
@@ -979,6 +1054,71 @@ FLEET = [
             'between two samples a robot does not err',
             'up(sums[:, there] + step_errors[:, first[there] + step])',
             'sums[:, there]',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry',
+        ('test/fleet/test_between_samples.py',),
+        (
+            'where samples are missing the robot is between its neighbours',
+            'spans[:, missing >= 1.0] = np.inf',
+            'spans[:, missing >= 2.0] = np.inf',
+        ),
+        (
+            'where samples are missing the way is straight',
+            'np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))',
+            'lengths',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_motion.py',),
+        (
+            'where odometry is missing the robot goes straight',
+            'return max(step_m, by_speed_m), max(turn_rad, by_rate_rad)',
+            'return step_m, turn_rad',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'carry',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'remembered sensors are at the center of their robots',
+            'return poses.points_now(arms_m)',
+            'return poses.position_m',
+        ),
+    ),
+    *_in(
+        'fleet/window',
+        'forgetting',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'what sensors measured is not forgotten',
+            'return frozenset(product(config.points_on(body), theirs))',
+            'return frozenset(product([body], others))',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'config',
+        ('test/fleet/test_stamp_error.py',),
+        (
+            'stamps of odometry are right',
+            'return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))',
+            'return error',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_stamp_error.py',),
+        (
+            'stamps of readings are right',
+            'sum_up(elapsed_s, more_s) if more_s else elapsed_s',
+            'elapsed_s',
         ),
     ),
     *_in(

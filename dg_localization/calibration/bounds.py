@@ -78,15 +78,17 @@ def fit_range(
         Readings, and readings minus true distances.
     choice : Choice
     relative : bool
-        Whether they are fractions of the reading, or constant.
+        Whether they are fractions of the reading, or constant. They are constant where the
+        fraction would be 1 or more, which no model allows.
 
     """
     errors = np.asarray(errors_m, dtype=float)
-    if not relative:
-        return rounded_outward(*_widened(shortest_band(errors, choice.keep), choice.margin))
-    fractions = errors / np.asarray(readings_m, dtype=float)
-    low, high = _rounded(_widened(shortest_band(fractions, choice.keep), choice.margin))
-    return RangeErrorModel(min_error_relative=low, max_error_relative=high)
+    if relative:
+        fractions = errors / np.asarray(readings_m, dtype=float)
+        low, high = _rounded(_widened(shortest_band(fractions, choice.keep), choice.margin))
+        if high < 1.0:
+            return RangeErrorModel(min_error_relative=low, max_error_relative=high)
+    return rounded_outward(*_widened(shortest_band(errors, choice.keep), choice.margin))
 
 
 def is_relative(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> bool:

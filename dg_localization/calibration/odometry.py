@@ -42,7 +42,7 @@ class OdometryWindows:
         From where it was at their beginning to where it was at their end, by the samples along
         true headings and in truth.
     error_rad : ndarray, shape (k,)
-        Of the turn about the vertical axis.
+        Of the turn: about the vertical axis, or of the whole body.
 
     """
 
@@ -121,7 +121,12 @@ class OdometryFit:
 
 
 def odometry_windows(
-    stamps_s: ArrayLike, positions_m: ArrayLike, rotations: ArrayLike, truth: TrueTrack
+    stamps_s: ArrayLike,
+    positions_m: ArrayLike,
+    rotations: ArrayLike,
+    truth: TrueTrack,
+    dimension: int = 2,
+    upright: bool = True,
 ) -> OdometryWindows:
     """
     Compare odometry with the truth over windows of 0.5 to 40 s.
@@ -134,6 +139,11 @@ def odometry_windows(
     rotations : array_like, shape (n, 3, 3)
         From body to odometry frame.
     truth : TrueTrack
+    dimension : {2, 3}, optional
+        In the plane only headings turn.
+    upright : bool, optional
+        Whether the errors of roll and pitch are stated otherwise, so that those of turns are those
+        of headings.
 
     """
     stamps = np.asarray(stamps_s, dtype=float)
@@ -144,7 +154,10 @@ def odometry_windows(
     along_m = np.einsum('mij,mj->mi', true[:-1], in_body)
     yaws, true_yaws = (np.arctan2(r[:, 1, 0], r[:, 0, 0]) for r in (turns, true))
     way_m = _cumulative(np.linalg.norm(steps_m, axis=1))
-    turned_rad = _cumulative(np.abs(_remainder(np.diff(yaws))))
+    steps_rad = np.abs(_remainder(np.diff(yaws)))
+    if dimension == 3:
+        steps_rad = _angles(turns[:-1], turns[1:])
+    turned_rad = _cumulative(steps_rad)
     # As many of each length: the short ones must not decide alone.
     begins = np.searchsorted(stamps, np.arange(stamps[0], stamps[-1], EVERY_S))
     parts = []
@@ -155,6 +168,9 @@ def odometry_windows(
             [along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)]
         ).reshape(-1, 3)
         error_rad = _remainder((yaws[last] - yaws[first]) - (true_yaws[last] - true_yaws[first]))
+        if not upright:
+            ways = [np.swapaxes(r[first], 1, 2) @ r[last] for r in (turns, true)]
+            error_rad = _angles(*ways)
         found = OdometryWindows(
             stamps[first],
             stamps[last] - stamps[first],
@@ -214,6 +230,12 @@ def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float
 
 def _cumulative(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _angles(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the angles between rotations, shape (k,), from the lengths of their differences."""
+    lengths = np.linalg.norm(first - second, axis=(1, 2))
+    return np.asarray(2.0 * np.arcsin(np.minimum(1.0, lengths / np.sqrt(8.0))))
 
 
 def _remainder(angles_rad: FloatArray) -> FloatArray:

@@ -53,6 +53,18 @@ class TrueTrack:
         place[: np.size(position_m)] = position_m
         return _AtRest([0.0], [place])
 
+    def carrying(self, arm_m: ArrayLike) -> 'TrueTrack':
+        """
+        Return the track of a sensor on this robot, which is turned as the robot is.
+
+        Parameters
+        ----------
+        arm_m : array_like, shape (q,)
+            Its place in the body frame.
+
+        """
+        return _Carried(self, arm_m)
+
     def positions_at(self, times_s: ArrayLike) -> FloatArray:
         """Return the positions at some times, shape (m, 3), NaN where not known."""
         return self._between(self._positions_m, np.asarray(times_s, dtype=float))
@@ -81,6 +93,20 @@ class _AtRest(TrueTrack):
 
     def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
         return np.repeat(values[:1], len(times_s), axis=0)
+
+
+class _Carried(TrueTrack):
+    """The track of a sensor that a robot carries."""
+
+    def __init__(self, robot: TrueTrack, arm_m: ArrayLike) -> None:
+        self._robot, self._arm_m = robot, np.zeros(3)
+        self._arm_m[: np.size(arm_m)] = arm_m
+
+    def positions_at(self, times_s: ArrayLike) -> FloatArray:
+        return self._robot.positions_at(times_s) + self.rotations_at(times_s) @ self._arm_m
+
+    def rotations_at(self, times_s: ArrayLike) -> FloatArray:
+        return self._robot.rotations_at(times_s)
 
 
 def range_errors_m(

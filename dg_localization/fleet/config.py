@@ -11,7 +11,7 @@ message names the field, the value, and what would be right.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 from types import MappingProxyType
@@ -27,6 +27,7 @@ from dg_localization.fleet.sensors import (
     check_elevations,
     check_mounts,
 )
+from dg_localization.interval.bounds import product_up, sum_up
 from dg_localization.solver.options import SolverOptions
 
 LEAST_MEMORY_S = 0.001
@@ -52,6 +53,9 @@ class FleetConfig:
         the first of `robots`.
     max_age_s : float
         Older measurements are not used.
+    stamp_error_s : float
+        How far any stamp may be from when it was true, by the clock that estimates are made at:
+        clocks of robots differ. Equal stamps of one robot are one time.
     max_future_s : float
         How far a stamp may lie ahead of the clock.
     max_repeats : int
@@ -123,6 +127,7 @@ class FleetConfig:
     dimension: int = 2
     reference_robot: str = ''
     max_age_s: float = 1.0
+    stamp_error_s: float = 0.0
     max_future_s: float = 0.1
     max_repeats: int = 8
     range_error: RangeErrorModel = RangeErrorModel()
@@ -229,8 +234,9 @@ class FleetConfig:
         """Raise `ConfigError` on a number out of its range."""
         if self.dimension not in (2, 3):
             raise ConfigError(f'dimension: {self.dimension!r} is not allowed, it must be 2 or 3')
-        for name in ('max_age_s', 'max_future_s', 'max_turn_rate_rad_s', 'memory_s'):
+        for name in ('max_age_s', 'max_future_s', 'stamp_error_s', 'memory_s'):
             require_number(name, getattr(self, name), at_least=0.0)
+        require_number('max_turn_rate_rad_s', self.max_turn_rate_rad_s, at_least=0.0)
         for name in ('max_conflict_seconds', 'memory_max_seconds'):
             require_number(name, getattr(self, name), at_least=0.0, finite=False)
         if 0.0 < self.memory_s < LEAST_MEMORY_S:
@@ -299,6 +305,10 @@ class FleetConfig:
         """Return the robot that a sensor is mounted on, and any other point itself."""
         return point.rpartition('/')[0] if point in self.sensors else point
 
+    def points_on(self, body: str) -> tuple[str, ...]:
+        """Return a robot or an anchor with its sensors."""
+        return (body, *(f'{body}/{name}' for name in self.mounts.get(body, ())))
+
     def elevation_m(self, point: str) -> tuple[float, float]:
         """Return the least and the greatest elevation of a point in the plane."""
         of_robot = self.elevations_m.get(self.robot_of(point), (0.0, 0.0))
@@ -313,7 +323,15 @@ class FleetConfig:
 
     def odometry_error_of(self, robot: str) -> OdometryErrorModel:
         """Return the greatest errors of the odometry of a robot."""
-        return self.robot_odometry_error.get(robot, self.odometry_error)
+        error = self.robot_odometry_error.get(robot, self.odometry_error)
+        if self.stamp_error_s == 0.0:
+            return error
+        return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))
+
+    @property
+    def between_stamps_s(self) -> float:
+        """How much longer or shorter than between two stamps the time between them may be."""
+        return product_up(2.0, self.stamp_error_s)
 
     def is_upright(self, robot: str) -> bool:
         """Return whether the odometry of a robot tells its level frames, as in the plane."""

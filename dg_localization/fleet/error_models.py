@@ -15,7 +15,8 @@ from typing import SupportsFloat, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.fleet.sensors import RangeErrorModel
+from dg_localization.fleet.rotations import rotation_of_quaternion
+from dg_localization.fleet.sensors import Mount, RangeErrorModel
 from dg_localization.fleet.vocabulary import Rejection, RejectionReason
 from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
 from dg_localization.interval.bounds import (
@@ -234,6 +235,27 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
         text = f'ray {ray} has no direction{part}'
         return Rejection(RejectionReason.ZERO_RAY, text)
     return np.array([x / length, y / length, z / length])
+
+
+def in_body_frame(mount: Mount | None, ray_xyz: ArrayLike) -> ArrayLike | Rejection:
+    """
+    Return a measured ray in the frame of the robot, or why there is none.
+
+    Parameters
+    ----------
+    mount : Mount or None
+        Of the sensor; None where it is that of the robot itself.
+    ray_xyz : array_like, shape (3,)
+        In the frame of the sensor, of any length above zero.
+
+    """
+    if mount is None:
+        return ray_xyz
+    ray = interpret_ray(ray_xyz, 3)
+    if isinstance(ray, Rejection):
+        return ray
+    quaternion = np.array(mount.rotation_xyzw)
+    return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray
 
 
 def projected_half_width_rad(ray_xyz: ArrayLike, half_width_rad: float) -> float:

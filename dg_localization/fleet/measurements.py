@@ -26,6 +26,7 @@ from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.error_models import (
+    in_body_frame,
     interpret_range,
     interpret_ray,
     is_single,
@@ -159,7 +160,7 @@ class MeasurementStore:
     ) -> Rejection | None:
         """Accept a ray of a link and a stamp that were checked, or return why not."""
         config = self._config
-        ray = self._in_body_frame(key.observer, ray_xyz)
+        ray = in_body_frame(config.sensors.get(key.observer), ray_xyz)
         if isinstance(ray, Rejection):
             return self._reject(key, ray)
         direction = interpret_ray(ray, config.dimension)
@@ -195,7 +196,7 @@ class MeasurementStore:
         position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
         error = self._config.odometry_error_of(key.observer)
         scaled = None if position is None else error.scaled(position)
-        if scaled is None or quaternion is None or not _is_pose(scaled, quaternion):
+        if scaled is None or quaternion is None or not is_pose(scaled, quaternion):
             text = (
                 f'position {_written(position, position_xyz)}, orientation '
                 f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
@@ -296,17 +297,6 @@ class MeasurementStore:
             for key, source in sorted(self._inputs.items())
         ]
 
-    def _in_body_frame(self, observer: str, ray_xyz: ArrayLike) -> ArrayLike | Rejection:
-        """Return a ray in the frame of the robot that the observer is mounted on, if it is one."""
-        mount = self._config.sensors.get(observer)
-        if mount is None:
-            return ray_xyz
-        ray = interpret_ray(ray_xyz, 3)
-        if isinstance(ray, Rejection):
-            return ray
-        quaternion = np.array(mount.rotation_xyzw)
-        return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray
-
     def _is_young(self, stamp_s: float, now_s: float) -> bool:
         """Return whether a measurement of that time counts at `now_s`."""
         return -self._config.max_future_s <= now_s - stamp_s <= self._config.max_age_s
@@ -328,6 +318,7 @@ class MeasurementStore:
                 self._config.max_turn_rate_rad_s,
                 self._config.odometry_error_of(robot),
                 keep_s,
+                self._config.dimension == 2,
             )
         return self._tracks[robot]
 
@@ -387,7 +378,7 @@ def _read_rows(
     return rows, Rejection(RejectionReason.INVALID_PEER, text)
 
 
-def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
+def is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
     """Return whether numbers are a position and a unit quaternion."""
     values_ok = position.shape == (3,) and quaternion.shape == (4,)
     values_ok = values_ok and bool(np.isfinite(position).all() and (abs(quaternion) < 2.0).all())

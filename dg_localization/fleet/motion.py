@@ -38,6 +38,9 @@ class OdometryTrack:
     error : OdometryErrorModel
     keep_s : float
         How long readings are kept.
+    in_plane : bool, optional
+        Whether turns are those of the heading alone: that of a body that pitches is more than it
+        turns.
 
     """
 
@@ -47,11 +50,13 @@ class OdometryTrack:
         max_turn_rate_rad_s: float,
         error: OdometryErrorModel,
         keep_s: float,
+        in_plane: bool = False,
     ) -> None:
         self._max_speed_m_s = max_speed_m_s
         self._max_turn_rate_rad_s = max_turn_rate_rad_s
         self._error = error
         self._keep_s = keep_s
+        self._in_plane = in_plane
         self._readings: list[OdometryReading] = []
         self._restarted_s = 0.0
 
@@ -76,7 +81,7 @@ class OdometryTrack:
         if self._readings:
             last = self._readings[-1]
             step_m = _distance_up_m(reading.position_m, last.position_m)
-            turn_rad = angle_up(rotation_angle_rad(last.rotation.T @ reading.rotation))
+            turn_rad = self._turn_up_rad(last.rotation, reading.rotation)
             elapsed_s = elapsed_up(reading.stamp_s, last.stamp_s)
             # Far from the origin, the rounding of what was reported may look like a faster step.
             least_m = max(0.0, step_m - _rounding_up_m(reading.position_m, last.position_m))
@@ -84,10 +89,18 @@ class OdometryTrack:
                 self._readings.clear()
                 self._restarted_s = reading.stamp_s
             else:
+                if reading.stamp_s - last.stamp_s > self._error.max_gap_s:
+                    step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)
                 way_m, turned_rad = sum_up(last.way_m, step_m), sum_up(last.turned_rad, turn_rad)
                 reading = replace(reading, way_m=way_m, turned_rad=turned_rad)
         self._readings.append(replace(reading, restarted_s=self._restarted_s))
         self._forget_before(reading.stamp_s - self._keep_s)
+
+    def _turn_up_rad(self, before: np.ndarray, after: np.ndarray) -> float:
+        """Return an upper bound of the angle between two rotations."""
+        if self._in_plane:
+            before, after = level_rotations(np.array([before, after]))
+        return angle_up(rotation_angle_rad(before.T @ after))
 
     def _is_too_fast(self, step_m: float, turn_rad: float, elapsed_s: float) -> bool:
         """Return whether a step or a turn is more than the robot can do in that time."""
@@ -96,6 +109,13 @@ class OdometryTrack:
         farthest_m = sum_up(product_up(self._max_speed_m_s, longest_s), error_m)
         farthest_rad = sum_up(product_up(self._max_turn_rate_rad_s, longest_s), error_rad)
         return step_m > farthest_m * ROUNDING or turn_rad > angle_up(farthest_rad * ROUNDING)
+
+    def _longest(self, step_m: float, turn_rad: float, elapsed_s: float) -> tuple[float, float]:
+        """Return how far it may have gone and turned between readings where some are missing."""
+        longest_s = sum_up(elapsed_s, 2.0 * self._error.latency_s)
+        by_speed_m = product_up(self._max_speed_m_s, longest_s)
+        by_rate_rad = product_up(self._max_turn_rate_rad_s, longest_s)
+        return max(step_m, by_speed_m), max(turn_rad, by_rate_rad)
 
     def _forget_before(self, stamp_s: float) -> None:
         """Drop readings older than `stamp_s`, except the last of them."""
@@ -119,6 +139,8 @@ class Motion:
         By robot, oldest first.
     in_plane : bool
         Whether turns are those of the heading alone.
+    between_stamps_s : float
+        How much longer or shorter than between two stamps the time between them may be.
 
     """
 
@@ -127,11 +149,24 @@ class Motion:
     errors: Mapping[str, OdometryErrorModel]
     odometry: Mapping[str, tuple[OdometryReading, ...]]
     in_plane: bool = False
+    between_stamps_s: float = 0.0
 
-    def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
-        """Return an upper bound of how far `point` moved between two times."""
+    def displacement_m(
+        self, point: str, first_s: float, second_s: float, climb_m: float = 0.0
+    ) -> float:
+        """
+        Return an upper bound of how far `point` moved between two times.
+
+        Parameters
+        ----------
+        point : str
+        first_s, second_s : float
+        climb_m : float, optional
+            How far it moved at most besides what odometry states: in the plane, its heights.
+
+        """
         speed_m_s = self.max_speed_m_s[point]
-        by_speed_m = _most_between(speed_m_s, first_s, second_s)
+        by_speed_m = _most_between(speed_m_s, first_s, second_s, self.between_stamps_s)
         track = self.odometry.get(point)
         if not track:
             return by_speed_m
@@ -149,7 +184,8 @@ class Motion:
         # The constant errors of the poses turn with the track, too.
         error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))
         beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
-        return min(by_speed_m, sum_up(chord_m, error_m, product_up(speed_m_s, beyond_s)))
+        by_odometry_m = sum_up(chord_m, error_m, product_up(speed_m_s, beyond_s), climb_m)
+        return min(by_speed_m, by_odometry_m)
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
         """
@@ -165,7 +201,7 @@ class Motion:
 
         """
         rate_rad_s = self.max_turn_rate_rad_s
-        by_rate_rad = _most_between(rate_rad_s, first_s, second_s)
+        by_rate_rad = _most_between(rate_rad_s, first_s, second_s, self.between_stamps_s)
         track = self.odometry.get(point)
         if track:
             error = self.errors[point]
@@ -191,9 +227,10 @@ class Motion:
 
 # What a robot measured at one time is asked for all that it measured.
 @lru_cache(maxsize=4096)
-def _most_between(rate: float, first_s: float, second_s: float) -> float:
-    """Return an upper bound of what a rate adds up to between two times."""
-    return product_up(rate, elapsed_up(first_s, second_s))
+def _most_between(rate: float, first_s: float, second_s: float, more_s: float) -> float:
+    """Return an upper bound of what a rate adds up to between two stamps."""
+    elapsed_s = elapsed_up(first_s, second_s)
+    return product_up(rate, sum_up(elapsed_s, more_s) if more_s else elapsed_s)
 
 
 def greatest_errors(

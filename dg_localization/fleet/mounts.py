@@ -12,7 +12,7 @@ certain, and a heading follows from the places of two sensors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -98,6 +98,33 @@ def mount_geometry(config: FleetConfig) -> MountGeometry:
         {observer: tuple(known) for observer, known in rays.items()},
         {point: _in_space(mount.position_m) for point, mount in config.sensors.items()},
         reach_m,
+    )
+
+
+def places_on_body(config: FleetConfig, points: Sequence[str]) -> Interval:
+    """
+    Return where points are in the body frames of their robots.
+
+    Parameters
+    ----------
+    config : FleetConfig
+    points : sequence of str
+        Robots, which are at the origin, and sensors.
+
+    Returns
+    -------
+    Interval, shape (m, 3)
+        Exact where a sensor has no bound.
+
+    """
+    origin = Mount((0.0,) * config.dimension)
+    mounts = [config.sensors.get(point, origin) for point in points]
+    places_m = np.array([_in_space(mount.position_m) for mount in mounts]).reshape(-1, 3)
+    bounds_m = np.zeros((len(mounts), 3))
+    bounds_m[:, : config.dimension] = np.array([[mount.bound_m] for mount in mounts])
+    around, exact = Interval.around(places_m, bounds_m), bounds_m == 0.0
+    return Interval(
+        np.where(exact, places_m, around.lower), np.where(exact, places_m, around.upper)
     )
 
 

@@ -21,7 +21,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.odometry_error import OdometryErrorModel, errors_around
+from dg_localization.fleet.odometry_error import (
+    OdometryErrorModel,
+    errors_around,
+    most_up,
+    step_errors,
+)
 from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
 from dg_localization.fleet.rotations import level_rotations, rotations_about_z, steepness
 from dg_localization.fleet.track_poses import TrackPoses, TrackStep
@@ -37,10 +42,6 @@ class MotionLimits:
 
     speed_m_s: float = math.inf
     turn_rate_rad_s: float = math.inf
-
-
-CENTERED = 0.613
-"""Points that are 1 apart at most lie within sqrt(3 / 8) of one point (Jung 1901)."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,9 @@ class OdometryPath:
     The path of one robot through its odometry samples.
 
     Between samples the robot is taken to be no farther from either than they truly are apart, or
-    than its limits allow; before the first and after the last only its limits bound its motion.
-    Without limits the robot is at a sample when the time is the same number.
+    than its limits allow. Before the first, after the last and where samples are missing only its
+    limits bound its motion. Without limits the robot is at a sample when the time is the same
+    number.
 
     Parameters
     ----------
@@ -110,6 +112,7 @@ class OdometryPath:
             self._positions_m[:, 2] = 0.0
             self._rotations = level_rotations(self._rotations)
             self._error = replace(error, tilt_rad=None)
+        self._missing = steps_s > self._error.max_gap_s
         self._step_errors_m, self._step_errors_rad = self._step_errors()
 
     def past_poses(self, times_s: ArrayLike, now_s: float) -> PastPoses:
@@ -242,16 +245,12 @@ class OdometryPath:
         angles = np.empty(len(lengths))
         step_angles(self._rotations, angles)
         angles = np.where(angles > 0.0, angle_up(angles), 0.0)
-        error = self._error
-        way_m = up(up(error.translation_per_m * lengths) + up(error.translation_per_rad * angles))
-        turn_rad = up(up(error.rotation_per_m * lengths) + up(error.rotation_per_rad * angles))
-        # The constant error of a pose turns with the track.
-        return up(way_m + up(turn_rad * self._centered_m)), turn_rad
-
-    @property
-    def _centered_m(self) -> float:
-        """How far any stated position is from one track at most: a shifted track is a track."""
-        return float(up(CENTERED * self._error.constant_m))
+        # Where samples are missing the way may be a longer one.
+        steps_s = elapsed_up(self._stamps_s[:-1], self._stamps_s[1:])
+        missing_s = np.where(self._missing, up(steps_s + 2.0 * self._error.latency_s), 0.0)
+        lengths = np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))
+        angles = np.maximum(angles, most_up(self._limits.turn_rate_rad_s, missing_s))
+        return step_errors(self._error, lengths, angles)
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""
@@ -281,12 +280,13 @@ class OdometryPath:
         )
         spans[1:] = np.where(spans[1:] > 0.0, angle_up(spans[1:]), 0.0)
         # The true samples are farther apart than the stated ones by what the steps err.
-        step_errors = np.stack([self._step_errors_m, self._step_errors_rad])
-        off_m, off_rad = errors_around(stamps, step_errors, times_s, around_s)
+        steps = np.stack([self._step_errors_m, self._step_errors_rad, self._missing])
+        off_m, off_rad, missing = errors_around(stamps, steps, times_s, around_s)
         spans[0] = np.where(
             off_m > 0.0, up(up(spans[0] + off_m) + up(off_rad * spans[0])), spans[0]
         )
         spans[1:] = np.where(off_rad > 0.0, up(spans[1:] + off_rad), spans[1:])
+        spans[:, missing >= 1.0] = np.inf
         reach_s = up(elapsed_up(times_s, stamps[index]) + latency)
         beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
         at_end = (times_s - latency <= stamps[0] + slack_s) | (
@@ -315,7 +315,7 @@ class OdometryPath:
         """Return how far the robot is from its track at some times at most, in m and rad."""
         # A track whose headings alone are turned is none: their errors have no middle.
         off_rad = angle_up(up(near.offset_rad + self._error.constant_rad))
-        return up(near.offset_m + self._centered_m), off_rad
+        return up(near.offset_m + self._error.centered_m), off_rad
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
         """Return the poses of samples seen from sample `last`, with the errors of the way."""

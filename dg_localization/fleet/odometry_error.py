@@ -11,14 +11,21 @@ in place of deviations.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+import math
 
 import numpy as np
 
 from dg_localization.fleet.checks import require_number
+from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import up
 
 LEAST_SCALE, MOST_SCALE = 0.01, 100.0
 """More than what another unit of length explains is a mistake."""
+
+HALF_TURN_RAD = angle_up(math.pi)
+
+CENTERED = 0.613
+"""Points that are 1 apart at most lie within sqrt(3 / 8) of one point (Jung 1901)."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,9 @@ class OdometryErrorModel:
     tilt_rad : float, optional
         Error of roll and pitch together, as an angle, where the z axis of the odometry frame is
         upright. Without it nothing is remembered in space.
+    max_gap_s : float
+        Where stamps are farther apart, messages are taken to be lost, and the robot may have gone
+        and turned meanwhile as far as its limits let it. Infinity: they never are.
     translation_scale : float
         True ways are this times the reported ones, up to the errors. These count per m of the
         scaled way.
@@ -49,7 +59,8 @@ class OdometryErrorModel:
     Raises
     ------
     ConfigError
-        If a bound is negative or not a finite number, or the scale is beyond 0.01 and 100.
+        If a bound is negative, one other than `max_gap_s` is not finite, or the scale is beyond
+        0.01 and 100.
 
     """
 
@@ -61,6 +72,7 @@ class OdometryErrorModel:
     constant_rad: float = 0.0
     latency_s: float = 0.0
     tilt_rad: float | None = None
+    max_gap_s: float = 1.0
     translation_scale: float = 1.0
 
     def __post_init__(self) -> None:
@@ -69,6 +81,8 @@ class OdometryErrorModel:
             name = f'odometry_error.{field.name}'
             if field.name == 'translation_scale':
                 require_number(name, value, at_least=LEAST_SCALE, at_most=MOST_SCALE)
+            elif field.name == 'max_gap_s':
+                require_number(name, value, at_least=0.0, finite=False)
             elif value is not None or field.name != 'tilt_rad':
                 require_number(name, value, at_least=0.0)
 
@@ -84,9 +98,47 @@ class OdometryErrorModel:
             return np.asarray(self.translation_scale * position_m)
 
     @property
+    def centered_m(self) -> float:
+        """How far any stated position is from one track at most: a shifted track is a track."""
+        return float(up(CENTERED * self.constant_m))
+
+    @property
     def least_tilt_rad(self) -> float:
         """The error of roll and pitch, zero where none is stated."""
         return 0.0 if self.tilt_rad is None else self.tilt_rad
+
+
+def most_up(rate: float, amounts: np.ndarray) -> np.ndarray:
+    """Return upper bounds of products; nothing at no rate, and of no amount."""
+    there = (amounts > 0.0) & (rate > 0.0)
+    return np.where(there, up(rate * np.where(there, amounts, 1.0)), 0.0)
+
+
+def step_errors(
+    error: OdometryErrorModel, lengths_m: np.ndarray, angles_rad: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the greatest errors of steps.
+
+    Parameters
+    ----------
+    error : OdometryErrorModel
+    lengths_m, angles_rad : numpy.ndarray, shape (n,)
+        The steps, infinite where nothing bounds them.
+
+    Returns
+    -------
+    errors_m, errors_rad : numpy.ndarray, shape (n,)
+
+    """
+    of_way_m = most_up(error.translation_per_m, lengths_m)
+    of_way_rad = most_up(error.rotation_per_m, lengths_m)
+    way_m = up(of_way_m + most_up(error.translation_per_rad, angles_rad))
+    turn_rad = up(of_way_rad + most_up(error.rotation_per_rad, angles_rad))
+    # No rotation is off by more than half a turn.
+    turn_rad = np.minimum(turn_rad, HALF_TURN_RAD)
+    # The constant error of a pose turns with the track.
+    return up(way_m + most_up(error.centered_m, turn_rad)), turn_rad
 
 
 def errors_around(

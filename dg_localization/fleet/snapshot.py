@@ -156,15 +156,21 @@ def take_snapshot(
             point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
         },
         in_plane=config.dimension == 2,
+        between_stamps_s=config.between_stamps_s,
     )
 
     @cache
-    def displacement_m(point: str, stamp_s: float) -> float:
-        origin_m = motion.displacement_m(point, stamp_s, now_s)
+    def displacement_m(point: str, stamp_s: float, climb_m: float = 0.0) -> float:
+        origin_m = motion.displacement_m(point, stamp_s, now_s, climb_m)
         if point not in mounts.reach_m or robot_of[point] in config.anchors:
             return origin_m
         turn_rad = motion.turn_up_rad(point, stamp_s, now_s)
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
+
+    def displacement_in_space_m(point: str, stamp_s: float) -> float:
+        """Return how far a point can have moved where it may be anywhere in its elevations."""
+        low_m, high_m = config.elevation_m(point)
+        return displacement_m(point, stamp_s, sum_up(high_m, -low_m) if low_m < high_m else 0.0)
 
     distances, rays, links = [], [], []
     all_young = store.young_readings(now_s)
@@ -176,7 +182,7 @@ def take_snapshot(
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
         if measured:
-            distance = _distance_at(now_s, key, measured, displacement_m)
+            distance = _distance_at(now_s, key, measured, displacement_in_space_m)
             lower_m, upper_m = distance.lower_m, distance.upper_m
             distances.append(distance)
         elif readings and isinstance(readings[-1], RayReading):

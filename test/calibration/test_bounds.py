@@ -80,6 +80,14 @@ def test_errors_that_grow_with_the_range_are_relative():
     assert not is_relative([0.0, 1.0], [0.0, 0.1], EXACT)
 
 
+def test_errors_as_large_as_the_reading_are_constant():
+    readings = np.full(30, 1.0)
+    errors = np.linspace(-0.5, 0.97, 30)
+    model = fit_range(readings, errors, Choice(), relative=True)
+    assert excluded_ranges(model, readings, errors) == 0
+    assert model.max_error_relative == 0.0 and model.max_error_m > 0.97
+
+
 def test_half_widths_hold_their_share():
     errors = np.linspace(-0.1, 0.05, 101)
     assert fit_half_width_rad(errors, EXACT) == pytest.approx(0.1, abs=1e-4)

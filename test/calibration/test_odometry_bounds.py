@@ -154,3 +154,24 @@ def test_windows_without_truth_are_passed_over():
     truth = TrueTrack([0.0, 0.2, 0.4], np.zeros((3, 3)), quaternions(np.zeros(3)))
     windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
     assert len(windows.seconds) == 0
+
+
+@pytest.mark.parametrize('upright', [True, False])
+def test_in_space_turns_are_those_of_the_whole_body(upright):
+    """A body that rolls: its odometry states the roll with an error of 0.1 rad."""
+    stamps = np.arange(0.0, 10.0, 0.05)
+    roll = 0.5 * np.sin(stamps)
+    half = np.zeros((len(stamps), 4))
+    half[:, 0], half[:, 3] = np.sin(roll / 2.0), np.cos(roll / 2.0)
+    truth = TrueTrack(stamps, np.zeros((len(stamps), 3)), half)
+    stated = roll + 0.1 * np.cos(7.0 * stamps)
+    turns = np.zeros((len(stamps), 3, 3))
+    turns[:, 0, 0] = 1.0
+    turns[:, 1, 1] = turns[:, 2, 2] = np.cos(stated)
+    turns[:, 2, 1] = np.sin(stated)
+    turns[:, 1, 2] = -turns[:, 2, 1]
+    still = np.zeros((len(stamps), 3))
+    windows = odometry_windows(stamps, still, turns, truth, dimension=3, upright=upright)
+    # How far it rolls counts; where errors of roll are not stated otherwise, so do they.
+    assert windows.turn_rad.max() > 1.0
+    assert windows.error_rad.max() == pytest.approx(0.0 if upright else 0.2, abs=0.01)

@@ -81,3 +81,12 @@ def test_heights_count_in_space_only():
     low, high = TrueTrack.at_rest((0.0, 0.0, 0.0)), TrueTrack.at_rest((3.0, 0.0, 4.0))
     assert range_errors_m(low, high, [0.0], [5.5], 3) == pytest.approx([0.5])
     assert range_errors_m(low, high, [0.0], [5.5], 2) == pytest.approx([2.5])
+
+
+def test_a_sensor_is_carried_by_its_robot():
+    track = TrueTrack([0.0, 1.0], [[0, 0, 0], [2, 0, 0]], turned([0.5 * np.pi, 0.5 * np.pi]))
+    sensor = track.carrying((0.3, 0.2))
+    np.testing.assert_allclose(sensor.positions_at([0.5]), [[0.8, 0.3, 0.0]], atol=1e-12)
+    np.testing.assert_array_equal(sensor.rotations_at([0.5]), track.rotations_at([0.5]))
+    without_yaw = TrueTrack([0.0, 1.0], np.zeros((2, 3))).carrying((0.3, 0.2))
+    assert np.isnan(without_yaw.positions_at([0.5])).all()

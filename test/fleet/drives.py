@@ -99,6 +99,7 @@ def draw_errors(rng, robots, own, constants):
         OdometryErrorModel(
             **(of_all if own.random() < 0.5 else draw_terms(own)),
             translation_scale=float(own.choice([1.0, 1.0, 0.8, 1.25])),
+            max_gap_s=1.5 * SAMPLE_S,
             constant_m=float(constants.choice([0.0, 0.0, 0.01, 0.03])),
             constant_rad=float(constants.choice([0.0, 0.0, 0.02])),
         )

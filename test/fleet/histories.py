@@ -42,6 +42,10 @@ class History:
     extreme: bool
     calls: list = field(default_factory=list)
     arms_m: dict = field(default_factory=dict)
+    lost: list = field(default_factory=list)
+    """The samples of each robot's odometry that do not arrive."""
+    clocks_s: list = field(default_factory=list)
+    """How far the clock of each robot is ahead."""
 
     @classmethod
     def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
@@ -56,11 +60,13 @@ class History:
         high = float(rng.choice([0.01, 0.05, 0.1]))
         # Where ranges tell little, a motion that is bounded too narrowly loses no truth.
         scale = 0.05 if np.random.default_rng(np.append(seed, 5)).random() < 0.4 else 1.0
+        stamp_error_s, clocks_s = draw_clocks(np.append(seed, 6), robots)
         config = FleetConfig(
             robots=tuple(f'r{i}' for i in range(robots)),
             anchors={f'a{i}': Anchor(tuple(rng.uniform(-5.0, 5.0, 2))) for i in range(anchors)},
             mounts={f'r{i}': draw_mounts(rng) for i in range(mounted)},
             max_age_s=MAX_AGE_S,
+            stamp_error_s=stamp_error_s,
             range_error=RangeErrorModel(
                 min_error_relative=-scale * high,
                 max_error_relative=0.5 * scale * high,
@@ -77,8 +83,9 @@ class History:
             **settings,
         )
         start_s = float(rng.choice([1.0, 1.7e9]))
-        history = cls(config, drives, start_s, rng, worst)
+        history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s)
         history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
+        history.lost = [draw_lost(np.append(seed, [7, robot]), count) for robot in range(robots)]
         history.measure(seconds, cameras=bool(rng.random() < 0.4))
         return history
 
@@ -86,7 +93,8 @@ class History:
         """List what is measured; each call is (arrival, call of a localizer)."""
         for robot, drive in enumerate(self.drives):
             if self.rng.random() < 0.9:
-                self.calls += [self._odometry(robot, drive, k) for k in range(len(drive.true))]
+                heard = [k for k in range(len(drive.true)) if k not in self.lost[robot]]
+                self.calls += [self._odometry(robot, drive, k) for k in heard]
         places = range(len(self.config.points))
         bodies = [self.body(place) for place in places]
         pairs = [(i, j) for i in places for j in places if bodies[i] != bodies[j]]
@@ -104,9 +112,15 @@ class History:
     def _arrival_s(self, time_s):
         return self.start_s + time_s + self.rng.choice([0.0, 0.05, 0.3])
 
+    def _stamp_s(self, point, time_s):
+        """Return what the clock of a point shows."""
+        body = self.body(point)
+        return self.start_s + time_s + (0.0 if body is None else self.clocks_s[body])
+
     def _odometry(self, robot, drive, sample):
         x, y, yaw = drive.reported(sample)
-        stamp_s = self.start_s + sample * SAMPLE_S
+        arrival_s = self.start_s + sample * SAMPLE_S
+        stamp_s = arrival_s + self.clocks_s[robot]
         orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
         name = self.config.robots[robot]
 
@@ -115,7 +129,7 @@ class History:
                 name, [x, y, 0.0], orientation, stamp_s, now_s, f'{name}/odom'
             )
 
-        return stamp_s, call
+        return arrival_s, call
 
     def _range(self, observer, target, time_s):
         names = self.config.points[observer], self.config.points[target]
@@ -129,7 +143,7 @@ class History:
                 model.max_error_relative - model.min_error_relative
             )
             reading = float((distance + absolute) / (1.0 - relative))
-            return localizer.add_range(*names, reading, self.start_s + time_s, now_s)
+            return localizer.add_range(*names, reading, self._stamp_s(observer, time_s), now_s)
 
         return self._arrival_s(time_s), call
 
@@ -145,7 +159,7 @@ class History:
             yaw = self.drives[self.body(observer)].pose(time_s)[2]
             angle = math.atan2(gap[1], gap[0]) - yaw + off
             ray = [math.cos(angle), math.sin(angle), 0.0]
-            return localizer.add_bearing(*names, ray, self.start_s + time_s, now_s)
+            return localizer.add_bearing(*names, ray, self._stamp_s(observer, time_s), now_s)
 
         return self._arrival_s(time_s), call
 
@@ -193,6 +207,8 @@ class History:
     def _in_odometry_frame(self, robot, time_s, places, yaws):
         """Return a truth in the frame where the newest odometry of a robot states its pose."""
         sample = min(math.floor(time_s / SAMPLE_S + 1e-9), len(self.drives[robot].true) - 1)
+        while sample in self.lost[robot]:
+            sample -= 1
         true, stated = self.drives[robot].true[sample], self.drives[robot].reported(sample)
         c, s = math.cos(stated[2] - true[2]), math.sin(stated[2] - true[2])
         moved = (places - true[:2]) @ np.array([[c, s], [-s, c]]) + stated[:2]
@@ -210,6 +226,23 @@ class History:
             done = due
             localizer = between(localizer, time_s)
             yield time_s, localizer.step(now_s)
+
+
+def draw_clocks(seed, robots):
+    """Draw how far clocks may be wrong, and how far they are."""
+    rng = np.random.default_rng(seed)
+    error_s = float(rng.choice([0.0, 0.0, 0.005, 0.05]))
+    return error_s, (0.999 * error_s * rng.choice([-1.0, 0.3, 1.0], robots)).tolist()
+
+
+def draw_lost(seed, count):
+    """Draw which samples of an odometry are lost; never the first."""
+    rng = np.random.default_rng(seed)
+    lost = set()
+    if rng.random() < 0.3:
+        for first in rng.integers(1, count, rng.integers(1, 4)):
+            lost.update(range(first, first + rng.choice([1, 3, 10, 30])))
+    return lost
 
 
 def draw_mounts(rng):

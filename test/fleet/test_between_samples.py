@@ -21,7 +21,8 @@ def test_a_late_stamp_leaves_all_that_lies_between_the_samples_around_it():
     stamps_s = [0.0, 0.93, 0.96, 1.0, 1.15, 4.0, 4.2]
     at_rest = [0.0, 0.0, 0.0]
     places_m = [at_rest, [1.0, 0.0, 0.0], [0.5, height_m, 0.0], at_rest, at_rest, at_rest, at_rest]
-    error, limits = OdometryErrorModel(latency_s=0.1), MotionLimits(1000.0, 10.0)
+    error = OdometryErrorModel(latency_s=0.1, max_gap_s=math.inf)
+    limits = MotionLimits(1000.0, 10.0)
     past = level_path(stamps_s, places_m, error, limits).past_poses([1.0], 4.05)
     farthest_m = np.array([1.5, height_m])
     lower_m, upper_m = past.position_m.lower[0, :2], past.position_m.upper[0, :2]
@@ -30,7 +31,8 @@ def test_a_late_stamp_leaves_all_that_lies_between_the_samples_around_it():
 
 def test_without_latency_the_robot_is_near_the_samples_around_a_time():
     places_m = [[0.1 * x, 0.0, 0.0] for x in range(5)]
-    path = level_path(np.arange(5.0), places_m, OdometryErrorModel(), MotionLimits(1000.0, 10.0))
+    error, limits = OdometryErrorModel(max_gap_s=1.0), MotionLimits(1000.0, 10.0)
+    path = level_path(np.arange(5.0), places_m, error, limits)
     past = path.past_poses([1.4], 4.0)
     width_m = past.position_m.upper[0, 0] - past.position_m.lower[0, 0]
     assert 0.2 <= width_m < 0.21
@@ -42,7 +44,8 @@ def test_equal_stamps_need_not_be_equal_times():
     assert stamp_s + later_s == stamp_s
     stamps_s = [stamp_s - 1.0, stamp_s, stamp_s + 1.0]
     places_m = [[-speed_m_s, 0.0, 0.0], [0.0, 0.0, 0.0], [speed_m_s, 0.0, 0.0]]
-    path = level_path(stamps_s, places_m, OdometryErrorModel(), MotionLimits(speed_m_s, 1.0))
+    error, limits = OdometryErrorModel(max_gap_s=math.inf), MotionLimits(speed_m_s, 1.0)
+    path = level_path(stamps_s, places_m, error, limits)
     for time_s, now_s in ((stamp_s, stamp_s + 1.0), (stamp_s - 1.0, stamp_s)):
         position_m = path.past_poses([time_s], now_s).position_m
         true_m = -speed_m_s * (1.0 - later_s)
@@ -52,7 +55,7 @@ def test_equal_stamps_need_not_be_equal_times():
 
 def test_between_two_samples_the_errors_of_the_step_count():
     """A robot that turns on the spot, as its odometry says, goes and turns by its errors."""
-    error = OdometryErrorModel(translation_per_rad=0.1, rotation_per_rad=0.5)
+    error = OdometryErrorModel(translation_per_rad=0.1, rotation_per_rad=0.5, max_gap_s=math.inf)
     c, s = np.cos(0.2), np.sin(0.2)
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     path = OdometryPath([0.0, 1.0], np.zeros((2, 3)), np.array([np.eye(3), turned]), error)
@@ -63,3 +66,36 @@ def test_between_two_samples_the_errors_of_the_step_count():
     assert np.all(past.position_m.lower[0, :2] <= true_m)
     assert np.all(true_m <= past.position_m.upper[0, :2])
     assert past.yaw_rad.lower[0] <= -0.4 * 0.2999 <= past.yaw_rad.upper[0]
+
+
+def circle_with_a_gap(error, limits):
+    """Return a path that is seen before and after a whole turn on a circle of radius 1 m only."""
+    stamps_s, circumference_m = [0.0, 0.5, 4.5, 5.0], 2.0 * math.pi
+    places_m = [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]
+    assert limits.speed_m_s * 4.0 >= circumference_m
+    return level_path(stamps_s, places_m, error, limits)
+
+
+def test_where_samples_are_missing_the_robot_may_be_as_far_as_its_limits_allow():
+    path = circle_with_a_gap(OdometryErrorModel(), MotionLimits(1.6, 1.6))
+    past = path.past_poses([0.0, 0.5, 2.5, 4.5], 5.0)
+    opposite_m = np.array([-0.5, 2.0])
+    assert np.all(past.position_m.lower[2, :2] <= opposite_m)
+    assert np.all(opposite_m <= past.position_m.upper[2, :2])
+    assert past.yaw_rad.upper[2] - past.yaw_rad.lower[2] >= 2.0 * math.pi
+    # Where it was seen it is known, as this odometry does not err.
+    widths_m = past.position_m.upper - past.position_m.lower
+    assert np.all(widths_m[[0, 1, 3]] < 1e-6)
+
+
+def test_where_samples_are_missing_the_way_errs_as_the_longest_one():
+    error, limits = OdometryErrorModel(translation_per_m=0.05), MotionLimits(1.6, 1.6)
+    past = circle_with_a_gap(error, limits).past_poses([0.5], 5.0)
+    # 6.4 m of way and 0.5 m after it.
+    off_m = 0.05 * 6.9
+    assert (
+        past.position_m.lower[0, 0] <= -0.5 - off_m < -0.5 + off_m <= past.position_m.upper[0, 0]
+    )
+    assert past.position_m.upper[0, 0] - past.position_m.lower[0, 0] < 2.0 * off_m + 1e-6
+    step = circle_with_a_gap(error, limits).track_step(0.5, 4.5)
+    assert 0.05 * 6.4 <= step.ball_m < 0.05 * 6.4 + 1e-6

@@ -4,6 +4,7 @@
 """Bounds of motion hold exactly, in rational arithmetic."""
 
 from fractions import Fraction
+import math
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -18,7 +19,7 @@ positions = st.tuples(coordinate, coordinate, coordinate)
 
 
 def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
-    error = OdometryErrorModel(**errors)
+    error = OdometryErrorModel(**{'max_gap_s': math.inf, **errors})
     track = OdometryTrack(1e9, 1e9, error, 1e9)
     for reading in readings:
         track.append(reading)
@@ -108,6 +109,19 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     assert half_width_rad >= abs(np.arctan2(np.sin(off_rad), np.cos(off_rad))) - 1e-9
 
 
+def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
+    """A robot that drives in a circle meanwhile is back, up to the errors of the whole way."""
+    error = OdometryErrorModel(translation_per_m=0.1, rotation_per_rad=0.1, max_gap_s=1.0)
+    track = OdometryTrack(2.0, 1.0, error, 1e9)
+    for stamp_s in (0.0, 1.0, 4.0):
+        track.append(OdometryReading(stamp_s, np.zeros(3), np.eye(3)))
+    motion = Motion({'a': 2.0}, 1.0, {'a': error}, {'a': track.readings})
+    assert motion.displacement_m('a', 0.0, 1.0) == pytest.approx(0.0, abs=1e-12)
+    # 6 m of way, and 0.3 rad of turns that swing it.
+    assert 0.6 <= motion.displacement_m('a', 0.0, 4.0) == pytest.approx(0.6 + 0.3 * 6.0)
+    assert 0.3 <= motion.turn('a', 1.0, 4.0)[1] == pytest.approx(0.3)
+
+
 def test_the_constant_errors_of_poses_turn_with_the_track():
     # Poses stated at one place err by a circle of 0.02 m, while each turn errs by 0.2 of itself.
     count, turn_rad, place = 300, 0.1, 0.0
@@ -137,3 +151,18 @@ def test_a_body_that_turns_left_sees_a_fixed_direction_turn_right():
     readings += [OdometryReading(2.0, np.zeros(3), left)]
     rotation, _ = motion_of(*readings).turn('a', 1.0, 2.0)
     assert rotation @ [1.0, 0.0, 0.0] == pytest.approx([c, -s, 0.0])
+
+
+@pytest.mark.parametrize('pitch_rad', [0.0, 0.3, 0.6])
+def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
+    """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""
+    c, s = np.cos(pitch_rad), np.sin(pitch_rad)
+    pitch = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    before, after = (pitch @ yaw_rotation(angle) for angle in (-0.25, 0.25))
+    error = OdometryErrorModel(rotation_per_rad=0.1)
+    track = OdometryTrack(1e9, 1e9, error, 1e9, in_plane=True)
+    for stamp_s, rotation in ((1.0, before), (2.0, after)):
+        track.append(OdometryReading(stamp_s, np.zeros(3), rotation))
+    motion = Motion({'a': 1e9}, 1e9, {'a': error}, {'a': track.readings}, in_plane=True)
+    first_rad, last_rad = (np.arctan2(turn[1, 0], turn[0, 0]) for turn in (before, after))
+    assert motion.turn('a', 1.0, 2.0)[1] >= 0.1 * (last_rad - first_rad)

@@ -159,6 +159,19 @@ def test_a_camera_on_an_arm_sees_from_there_and_along_its_own_axes():
     assert np.abs(placement.positions_m[0] - truth.points['r0']).max() < 0.2
 
 
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_camera_at_the_origin_of_its_robot_has_an_answer(dimension):
+    """Nothing is seen, and where the camera is on the robot tells nothing of its heading."""
+    truth = Truth(1, dimension, robots=1)
+    mounts = {'r0': {'camera': Mount((0.0,) * dimension)}}
+    anchors = {name: Anchor(tuple(place)) for name, place in truth.anchors.items()}
+    localizer = Localizer(FleetConfig(['r0'], dimension=dimension, mounts=mounts, anchors=anchors))
+    for anchor in anchors:
+        truth.range_between(localizer, 'r0', anchor)
+    (placement,) = localizer.step(NOW_S).placements
+    assert truth.holds(placement)
+
+
 def test_an_old_range_of_a_sensor_is_widened_by_the_turn_of_its_robot():
     config = FleetConfig(
         ['r', 's'],
@@ -281,6 +294,30 @@ def test_ranges_between_elevations_are_those_of_the_plane():
     for name, anchor in anchors.items():
         plain.add_range('r', name, math.dist((*anchor.coordinates_m, 3.4), (2, 3, 0)), 10.0, 10.0)
     assert plain.step(NOW_S).placements == ()
+
+
+@pytest.mark.parametrize('sensor', ['r', 'r/left'])
+def test_a_robot_that_climbs_within_its_elevations_is_not_lost(sensor):
+    """It stands still in the plane, which is all that odometry states, and rises by 0.5 m/s."""
+    anchors = {'a': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
+    config = FleetConfig(
+        ['r'],
+        mounts={'r': {'left': (0.4, 0.6)}},
+        anchors={name: Anchor(place) for name, place in anchors.items()},
+        elevations_m={'r': (0.0, 2.0)},
+        max_speed_m_s=0.6,
+        range_error=RangeErrorModel(-0.001, 0.001, 0.0, 0.0),
+    )
+    localizer = Localizer(config)
+    place_m = (2.4, 3.6) if '/' in sensor else (2.0, 3.0)
+    for now_s in NOW_S + 0.2 * np.arange(5):
+        localizer.add_odometry('r', (2.0, 3.0, 0.0), (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        for name, anchor in anchors.items():
+            range_m = math.dist((*place_m, 0.2 + 0.5 * (now_s - NOW_S)), (*anchor, 0.0))
+            localizer.add_range(sensor, name, range_m, now_s, now_s)
+    (placement,) = localizer.step(NOW_S + 0.8).placements
+    low, high = placement.enclosure_m[0]
+    assert (low <= [2.0, 3.0]).all() and (high >= [2.0, 3.0]).all()
 
 
 SITES = [1, 2, 3, 4, 5]

@@ -9,18 +9,25 @@ from histories import History, draw_any, localizer_of, play_without_a_loss, trut
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+import space_histories
 
 from dg_localization import Verdict
 
 SECONDS = 8.0
 STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
-"""Estimates in all, one a second; `python test/fleet/histories.py` plays many more."""
+"""Estimates of each test, one a second; `python test/fleet/histories.py` plays many more."""
 
 
 @settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), resets=st.booleans())
 def test_the_truth_is_never_lost(seed, resets):
     play_without_a_loss(draw_any(seed, SECONDS), SECONDS, resets)
+
+
+@settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_truth_is_never_lost_in_space(seed):
+    space_histories.play_without_a_loss(seed)
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -325,6 +325,13 @@ def test_only_narrow_enclosures_are_called_localized():
     assert found.message == 'ambiguous: 2 hypotheses'
 
 
+def test_a_fleet_with_a_robot_that_is_nowhere_is_not_called_localized():
+    nowhere = np.array([[[0.0] * 2, [0.5] * 2], [[-np.inf] * 2, [np.inf] * 2]])
+    found = status('fleet', estimate(placement(enclosure_m=nowhere)))
+    assert (found.level, found.message) == (Level.WARN, 'not bounded: b')
+    assert status('robot a', estimate(placement(enclosure_m=nowhere))).level is Level.OK
+
+
 def test_rate_that_is_not_met_is_a_warning_with_both_numbers():
     found = status('fleet', estimate(placement()), wanted_rate_hz=5.0, rate_hz=0.42)
     assert found.level is Level.WARN

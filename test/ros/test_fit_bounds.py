@@ -5,6 +5,7 @@
 
 import csv
 import json
+import math
 import os
 from pathlib import Path
 import re
@@ -19,12 +20,20 @@ pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not install
 yaml = pytest.importorskip('yaml')
 
 from rclpy.serialization import serialize_message  # noqa: E402
+from recorder import Recorder  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
+from dg_localization.calibration.bounds import Choice  # noqa: E402
+from dg_localization.ros.bags import fit_with_truth  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
-from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
+from dg_localization.ros.bags.samples import read_truth_file  # noqa: E402
+from dg_localization.ros.executables import (  # noqa: E402
+    UsageError,
+    fit_bounds,
+    localize_bag,
+)
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
     simulated_fleet,
@@ -339,6 +348,28 @@ def test_without_truth_triangles_refute_bounds_that_are_wrong(tmp_path, learn):
     assert 'between robot_1, robot_2, robot_3 contradict the stated bounds at 200 of 200' in text
 
 
+def test_a_tag_that_swings_contradicts_no_triangle(tmp_path, learn):
+    """A robot turns on the spot; its tag passes between two others, which it ranges in turn."""
+    recorder, others_m = Recorder(), {'b': (-4.0, 1.0), 'c': (4.0, 1.0)}
+    for stamp_s in START_S + np.arange(0.0, 5.0, 0.2):
+        for late_s, (name, place_m) in zip((0.0, 0.08), others_m.items(), strict=True):
+            angle = 0.5 * math.pi - 0.5 * (stamp_s + late_s - START_S - 2.5)
+            range_m = math.dist((math.cos(angle), math.sin(angle)), place_m)
+            recorder.add_range('a/tag', name, range_m, stamp_s + late_s, stamp_s + late_s)
+        recorder.add_range('b', 'c', 8.0, stamp_s, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    fleet = {
+        'robots': ['a', 'b', 'c'],
+        'mounts': {'names': ['a/tag'], 'a': {'tag': {'position': [1.0, 0.0]}}},
+        'max_speed': 0.0,
+        'max_turn_rate': 0.5,
+        'range': {'min_error_relative': -1e-6, 'max_error_relative': 1e-6},
+    }
+    learn.params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
+    learn(tmp_path / 'bag')
+    assert '25 triangles were checked' in learn.output and 'contradict' not in learn.output
+
+
 def test_without_truth_bounds_that_cannot_hold_the_scatter_are_widened(tmp_path, learn):
     rng = np.random.default_rng(0)
 
@@ -351,6 +382,41 @@ def test_without_truth_bounds_that_cannot_hold_the_scatter_are_widened(tmp_path,
     _, found = learn(bag, '--per', 'all')
     assert found['range']['max_error'] > 0.5
     assert 'widened' in learn.output
+
+
+def test_without_truth_readings_that_no_bias_explains_are_excluded(tmp_path, learn):
+    count = 0
+
+    def jumps(topic, message):
+        nonlocal count
+        if topic == 'robot_1/range/robot_2':
+            count += 1
+            message.range, message.max_range = message.range + 30.0 * (count == 100), 100.0
+        return message
+
+    bag = record(tmp_path / 'bag', change=jumps, cameras=False, error=0.01)
+    learn(bag, '--keep', '0.99')
+    text = ' '.join(learn.output.replace('#', '').split())
+    one = re.search(r'robot_1->robot_2: (\d+) readings, [^;]*; (\S+) % excluded', text)
+    assert float(one[2]) == round(100.0 / int(one[1]), 2)
+    assert re.search(r'robot_1->robot_3: [^;]*; 0.00 % excluded', text)
+
+
+def test_odometry_that_is_no_pose_is_passed_over(tmp_path, learn):
+    """The node rejects it; here it must not hide what comes after it."""
+    count = 0
+
+    def broken(topic, message):
+        nonlocal count
+        if topic == 'robot_1/odom':
+            count += 1
+            message.pose.pose.position.x = np.nan if count == 2 else message.pose.pose.position.x
+            message.pose.pose.orientation.w *= 3.0 if count == 3 else 1.0
+        return message
+
+    bag = record(tmp_path / 'bag', change=broken, odometry=True, cameras=False)
+    learn(bag, '--truth', TRUTH)
+    assert 'Odometry of robot_1' in learn.output
 
 
 def test_both_directions_are_compared(tmp_path, learn):
@@ -388,6 +454,34 @@ def test_the_truth_may_be_a_table(tmp_path, learn):
     assert found == expected
 
 
+def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, learn):
+    """On a circle, a tag that is also a camera and looks left; they err by 0.1 m and 0.02 rad."""
+    recorder, arm_m, beacon_m = Recorder(), np.array([0.5, 0.3]), np.array([6.0, 1.0])
+    for stamp_s in START_S + np.arange(0.0, 20.0, 0.1):
+        yaw = 0.4 * (stamp_s - START_S)
+        place_m = 2.0 * np.array([math.cos(yaw), math.sin(yaw)])
+        forward, left = np.array([math.cos(yaw), math.sin(yaw)]), [-math.sin(yaw), math.cos(yaw)]
+        way_m = beacon_m - (place_m + arm_m[0] * forward + arm_m[1] * np.array(left))
+        bearing_rad = math.atan2(way_m[1], way_m[0]) - yaw - math.pi / 2.0 + 0.02
+        recorder.add_truth('a', place_m, yaw, stamp_s)
+        recorder.add_range('a/tag', 'beacon', float(np.hypot(*way_m)) + 0.1, stamp_s, stamp_s)
+        recorder.add_bearing('a/tag', 'beacon', bearing_rad, stamp_s, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    mounts = {'tag': {'position': arm_m.tolist(), 'rotation': [0.0, 0.0, math.pi / 2.0]}}
+    fleet = {
+        'robots': ['a'],
+        'mounts': {'names': ['a/tag'], 'a': mounts},
+        'anchors': {'names': ['beacon'], 'beacon': {'position': beacon_m.tolist()}},
+    }
+    learn.params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
+    code, found = learn(
+        tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', 'all', '--margin', '0'
+    )
+    assert code == 0
+    assert 0.099 < found['range']['min_error'] <= found['range']['max_error'] < 0.101
+    assert found['bearing']['expected_error'] == pytest.approx(0.02, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'wanted'),
     [
@@ -413,9 +507,31 @@ def test_a_table_with_a_wrong_number_names_the_line(tmp_path, learn):
     table.write_text('stamp,robot,x,y\n1.0,robot_1,2.0,three\n')
     assert learn(bag, '--truth', table)[0] == 2
     assert 'truth.csv, line 2: could not convert' in learn.errors
+    table.write_text('stamp,robot,x,y\n1.0,robot_1,2.0,3.0\nnan,robot_1,2.0,3.0\n')
+    assert learn(bag, '--truth', table)[0] == 2
+    assert 'truth.csv, line 3: stamp nan is not a finite number' in learn.errors
     table.write_text('time,robot,x,y\n')
     assert learn(bag, '--truth', table)[0] == 2
     assert 'has no column stamp' in learn.errors
+
+
+def test_a_table_of_truth_in_space_has_heights(tmp_path):
+    table = tmp_path / 'truth.csv'
+    table.write_text('stamp,robot,x,y\n1.0,a,2.0,3.0\n')
+    with pytest.raises(UsageError, match='has no column z'):
+        read_truth_file(table, ['a'], 3)
+    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
+    table.write_text('stamp,robot,x,y,z\n1.0,a,2.0,3.0,\n')
+    with pytest.raises(UsageError, match='line 2: '):
+        read_truth_file(table, ['a'], 3)
+    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
+
+
+def test_in_space_the_likeliest_error_of_a_ray_is_not_told():
+    """An angle without a sign is no error about the vertical axis."""
+    errors = np.linspace(0.01, 0.05, 30)
+    bounds = fit_with_truth._bearing_group(np.arange(30.0), errors, Choice(), 3).bounds
+    assert bounds.keys() == {'half_width'}
 
 
 def test_stamps_on_two_clocks_are_explained(tmp_path, learn):

@@ -174,6 +174,20 @@ def test_message_is_read_from_its_bytes(localizer):
     assert taken(localizer) == {('range', 'b'): 1}
 
 
+@pytest.mark.parametrize('use_header_stamp', [False, True])
+def test_stamps_are_corrected_by_the_offset_of_their_link(
+    localizer, adapt_ranges, use_header_stamp
+):
+    adapt_ranges(lambda message: RangeReading(NOW_S, 3.0))
+    late = replace(RANGES, overrides={'stamp_offset': -0.25})
+    intake = Intake(localizer, use_header_stamp)
+    assert intake.take(late, serialize_message(Range()), NOW_S) is None
+    (state,) = [state for state in intake.states(NOW_S).values() if state.accepted]
+    assert state.age_s == 0.25
+    too_late = replace(RANGES, overrides={'stamp_offset': -25.0})
+    assert 'old' in intake.take(too_late, serialize_message(Range()), NOW_S).text
+
+
 @pytest.mark.parametrize('length', [0, 1, 3, 4, 5, 20, 31])
 def test_bytes_that_are_no_message_are_counted(localizer, length):
     data = serialize_message(Range(range=3.0))[:length]

@@ -182,13 +182,24 @@ def test_recording_has_six_links_and_no_templates():
         ('links', ['/t sensor_msgs/msg/PointCloud2 a b'], 'takes no target'),
         ('links', ['/t sensor_msgs/msg/PointCloud2 a x=1'], 'half_width, roll, pitch, yaw'),
         ('links', ['/t sensor_msgs/msg/PointCloud2 a yaw=nan'], 'must end in a finite number'),
-        ('links', ['/t nav_msgs/msg/Odometry a yaw=1'], 'an odometry link allows nothing'),
+        ('links', ['/t nav_msgs/msg/Odometry a yaw=1'], 'an odometry link allows stamp_offset'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
         ('links', ['/t gps_msgs/msg/Fix a b'], "type 'gps_msgs/msg/Fix' is no input; .*Range"),
         ('links', ['/t sensor_msgs/msg/Range a b max_eror=1'], "'max_eror' cannot"),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a finite number'),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=-9'], "'/t' .*range.min_error: "),
         ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
+        ('links', ['/t sensor_msgs/msg/PointCloud2 *'], 'do not say who measured; name the obs'),
+        (
+            'links',
+            ['/t sensor_msgs/msg/Range a b max_error=1.0 max_error=0.1'],
+            "'max_error' is named twice",
+        ),
+        (
+            'links',
+            ['/s nav_msgs/msg/Odometry a', '/t nav_msgs/msg/Odometry a'],
+            "the odometry of 'a' is named 2 times",
+        ),
         ('solver.resolution', 0.0, "'solver.resolution': 0.0 is not allowed"),
         ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
         (
@@ -367,6 +378,19 @@ def test_bounds_of_peers_are_those_of_all_targets():
     assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
 
 
+def test_a_cloud_without_bounds_has_those_of_the_fleet():
+    found = settings(
+        links=[
+            '/uwb/ab sensor_msgs/msg/Range a b max_error=0.1',
+            '/cam/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.02',
+            '/a/all sensor_msgs/msg/PointCloud2 a',
+        ],
+        **{'range.max_error': 0.5, 'bearing.half_width': 0.3},
+    )
+    assert found.fleet.range_error_of('a', 'b').max_error_m == 0.5
+    assert found.fleet.bearing_half_width_of('a', 'b') == 0.3
+
+
 def test_bounds_of_links_join_points_of_two_robots():
     mounts = {
         'mounts.names': ['a/left', 'a/camera'],
@@ -421,6 +445,27 @@ def test_link_to_a_robot_outside_the_fleet_is_kept_for_its_counts():
 def test_link_string_is_read_in_any_order_of_overrides():
     link = parse_link('/t sigma_factor=3 sensor_msgs/msg/Range a b min_error=-1e-1')
     assert (link.topic, dict(link.overrides)) == ('/t', {'sigma_factor': 3.0, 'min_error': -0.1})
+
+
+def test_stamps_are_corrected_by_kind_and_by_link():
+    found = settings(
+        **{'range.stamp_offset': -0.1, 'odometry.stamp_offset': 0.02, 'stamp_error': 0.01},
+        links=[
+            '/ab sensor_msgs/msg/Range a b',
+            '/ac sensor_msgs/msg/Range a c stamp_offset=-0.3',
+            '/a/wheels nav_msgs/msg/Odometry a stamp_offset=0',
+            '/a/seen sensor_msgs/msg/PointCloud2 a stamp_offset=-0.2',
+        ],
+    )
+    assert [link.stamp_offset_s for link in found.links] == [-0.1, -0.3, 0.0, -0.2]
+    by_kind = {template.kind: template for template in found.templates}
+    assert by_kind[LinkKind.RANGE].link_of('/b/range/c', 'abc').stamp_offset_s == -0.1
+    assert by_kind[LinkKind.ODOMETRY].link_of('/b/odom', 'abc').stamp_offset_s == 0.02
+    assert by_kind[LinkKind.BEARING].link_of('/b/bearing/c', 'abc').stamp_offset_s == 0.0
+    # It is no bound: those of the fleet hold.
+    assert found.fleet.links[0].range_error == found.fleet.range_error
+    assert found.fleet.stamp_error_s == 0.01
+    assert found.fleet.odometry_error_of('a').latency_s == pytest.approx(0.02)
 
 
 def test_parameters_of_others_are_left_alone():

@@ -4,6 +4,7 @@
 """Parts solved by the workers of an executor: the same answer, stopped as promptly."""
 
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from itertools import combinations
 from multiprocessing import get_context
 import pickle
 import threading
@@ -78,7 +79,18 @@ def chain_of_triangles(count):
     return Problem(*bounds(last + 1, ranges))
 
 
+def bodies_about_an_axis():
+    """Return two bodies in space that share two points, which do not measure each other."""
+    squared = squared_distances(np.random.default_rng(0).uniform(-5.0, 5.0, (10, 3)))
+    ranges = {}
+    for points, taken in (((0, 1, 2, 3, 4, 5), {(0, 1), (1, 5)}), ((0, 1, 6, 7, 8, 9), {(0, 1)})):
+        for pair in set(combinations(points, 2)) - taken:
+            ranges[pair] = 0.999 * squared[pair], 1.001 * squared[pair]
+    return Problem(*bounds(10, ranges), dimension=3)
+
+
 PROBLEMS = {
+    'bodies that turn about an axis': bodies_about_an_axis(),
     'a chain of small pieces': chain_of_triangles(30),
     'one large piece': braced_grid(9, 9, 0.01)[0],
     'many pieces': braced_grid(8, 8, 0.03, holes=0.3)[0],

@@ -60,6 +60,16 @@ def braced_grid(rows, columns, error, seed=0, holes=0.0):
     return Problem(*bounds(len(positions), ranges)), positions
 
 
+@pytest.mark.parametrize('max_boxes', [1, 2, 5])
+def test_patches_that_were_not_examined_take_no_boxes_of_other_pieces(max_boxes):
+    grid = braced_grid(5, 5, 0.05)[0]
+    lower, upper = bounds(27, {(25, 26): (1.0, 1.0)})
+    lower[:25, :25], upper[:25, :25] = grid.lower, grid.upper
+    done = solve(Problem(lower, upper), SolverOptions(max_boxes=max_boxes)).statistics
+    assert done.processed == done.empty + done.split + done.kept
+    assert done.empty >= 0 and done.kept >= 1
+
+
 @pytest.mark.parametrize('seeds', CHUNKS, ids=first_and_last)
 def test_no_truth_is_lost_in_patches(seeds, small_patches):
     for seed in seeds:

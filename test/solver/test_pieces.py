@@ -21,6 +21,7 @@ from dg_localization import (
     Verdict,
     solve,
 )
+from dg_localization.solver.assemble.solved_pieces import SolvedPiece
 
 TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]], dtype=float)
 FOURS = ((0, 1, 2, 3), (3, 4, 5, 6))
@@ -289,6 +290,26 @@ def test_a_stopped_call_leaves_a_complete_cover():
         assert result.verdict is Verdict.OUT_OF_BUDGET
         assert result.statistics.processed == 0
         assert holds(result, positions, squared_distances(positions))
+
+
+@pytest.mark.parametrize('max_boxes', [2, 3])
+def test_pieces_that_are_alike_take_a_box_each(max_boxes):
+    done = solve(Problem(*bounds(3, {})), SolverOptions(max_boxes=max_boxes)).statistics
+    assert done.processed == done.kept == max_boxes
+    assert done.empty == 0 and done.pending == 3 - max_boxes
+
+
+def test_boxes_that_were_not_examined_count_beside_patches():
+    """A piece is solved once for each choice of what it is given, in patches or as a whole."""
+
+    class Patches:
+        def n_boxes(self):
+            return 3
+
+        def n_pending(self):
+            return 1
+
+    assert SolvedPiece((0, 1), [], {b'a box'}, [Patches()]).n_boxes([]) == (4, 2)
 
 
 def test_progress_adds_up_over_pieces():

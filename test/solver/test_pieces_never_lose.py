@@ -58,7 +58,7 @@ def check(seed):
     done = result.statistics
     boxes = sum(len(h.boxes) for piece in result.pieces for h in piece.hypotheses)
     assert done.processed == done.empty + done.split + done.kept <= case.options.max_boxes
-    assert done.kept + done.pending == boxes
+    assert done.kept + done.pending == boxes and done.empty >= 0
     assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
     assert set(range(case.problem.n_points)) == {
         p for piece in result.pieces for p in piece.points

@@ -14,13 +14,13 @@ from solver_cases import box_of, squared_distances
 
 from dg_localization.interval.rounding import sqrt_down, sqrt_up
 from dg_localization.interval.scalars import sub
-from dg_localization.solver.contract.projection import (
+from dg_localization.solver.contract.axis_bounds import (
     axis_coordinate,
     coordinate_difference_down,
     coordinate_difference_up,
-    project,
     squared_height,
 )
+from dg_localization.solver.contract.projection import project
 from dg_localization.solver.contract.rows import T_LOWER, T_UPPER, make_rows
 
 mpmath = pytest.importorskip('mpmath')

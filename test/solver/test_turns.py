@@ -52,6 +52,14 @@ def test_a_side_that_may_vanish_bounds_no_angle():
     assert bound_angle(box, 0, 1, 2)[1] >= math.pi
 
 
+def test_the_angle_between_sides_whose_product_underflows_is_bounded():
+    unit = 2.0**-1074
+    box = np.zeros((4, 3, 3))
+    box[:2] = unit * np.array([[0.0, 1.0, 2.0], [1.0, 0.0, 1.0], [2.0, 1.0, 0.0]])
+    low, high = bound_angle(box, 0, 1, 2)
+    assert low <= 0.25 * math.pi <= high
+
+
 def test_an_angle_of_unknown_sign_has_both():
     assert _signed_angle(0.1, 0.5, 1, True) == (0.1, 0.5)
     assert _signed_angle(0.1, 0.5, -1, True) == (-0.5, -0.1)

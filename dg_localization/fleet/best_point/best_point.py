@@ -167,8 +167,9 @@ class BestPointFinder:
         self._held = held
         self._sensors = sensors
         for sensor in sensors:
-            if sensor.body not in held:
-                self._rays_of.setdefault(sensor.body, []).extend(sensor.ray())
+            rays = [] if sensor.body in held else sensor.ray()
+            if rays:
+                self._rays_of.setdefault(sensor.body, []).extend(rays)
         self._yaws_rad = yaws_rad
         self._past = None
         if past is not None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.frames.headings import Heading
+from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval
@@ -114,14 +115,11 @@ class BodyPoses:
             return None
         self._n_covers += 1
         others = [reading.other for reading in readings]
-        mounted = [self._config.sensors.get(reading.member) for reading in readings]
-        arms_m = np.array([mount.position_m if mount else (0.0, 0.0) for mount in mounted])
-        bounds_m = np.array([[mount.bound_m if mount else 0.0] for mount in mounted])
         distances_m = np.array([reading.distance_m for reading in readings])
         return cover_poses(
             PairReadings.of(
                 _in_space(enclosure[others]),
-                _in_space(_around(arms_m, bounds_m)),
+                places_on_body(self._config, [reading.member for reading in readings]),
                 Interval(distances_m[:, 0], distances_m[:, 1]),
                 np.array([reading.ray for reading in readings]),
                 np.array([reading.error_rad for reading in readings]),
@@ -163,15 +161,6 @@ class BodyPoses:
                         _Reading(member, other, ray=direction, error_rad=ray.half_width_rad)
                     )
         return readings
-
-
-def _around(points_m: FloatArray, bounds_m: FloatArray) -> Interval:
-    """Return points with their bounds; exact where the bound is zero."""
-    around = Interval.around(points_m, bounds_m)
-    exact = bounds_m == 0.0
-    return Interval(
-        np.where(exact, points_m, around.lower), np.where(exact, points_m, around.upper)
-    )
 
 
 def _in_space(points: Interval) -> Interval:

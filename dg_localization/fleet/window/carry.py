@@ -11,11 +11,10 @@ odometry is left out: how far it may have moved soon says nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +23,12 @@ from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion
-from dg_localization.fleet.odometry import MotionLimits, OdometryPath
+from dg_localization.fleet.mounts import places_on_body
+from dg_localization.fleet.odometry import OdometryPath
 from dg_localization.fleet.track_poses import TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
+from dg_localization.fleet.window.paths import Tilt, path_of
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import NO_RAY_RAD, PairReadings, PastPoses
 
@@ -40,20 +41,13 @@ Pair = tuple[int, int]
 AHEAD = np.array([1.0, 0.0, 0.0])
 
 
-class Tilt(NamedTuple):
-    """The rotation from the body frame of a robot to its level frame, and its greatest error."""
-
-    rotation: NDArray[np.float64]
-    error_rad: float
-
-
 @dataclass(frozen=True)
 class _Row:
-    """An observation with what its ends are: a point of the world where the first body is it."""
+    """An observation with a point of the first body and one of the second."""
 
     observation: Observation
     seen_by_second: bool
-    anchor: int | None
+    points: tuple[int, int]
 
 
 class CarriedWindow:
@@ -108,7 +102,8 @@ class CarriedWindow:
     def path(self, robot: int) -> OdometryPath:
         """Return the path of a robot with odometry."""
         if robot not in self._paths:
-            self._paths[robot] = odometry_path(self._config, self._motion, robot)
+            name = self._config.robots[robot]
+            self._paths[robot] = path_of(self._config, name, self._motion.odometry[name])
         return self._paths[robot]
 
     def near_pairs(self, most: int, newest_s: float) -> tuple[Pair, ...]:
@@ -174,12 +169,16 @@ class CarriedWindow:
         """Return the times of the observations of a pair, newest first."""
         return np.array(self._stamps_of(pair))
 
+    def between_origins(self, pair: Pair) -> tuple[Observation, ...]:
+        """Return what two robots observed from origin to origin, newest first."""
+        return tuple(row.observation for row in self._rows[pair] if row.points == pair)
+
     def sources(self, pair: Pair) -> tuple[tuple[str, str, Observation], ...]:
         """Return the observations of a pair with observer and target, newest first."""
         names = self._config.points
         found = []
         for row in self._rows[pair]:
-            first, second = names[pair[0] if row.anchor is None else row.anchor], names[pair[1]]
+            first, second = (names[point] for point in row.points)
             ends = (second, first) if row.seen_by_second else (first, second)
             found.append((*ends, row.observation))
         return tuple(found)
@@ -228,7 +227,7 @@ class CarriedWindow:
         return self._seen((WORLD, robot), rows, PastPoses.at_rest(len(rows)), past)
 
     def seen_between(self, robot: int, after_s: float, until_s: float) -> tuple[Observation, ...]:
-        """Return the observations that `readings_between` is made of."""
+        """Return what `readings_between` is made of."""
         return tuple(row.observation for row in self._rows_between(robot, after_s, until_s))
 
     def _rows_between(self, robot: int, after_s: float, until_s: float) -> list[_Row]:
@@ -286,9 +285,10 @@ class CarriedWindow:
             others_rays, others_errors = other.rays_now(*leveled)
             seen = np.where(by_second[:, None], seen, others_rays)
             seen_errors = np.where(by_second, seen_errors, others_errors)
+        first_points, second_points = zip(*(row.points for row in rows), strict=True)
         return PairReadings.of(
-            self._places(rows) if first == WORLD else other.position_m,
-            poses.position_m,
+            self._places(rows) if first == WORLD else self._points(first_points, stamps, other),
+            self._points(second_points, stamps, poses),
             Interval(
                 np.array([row.observation.lower_m for row in rows]),
                 np.array([row.observation.upper_m for row in rows]),
@@ -308,10 +308,10 @@ class CarriedWindow:
         pair = self._pair_of(observer, target)
         if pair is None:
             return
-        first, second = self._body_of(observer), self._body_of(target)
-        anchor = observer if first == WORLD else target if second == WORLD else None
+        by_second = self._body_of(observer) == pair[1]
+        points = (target, observer) if by_second else (observer, target)
         rows = self._rows.setdefault(pair, [])
-        rows += [_Row(seen, first == pair[1], anchor) for seen in observations]
+        rows += [_Row(seen, by_second, points) for seen in observations]
 
     def _pair_of(self, observer: int, target: int) -> Pair | None:
         """
@@ -328,15 +328,17 @@ class CarriedWindow:
         return min(first, second), max(first, second)
 
     def _body_of(self, point: int) -> int | None:
-        """Return the body of a point; None for a sensor, or where the motion is not known."""
-        name = self._config.points[point]
-        if name in self._config.sensors:
+        """Return the body of a point; None where the motion is not known."""
+        config, name = self._config, self._config.points[point]
+        robot = config.robot_of(name)
+        # Where readings may be wrong, those of sensors count at the moment, and so not here.
+        if robot != name and (config.window_outliers or robot in config.anchors):
             return None
-        if name in self._config.anchors:
+        if robot in config.anchors:
             return WORLD
-        if not (self._motion.odometry.get(name) and self._config.is_upright(name)):
+        if not (self._motion.odometry.get(robot) and config.is_upright(robot)):
             return None
-        return point
+        return config.robots.index(robot)
 
     def _stamps_of(self, pair: Pair) -> list[float]:
         return [row.observation.stamp_s for row in self._rows[pair]]
@@ -369,9 +371,8 @@ class CarriedWindow:
 
     def _ray_error_rad(self, row: _Row) -> float:
         """Return the error of a ray; how an anchor is turned is not known."""
-        if row.observation.direction is None or (
-            row.anchor is not None and not row.seen_by_second
-        ):
+        of_anchor = self._body_of(row.points[0]) == WORLD and not row.seen_by_second
+        if row.observation.direction is None or of_anchor:
             return NO_RAY_RAD
         return row.observation.half_width_rad
 
@@ -380,21 +381,20 @@ class CarriedWindow:
         boxes, dimension = self._anchors.boxes, self._config.dimension
         lower, upper = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
         for number, row in enumerate(rows):
-            if row.anchor is not None:
-                box = boxes[row.anchor]
-                lower[number, :dimension], upper[number, :dimension] = box.lower, box.upper
+            box = boxes[row.points[0]]
+            lower[number, :dimension], upper[number, :dimension] = box.lower, box.upper
         return Interval(lower, upper)
 
-
-def odometry_path(config: FleetConfig, motion: Motion, robot: int) -> OdometryPath:
-    """Return the path of a robot with odometry."""
-    name = config.robots[robot]
-    track = motion.odometry[name]
-    return OdometryPath(
-        [reading.stamp_s for reading in track],
-        [reading.position_m for reading in track],
-        [reading.rotation for reading in track],
-        config.odometry_error_of(name),
-        MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
-        config.dimension,
-    )
+    def _points(
+        self, points: Sequence[int], stamps_s: NDArray[np.float64], poses: PastPoses
+    ) -> Interval:
+        """Return where points of a robot were in some past poses, shape (m, 3)."""
+        config = self._config
+        names = [config.points[point] for point in points]
+        if config.sensors.keys().isdisjoint(names):
+            return poses.position_m
+        arms_m = places_on_body(config, names)
+        if config.dimension == 3:
+            robot = config.robots.index(config.robot_of(names[0]))
+            arms_m = self.path(robot).leveled_points(stamps_s, arms_m)
+        return poses.points_now(arms_m)

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.memory import Ends, Spans
@@ -52,6 +54,12 @@ class Forgotten:
     text: str
     after_s: float = -math.inf
     now_too: bool = False
+
+
+def ends_between(config: FleetConfig, body: str, others: Iterable[str]) -> frozenset[Ends]:
+    """Return the points by which a robot and other bodies observe each other."""
+    theirs = [point for other in others for point in config.points_on(other)]
+    return frozenset(product(config.points_on(body), theirs))
 
 
 def also_forgotten(known: Spans, more: Iterable[Forgotten], oldest_s: float = -math.inf) -> Spans:

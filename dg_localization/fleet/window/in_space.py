@@ -12,7 +12,8 @@ import numpy as np
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.headings import Heading
 from dg_localization.fleet.rotations import quaternion_of, rotations_about_z
-from dg_localization.fleet.window.carry import WORLD, Tilt
+from dg_localization.fleet.window.carry import WORLD
+from dg_localization.fleet.window.paths import Tilt
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
 from dg_localization.fleet.window.shape_headings import (
     Narrowed,

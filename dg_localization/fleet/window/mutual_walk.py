@@ -84,7 +84,7 @@ class MutualWalk:
     def of(cls, carried: CarriedWindow, pair: Pair, memory_s: float) -> Self:
         """Return the way of two robots with all ranges of a window."""
         paths = carried.path(pair[0]), carried.path(pair[1])
-        return cls(paths, (one for _, _, one in carried.sources(pair)), memory_s)
+        return cls(paths, carried.between_origins(pair), memory_s)
 
     @property
     def known_s(self) -> float:

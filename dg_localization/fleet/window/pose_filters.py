@@ -188,7 +188,8 @@ class PoseFilters:
 
 def _are_with_anchors(config: FleetConfig, robot: str, ends: Iterable[Ends]) -> bool:
     """Return whether any of some ends are those of a robot and an anchor."""
-    return any(robot in pair and not {*pair}.isdisjoint(config.anchors) for pair in ends)
+    bodies = ({config.robot_of(point) for point in pair} for pair in ends)
+    return any(robot in pair and not pair.isdisjoint(config.anchors) for pair in bodies)
 
 
 class _Walk:

@@ -17,7 +17,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
-from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.forgetting import Forgotten, ends_between
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.bounds import squared_distance
@@ -225,7 +225,7 @@ def _what_contradicts(snapshot: Snapshot, pair: Pair, since_s: float, after_s: f
     others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)
     name = 'the anchors' if first == WORLD else robots[first]
     return Forgotten(
-        ends=frozenset((robots[second], other) for other in others),
+        ends=ends_between(snapshot.config, robots[second], others),
         before_s=now_s,
         text=f'what {robots[second]} and {name} measured of each other more than '
         f'{now_s - since_s:.1f} s ago contradicts what they measured since',
@@ -239,8 +239,9 @@ def _what_odometry_carries(
 ) -> Forgotten:
     """Return what to forget of robots where the odometry of one may be wrong, or to leave out."""
     robots, now_s = snapshot.config.robots, snapshot.stamp_s
+    others = [other for other in robots if other != robots[robot]]
     return Forgotten(
-        ends=frozenset((robots[robot], other) for other in robots if other != robots[robot]),
+        ends=ends_between(snapshot.config, robots[robot], others),
         before_s=now_s,
         text=f'the odometry of {robots[robot]} may be wrong',
         after_s=-math.inf if agreed_s == -math.inf else now_s,

@@ -17,7 +17,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
-from dg_localization.fleet.window.forgetting import Forgotten, without
+from dg_localization.fleet.window.forgetting import Forgotten, ends_between, without
 from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pair_filters import Directions, PairFilters
@@ -324,11 +324,11 @@ def sifted(
 def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
     """Return the points that pairs of bodies observe each other by."""
     robots = config.robots
-    return frozenset(
-        (robots[second], other)
-        for first, second in pairs
-        for other in (config.anchors if first == WORLD else (robots[first],))
-    )
+    found: frozenset[Ends] = frozenset()
+    for first, second in pairs:
+        others = config.anchors if first == WORLD else (robots[first],)
+        found |= ends_between(config, robots[second], others)
+    return found
 
 
 def chain_seconds(config: FleetConfig) -> float:

@@ -74,7 +74,7 @@ def collect(
     truth = {} if file else find_truth(options.truth, robots, recorded)
     collector = Collector(settings, inputs, truth)
     if file:
-        collector.samples.truth.update(read_truth_file(file, robots))
+        collector.samples.truth.update(read_truth_file(file, robots, settings.fleet.dimension))
     topics = list(dict.fromkeys([*inputs.topics, *truth]))
     with closing(Bag(options.bag, topics, contents.span_ns())) as bag:
         classes = {topic.name: topic.message_class for topic in bag.topics}

@@ -10,7 +10,7 @@ import numpy as np
 
 from dg_localization.fleet import LinkKind
 from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
-from dg_localization.ros.interface.links import OVERRIDES, Link
+from dg_localization.ros.interface.links import OVERRIDES, STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -115,6 +115,8 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
 
 def _is_learned(fit: Fit, kind: LinkKind, name: str) -> bool:
     """Return whether what a name of a link stands for was learned."""
+    if name == STAMP_OFFSET:
+        return False
     if kind is LinkKind.BEARING or name == 'half_width':
         return bool(fit.bearings)
     return name in OVERRIDES[LinkKind.RANGE] and bool(fit.ranges)

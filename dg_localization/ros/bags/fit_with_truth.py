@@ -22,7 +22,7 @@ from dg_localization.calibration.odometry import (
     odometry_windows,
 )
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet import FleetConfig, OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, compared_rays
 from dg_localization.ros.bags.fitted import (
@@ -77,13 +77,13 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
             for pair, (stamps, readings, errors) in by_group.items()
         },
         bearings={
-            pair: _bearing_group(stamps, errors, choice)
+            pair: _bearing_group(stamps, errors, choice, dimension)
             for pair, (stamps, errors) in gathered(
                 {key: (one.stamps_s, one.errors) for key, one in bearings.items()}, per
             ).items()
         },
     )
-    learned = _add_odometry(fit, samples, tracks, per, choice)
+    learned = _add_odometry(fit, samples, tracks, settings.fleet, per, choice)
     if learned:
         _add_stated_odometry(fit, settings.fleet.robot_odometry_error, learned)
     if not (fit.ranges or fit.bearings or fit.odometry):
@@ -94,7 +94,10 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     known = sum(len(one.errors) for one in (*ranges.values(), *bearings.values()))
     unknown = samples.n_readings - known
     if unknown:
-        fit.notes.append(f'{unknown} readings have no ground truth at their time.')
+        fit.notes.append(
+            f'{unknown} readings have no ground truth at their time: of places, and of headings '
+            'for rays and for sensors away from the center of a robot.'
+        )
     fit.notes += broken_bounds(settings.fleet, ranges, bearings)
     return fit
 
@@ -122,13 +125,18 @@ def _range_group(
     return GroupFit(len(errors_m), excluded, seen, bounds, rest)
 
 
-def _bearing_group(stamps_s: FloatArray, errors_rad: FloatArray, choice: Choice) -> GroupFit:
+def _bearing_group(
+    stamps_s: FloatArray, errors_rad: FloatArray, choice: Choice, dimension: int
+) -> GroupFit:
     half_width_rad = fit_half_width_rad(errors_rad, choice)
     bias_rad = float(np.median(errors_rad))
     seen = f'error {errors_rad.min():.3f} to {errors_rad.max():.3f} rad, median {bias_rad:.3f}'
     sizes_rad = np.abs(errors_rad)
     excluded = int(np.count_nonzero(sizes_rad > half_width_rad))
-    bounds = {'half_width': half_width_rad, EXPECTED_ERROR: bias_rad}
+    bounds = {'half_width': half_width_rad}
+    if dimension == 2:
+        # In space the errors are angles without a sign, and say nothing of the vertical axis.
+        bounds[EXPECTED_ERROR] = bias_rad
 
     def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
         half_rad = fit_half_width_rad(errors_rad[learned], choice)
@@ -150,7 +158,12 @@ def _share_of_rest(
 
 
 def _add_odometry(
-    fit: Fit, samples: Samples, tracks: Mapping[str, TrueTrack], per: str, choice: Choice
+    fit: Fit,
+    samples: Samples,
+    tracks: Mapping[str, TrueTrack],
+    fleet: FleetConfig,
+    per: str,
+    choice: Choice,
 ) -> frozenset[str]:
     """
     Add the bounds of odometry, those of all robots and of each, and a sentence on each.
@@ -168,7 +181,12 @@ def _add_odometry(
         rotations = rotation_of_quaternion(turns)
         increasing = np.concatenate([[True], np.diff(np.maximum.accumulate(stamps)) > 0.0])
         windows = odometry_windows(
-            stamps[increasing], positions[increasing], rotations[increasing], tracks[robot]
+            stamps[increasing],
+            positions[increasing],
+            rotations[increasing],
+            tracks[robot],
+            fleet.dimension,
+            fleet.is_upright(robot),
         )
         if len(windows.seconds) >= LEAST_READINGS:
             found[robot] = windows

@@ -103,9 +103,9 @@ def _scatter_group(
     """Return the stated bounds, no narrower than the scatter; those around a known bias."""
     low_m, high_m = shortest_band(scatter_m, choice.keep)
     seen = f'scatter {low_m:.2f} to {high_m:.2f} m'
-    beyond = int(np.count_nonzero((scatter_m < low_m) | (scatter_m > high_m)))
     width_m = (high_m - low_m) * (1.0 + 2.0 * choice.margin)
     if bias_m is not None:
+        beyond = int(np.count_nonzero((scatter_m < low_m) | (scatter_m > high_m)))
         extra_m = choice.margin * (high_m - low_m)
         model = rounded_outward(bias_m[0] + low_m - extra_m, bias_m[1] + high_m + extra_m)
         return GroupFit(len(scatter_m), beyond, seen, range_parameters(model))
@@ -114,8 +114,9 @@ def _scatter_group(
     extra_m = max(0.0, width_m - stated_m) / 2.0
     if extra_m > 0.0:
         seen += f', which the {stated_m:.2f} m between the stated bounds cannot hold: widened'
-    else:
-        beyond = 0
+    # What no bias brings between the bounds together with the others.
+    held_m = max(stated_m, width_m)
+    beyond = int(np.count_nonzero((scatter_m > low_m + held_m) | (scatter_m < high_m - held_m)))
     wide = rounded_outward(stated.min_error_m - extra_m, stated.max_error_m + extra_m)
     bounds = {
         **range_parameters(stated),
@@ -182,7 +183,10 @@ def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
             (stamp_s, *distance_bounds_m(model, range_m)) for stamp_s, range_m in rows
         ]
     columns = {ends: np.array(sorted(rows)).T for ends, rows in sides.items()}
-    speed_m_s = 2.0 * max(fleet.speed_m_s(robot) for robot in fleet.robots)
+    # A sensor away from the center of its robot swings as that turns.
+    arms_m = (math.hypot(*mount.position_m) + mount.bound_m for mount in fleet.sensors.values())
+    swing_m_s = fleet.max_turn_rate_rad_s * max(arms_m, default=0.0)
+    speed_m_s = 2.0 * (max(fleet.speed_m_s(robot) for robot in fleet.robots) + swing_m_s)
     looked_at = 0
     for corners in combinations(sorted(frozenset().union(*columns)), 3):
         triangle = [frozenset(pair) for pair in combinations(corners, 2)]

@@ -11,9 +11,9 @@ import math
 from statistics import median_low
 from typing import Any
 
-from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey
+from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
 from dg_localization.ros.interface.diagnostics import Malformed
-from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.solver.result import Verdict
 
 WITHOUT_CHECKSUMS = (
@@ -198,7 +198,13 @@ class BagReport:
     def _delivered(self) -> list[InputState]:
         """What came by topics: of peers the sum, not each once more."""
         with_topic = {link.key for link in self.links}
-        return [state for key, state in self.states.items() if key in with_topic]
+        # Messages that name their observer themselves are peers of whoever that is.
+        named = any(key.observer == ANY_OBSERVER for key in with_topic)
+        return [
+            state
+            for key, state in self.states.items()
+            if key in with_topic or (named and key.kind is LinkKind.PEERS)
+        ]
 
 
 def as_json(report: BagReport) -> str:

@@ -17,8 +17,9 @@ from rclpy.serialization import deserialize_message
 
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
-from dg_localization.fleet.error_models import interpret_range, interpret_ray
+from dg_localization.fleet.error_models import in_body_frame, interpret_range, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
+from dg_localization.fleet.measurements import is_pose
 from dg_localization.ros.bags.offline import Inputs, in_seconds
 from dg_localization.ros.bags.reader import BagError, BagMessage, find_message_class
 from dg_localization.ros.executables import UsageError
@@ -72,13 +73,17 @@ class Samples:
         return sum(len(rows) for rows in (*self.ranges.values(), *self.rays.values()))
 
     def tracks(self, settings: Settings) -> dict[str, TrueTrack]:
-        """Return the true paths of the robots and the places of the anchors, by name."""
+        """Return the true paths of robots and sensors and the places of anchors, by name."""
         tracks = {
             robot: TrueTrack(*map(np.array, zip(*rows, strict=True)))
             for robot, rows in self.truth.items()
         }
         for name, anchor in settings.fleet.anchors.items():
             tracks.setdefault(name, TrueTrack.at_rest(anchor.coordinates_m))
+        for name, mount in settings.fleet.sensors.items():
+            robot = tracks.get(settings.fleet.robot_of(name))
+            if robot is not None:
+                tracks[name] = robot.carrying(mount.position_m)
         return tracks
 
 
@@ -116,8 +121,10 @@ class _Gatherer(Localizer):
     def add_bearing(
         self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
     ) -> None:
-        """Keep the unit vector of a ray that has a direction."""
-        taken = interpret_ray(ray_xyz, self.config.dimension)
+        """Keep the unit vector of a ray that has a direction, in the body frame."""
+        taken = in_body_frame(self.config.sensors.get(observer), ray_xyz)
+        if not isinstance(taken, Rejection):
+            taken = interpret_ray(taken, self.config.dimension)
         if not isinstance(taken, Rejection):
             key = LinkKey(LinkKind.BEARING, observer, target)
             self.samples.rays[key].append((stamp_s, taken))
@@ -131,11 +138,12 @@ class _Gatherer(Localizer):
         now_s: float,
         frame: str = '',
     ) -> None:
-        """Keep a pose that has an orientation."""
+        """Keep what is a pose."""
+        position = np.asarray(position_xyz, dtype=float)
         turn = np.asarray(orientation_xyzw, dtype=float)
-        length = float(np.linalg.norm(turn))
-        if math.isfinite(length) and length > 0.0:
-            self.samples.odometry[robot].append((stamp_s, position_xyz, turn / length))
+        if is_pose(position, turn):
+            unit = turn / np.linalg.norm(turn)
+            self.samples.odometry[robot].append((stamp_s, position, unit))
 
     def add_peers(
         self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
@@ -261,7 +269,9 @@ def find_truth(
     return found
 
 
-def read_truth_file(path: Path, robots: Sequence[str]) -> dict[str, list[tuple[float, Any, Any]]]:
+def read_truth_file(
+    path: Path, robots: Sequence[str], dimension: int
+) -> dict[str, list[tuple[float, Any, Any]]]:
     """
     Read a ground truth from a table in text.
 
@@ -269,9 +279,10 @@ def read_truth_file(path: Path, robots: Sequence[str]) -> dict[str, list[tuple[f
     ----------
     path : Path
         A .csv with the columns stamp (s), robot, x, y (m), and z (m) and yaw (rad) where they are
-        known.
+        known; in space z has to be.
     robots : sequence of str
         Other names are passed over.
+    dimension : {2, 3}
 
     Returns
     -------
@@ -281,22 +292,27 @@ def read_truth_file(path: Path, robots: Sequence[str]) -> dict[str, list[tuple[f
     Raises
     ------
     UsageError
-        If a column is missing or a value is no number; the message names the line.
+        If a column is missing or a value is no number, or a stamp is not finite; the message
+        names the line.
 
     """
     truth: dict[str, list[tuple[float, Any, Any]]] = defaultdict(list)
     with path.open(newline='', encoding='utf-8') as file:
         rows = csv.DictReader(file)
-        missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+        wanted = COLUMNS if dimension == 2 else (*COLUMNS, 'z')
+        missing = [name for name in wanted if name not in (rows.fieldnames or ())]
         if missing:
             raise UsageError(
                 f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
-                'robot, x, y, and z and yaw where they are known'
+                'robot, x, y, in space z, and z and yaw where they are known'
             )
+        flat = '0' if dimension == 2 else ''
         for row in rows:
             try:
                 stamp_s, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
-                z, half = float(row.get('z') or 0.0), float(row.get('yaw') or math.nan) / 2.0
+                z, half = float(row.get('z') or flat), float(row.get('yaw') or math.nan) / 2.0
+                if not math.isfinite(stamp_s):
+                    raise ValueError(f'stamp {stamp_s} is not a finite number')
             except (TypeError, ValueError) as error:
                 raise UsageError(f'{path}, line {rows.line_num}: {error}') from None
             if row['robot'] in robots:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dg_localization.fleet import Conflict, Estimate, Group, InputState, LinkKey, LinkKind
 from dg_localization.ros.interface.doubts import (
-    doubts_of_frame,
+    doubts_of_fleet,
     doubts_of_placements,
     doubts_of_width,
 )
@@ -164,8 +164,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
         return Level.ERROR, f'contradiction: {estimate.reason}'
     if not estimate.placements:
         return Level.WARN, estimate.reason
-    widths = doubts_of_width(estimate, range(len(report.robots)), report.localized_width_m)
-    doubts = [*widths, *doubts_of_placements(estimate), *doubts_of_frame(estimate)]
+    doubts = list(doubts_of_fleet(estimate, report.localized_width_m))
     if doubts:
         return Level.WARN, '; '.join(doubts)
     return Level.OK, 'localized: one hypothesis'

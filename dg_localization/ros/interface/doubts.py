@@ -10,6 +10,28 @@ import numpy as np
 from dg_localization.fleet import Estimate
 from dg_localization.solver.result import Verdict
 
+LISTED_ROBOTS = 8
+"""So many are named; the others have statuses of their own."""
+
+
+def doubts_of_fleet(estimate: Estimate, localized_width_m: float) -> Iterator[str]:
+    """Yield why a fleet with placements is not called localized."""
+    yield from doubts_of_width(estimate, range(len(estimate.robots)), localized_width_m)
+    yield from _doubts_of_robots(estimate)
+    yield from doubts_of_placements(estimate)
+    yield from doubts_of_frame(estimate)
+
+
+def _doubts_of_robots(estimate: Estimate) -> Iterator[str]:
+    """Yield which robots are nowhere; those of groups are in frames of their own."""
+    grouped = {robot for group in estimate.groups for robot in group.robots}
+    bounded = [np.isfinite(one.enclosure_m).all(axis=(1, 2)) for one in estimate.placements]
+    rows = np.flatnonzero(~np.all(bounded, axis=0))
+    names = [estimate.robots[row] for row in rows if estimate.robots[row] not in grouped]
+    if names:
+        more = f' and {len(names) - LISTED_ROBOTS} more' if len(names) > LISTED_ROBOTS else ''
+        yield f'not bounded: {", ".join(names[:LISTED_ROBOTS])}{more}'
+
 
 def doubts_of_placements(estimate: Estimate) -> Iterator[str]:
     """Yield why the placements do not settle where the fleet is."""

@@ -41,7 +41,7 @@ KIND_OF_VALUE = {
 }
 
 # Their messages never say who measured.
-NAMELESS = {PixelReading}
+NAMELESS = {PeersReading, PixelReading}
 
 # Stands for the observer in a link whose messages say who measured.
 ANY_OBSERVER = '*'
@@ -57,11 +57,12 @@ RANGE_BOUNDS = (
     'max_error_relative',
     'sigma_factor',
 )
+STAMP_OFFSET = 'stamp_offset'
 OVERRIDES = {
-    LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error'),
-    LinkKind.BEARING: ('half_width', 'expected_error'),
-    LinkKind.ODOMETRY: (),
-    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', *TURNS),
+    LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error', STAMP_OFFSET),
+    LinkKind.BEARING: ('half_width', 'expected_error', STAMP_OFFSET),
+    LinkKind.ODOMETRY: (STAMP_OFFSET,),
+    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', *TURNS, STAMP_OFFSET),
     LinkKind.CAMERA: (),
 }
 
@@ -91,8 +92,8 @@ class Link:
     explicit : bool
         Whether it was named one by one, so that its silence is worth a warning.
     overrides : mapping of str to float
-        Error bounds that differ from the fleet's, by their name without the prefix; for peers, how
-        their sensor is turned.
+        Error bounds that differ from the fleet's, by their name without the prefix; what is added
+        to stamps; for peers, how their sensor is turned.
 
     """
 
@@ -101,6 +102,11 @@ class Link:
     key: LinkKey
     explicit: bool = False
     overrides: Mapping[str, float] = field(default_factory=dict, hash=False)
+
+    @property
+    def stamp_offset_s(self) -> float:
+        """What is added to the stamps of the messages."""
+        return self.overrides.get(STAMP_OFFSET, 0.0)
 
     def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""
@@ -152,7 +158,11 @@ def parse_link(text: str) -> Link:
     if observer == target:
         raise ValueError(f"'{observer}' cannot measure itself; name two different points")
     check_topic(topic)
-    overrides = dict(_parse_override(word, kind) for word in words if '=' in word)
+    overrides: dict[str, float] = {}
+    for name, value in (_parse_override(word, kind) for word in words if '=' in word):
+        if name in overrides:
+            raise ValueError(f"'{name}' is named twice, name it once")
+        overrides[name] = value
     return Link(topic, type_name, LinkKey(kind, observer, target), True, overrides)
 
 
@@ -196,11 +206,14 @@ class Template:
         The topic with the names of `fields` in braces; empty for no topics.
     type_name : str
         Message type of these topics.
+    overrides : mapping of str to float
+        Those of its links.
 
     """
 
     text: str
     type_name: str
+    overrides: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def kind(self) -> LinkKind:
@@ -309,7 +322,9 @@ class Template:
                 key = LinkKey(
                     self.kind, found.get('observer') or found['robot'], found.get('target', '')
                 )
-                return Link(topic, self.type_name, key) if key.observer != key.target else None
+                if key.observer == key.target:
+                    return None
+                return Link(topic, self.type_name, key, overrides=self.overrides)
         return None
 
     def _pattern(self, names: Mapping[str, str]) -> re.Pattern[str]:

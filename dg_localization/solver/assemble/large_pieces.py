@@ -131,7 +131,7 @@ def solve_large(
     is_done = solved.is_one_body and solved.is_complete()
     if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
         return LargePiece(solved, None, answers.hypotheses(most))
-    budget.go_on_from(solved.n_boxes())
+    budget.go_on_from(solved.n_boxes() - solved.n_pending())
     if not is_done:
         # Halves of wide distances would be parts of the hypotheses that the patches tell apart.
         at_gaps = solved.is_complete() and not is_known_well(problem)

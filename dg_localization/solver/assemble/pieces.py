@@ -179,8 +179,8 @@ class PieceSolver:
         self._joints = decomposition.joints
         self._ahead: dict[int, SolvedPart] = {}
         self._given_boxes = 0
-        parts = enumerate(decomposition.pieces)
-        self._tasks = [_Task(part.points, [number]) for number, part in parts]
+        self._parts = decomposition.pieces
+        self._tasks = [_Task(part.points, [number]) for number, part in enumerate(self._parts)]
         self._joints_of: list[list[Joint]] = [[] for _ in self._tasks]
         for joint in self._joints:
             for number in joint.pieces:
@@ -223,6 +223,7 @@ class PieceSolver:
             number
             for number, task in enumerate(self._tasks)
             if len(task.points) < POINTS_PER_WORKER
+            and not self._parts[number].given
             and not any(j.kind is JointKind.REFLECTION for j in self._joints_of[number])
         ]
         parts = []
@@ -300,8 +301,7 @@ class PieceSolver:
             problem = restricted(self._problem, task.points, bounds, constraints)
             if problem is not None:
                 part = share / (len(given) - x)
-                search = self._found_ahead(task, problem, part)
-                task.searches.append(search or self._searched(problem, part, within))
+                task.searches.append(self._searched(task, problem, part, within))
         task.gather(self._budget.is_overdue)
 
     def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
@@ -313,23 +313,31 @@ class PieceSolver:
         return _Search(problem, cover.kept, cover.pending, found=solved.hypotheses)
 
     def _searched(
-        self, problem: Problem, share: float, within: Sequence[Bounds] | None
+        self, task: _Task, problem: Problem, share: float, within: Sequence[Bounds] | None
     ) -> _Search:
         """Solve a piece for one choice of what it is given, with a share of what is left."""
         if problem.n_points > MOST_PARTED:
             return _searched_together(problem, self._budget, share, within)
         ends = np.array([(problem.lower, problem.upper), *(within or ())])
         key = ends.tobytes(), problem.sides, problem.chiralities
-        if key not in self._finished:
-            # Parts that were merged may be the piece that they were parts of.
-            is_parted = self._are_parts and problem.n_points == self._problem.n_points
-            parts = None if is_parted else hidden_parts(problem, self._budget.is_over)
-            in_parts = parts and self._searched_in_parts(problem, parts, share, within)
-            search = in_parts or _searched_together(problem, self._budget, share, within)
-            if search.is_pending():
-                return search
+        known = self._finished.get(key)
+        if known and known.kept and self._budget.keep(len(known.kept)):
+            return known
+        search = self._found_ahead(task, problem, share)
+        search = search or self._searched_here(problem, share, within)
+        if not search.is_pending():
             self._finished[key] = search
-        return self._finished[key]
+        return search
+
+    def _searched_here(
+        self, problem: Problem, share: float, within: Sequence[Bounds] | None
+    ) -> _Search:
+        """Solve a small piece in its parts, where it has any and they are done, or as one."""
+        # Parts that were merged may be the piece that they were parts of.
+        is_parted = self._are_parts and problem.n_points == self._problem.n_points
+        parts = None if is_parted else hidden_parts(problem, self._budget.is_over)
+        in_parts = parts and self._searched_in_parts(problem, parts, share, within)
+        return in_parts or _searched_together(problem, self._budget, share, within)
 
     def _searched_in_parts(
         self,
@@ -343,12 +351,13 @@ class PieceSolver:
         solved = PieceSolver(problem, parts, budget, within, share, self._finished).run()
         if solved.contradiction is not None:
             return _Search(problem, [], [])
+        counts = [piece.n_boxes(range(len(piece.hypotheses))) for piece in solved.pieces]
+        budget.go_on_from(sum(n_boxes - n_pending for n_boxes, n_pending in counts))
         if not all(piece.is_finished for piece in solved.pieces):
             return None
         boxes, start_of = PartsTogether(problem, solved, budget, within).boxes()
         if not budget.keep(len(boxes)):
             return None
-        budget.go_on_from(sum(len(h.boxes) for piece in solved.pieces for h in piece.hypotheses))
         found = hypotheses_of(problem, boxes, budget.is_overdue, start_of)
         return _Search(problem, boxes, [], found=found)
 

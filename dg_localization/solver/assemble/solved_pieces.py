@@ -38,8 +38,10 @@ class SolvedPiece:
         if not self.was_examined:
             return 1, 1
         if self.in_patches:
-            n_left = sum(solved.n_boxes() for solved in self.in_patches)
-            return n_left, sum(solved.n_pending() for solved in self.in_patches)
+            # Another choice of what the piece is given may have been searched as a whole.
+            n_pending = len(self.pending) + sum(solved.n_pending() for solved in self.in_patches)
+            n_left = len(self.pending) + sum(solved.n_boxes() for solved in self.in_patches)
+            return n_left, n_pending
         boxes = [box for x in left for box in self.hypotheses[x].boxes]
         if not self.pending:
             return len(boxes), 0

@@ -34,7 +34,13 @@ from numpy.typing import NDArray
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, rounding_error, sqrt_down, sqrt_up, up
 from dg_localization.interval.scalars import add, mul, sub
-from dg_localization.interval.trigonometry import angle_between, arccosine, cosine, sine
+from dg_localization.interval.trigonometry import (
+    SMALLEST_PRODUCT,
+    angle_between,
+    arccosine,
+    cosine,
+    sine,
+)
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.newton import narrow_bounds
 from dg_localization.solver.contract.reference import reference_distance_m2
@@ -50,9 +56,8 @@ SAME, OPPOSITE, EITHER = 1, -1, 0
 def _bound_cosine(a_m2: float, b_m2: float, c_m2: float) -> tuple[float, float]:
     """Bound the cosine of the angle opposite to the third side of a triangle."""
     twice_m2 = 2.0 * (math.sqrt(a_m2) * math.sqrt(b_m2))
-    if not twice_m2 > 0.0:
-        return -1.0, 1.0
-    magnitude = (a_m2 + b_m2 + c_m2) / twice_m2
+    # The product of the roots loses bits where it underflows.
+    magnitude = (a_m2 + b_m2 + c_m2) / twice_m2 if twice_m2 > SMALLEST_PRODUCT else math.inf
     if not math.isfinite(magnitude):
         return -1.0, 1.0
     cosine_nearby = ((a_m2 + b_m2) - c_m2) / twice_m2

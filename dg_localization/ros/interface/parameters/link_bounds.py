@@ -10,8 +10,9 @@ import math
 from typing import Any
 
 from dg_localization.fleet import LinkKind, LinkOverride, RangeErrorModel
-from dg_localization.ros.interface.links import ANY_OBSERVER, OVERRIDES, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, RANGE_BOUNDS, Link
 from dg_localization.ros.interface.parameters.spec import WrongParameterError, by_parameters
+from msg_adapters import PeersReading, adapter_for
 
 BEARING_FIELDS = {
     'half_width': 'bearing_half_width_rad',
@@ -61,14 +62,20 @@ def overrides_from(
 
 
 def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the bounds of all that a link measures; of peers only those that it names."""
+    """
+    Return the bounds of all that a link measures.
+
+    Of peers with ids of their own only those that it names: they may be ranges or rays.
+    """
     kind, stated = link.key.kind, {}
-    of_ranges = () if kind is LinkKind.BEARING else OVERRIDES[LinkKind.RANGE]
+    is_cloud = adapter_for(link.type_name).value_class is PeersReading
+    of_ranges = () if kind is LinkKind.BEARING else (*RANGE_BOUNDS, 'expected_error')
     overrides = {name: value for name, value in link.overrides.items() if name in of_ranges}
-    if overrides or kind is LinkKind.RANGE:
+    if overrides or is_cloud or kind is LinkKind.RANGE:
         stated['range_error'] = range_error_from(values, **overrides)
     for name, field in BEARING_FIELDS.items():
-        if name not in of_ranges and (name in link.overrides or kind is LinkKind.BEARING):
+        stands = name in link.overrides or is_cloud or kind is LinkKind.BEARING
+        if name not in of_ranges and stands:
             stated[field] = link.overrides.get(name, values[f'bearing.{name}'])
     return stated
 

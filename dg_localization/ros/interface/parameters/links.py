@@ -3,7 +3,12 @@
 
 """The parameters of the node `localizer` that name inputs one by one."""
 
-from dg_localization.ros.interface.parameters.spec import STRINGS, Section, Spec
+from collections.abc import Mapping
+from typing import Any
+
+from dg_localization.fleet import LinkKind
+from dg_localization.ros.interface.links import STAMP_OFFSET
+from dg_localization.ros.interface.parameters.spec import DOUBLE, STRINGS, Section, Spec
 
 LINKS = Section(
     'Links',
@@ -18,10 +23,10 @@ LINKS = Section(
             details='NAME overrides min_error, max_error, min_error_relative, max_error_relative, '
             'sigma_factor or expected_error of a range, half_width or expected_error of a '
             'bearing, any of the bounds for all that peers measure, and gives roll, pitch and yaw '
-            '(rad) of a sensor of peers in the body frame of its robot. Odometry, peers and '
-            'cameras have no TARGET; the OBSERVER of peers is * where their messages say who '
-            'measured. A link to a robot that is not in robots is allowed: its readings are '
-            'counted and rejected.',
+            '(rad) of a sensor of peers in the body frame of its robot; stamp_offset (s) is added '
+            'to stamps. Odometry, peers and cameras have no TARGET; the OBSERVER of peers is * '
+            'where their messages say who measured. A link to a robot that is not in robots is '
+            'allowed: its readings are counted and rejected.',
             examples=(
                 'links:',
                 "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",
@@ -50,3 +55,21 @@ LINKS = Section(
         ),
     ),
 )
+
+
+def stamp_offset_spec(kind: LinkKind) -> Spec:
+    """Return the parameter that corrects the stamps of all inputs of a kind."""
+    return Spec(
+        f'{kind}.{STAMP_OFFSET}',
+        DOUBLE,
+        0.0,
+        'what is added to stamps, negative where they are late',
+        's',
+        details='A link may have a `stamp_offset` of its own.',
+    )
+
+
+def stamp_offset(values: Mapping[str, Any], kind: LinkKind) -> dict[str, float]:
+    """Return what links of a kind override where they do not say it themselves."""
+    offset_s = values.get(f'{kind}.{STAMP_OFFSET}', 0.0)
+    return {STAMP_OFFSET: offset_s} if offset_s else {}

@@ -8,9 +8,10 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet import LinkKind, OdometryErrorModel
 from dg_localization.fleet.config import LEAST_MEMORY_S
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
+from dg_localization.ros.interface.parameters.links import stamp_offset_spec
 from dg_localization.ros.interface.parameters.spec import DOUBLE, INTEGER, STRING, Section, Spec
 
 ODOMETRY = Section(
@@ -21,6 +22,7 @@ ODOMETRY = Section(
     'robot_odometry.NAME.translation_scale and so on.',
     (
         Spec('odometry.topic', STRING, '{robot}/odom', 'template of the topics; empty for none'),
+        stamp_offset_spec(LinkKind.ODOMETRY),
         Spec(
             'odometry.translation_scale',
             DOUBLE,
@@ -88,6 +90,16 @@ ODOMETRY = Section(
             0.0,
         ),
         Spec(
+            'odometry.max_gap',
+            DOUBLE,
+            1.0,
+            'where stamps are farther apart, messages are taken to be lost',
+            's',
+            0.0,
+            details='Only `max_speed` and `max_turn_rate` bound what a robot does meanwhile. '
+            'Raise it where odometry is published less often.',
+        ),
+        Spec(
             'odometry.tilt',
             DOUBLE,
             math.nan,
@@ -110,6 +122,7 @@ ERRORS = {
     'constant_translation': 'constant_m',
     'constant_rotation': 'constant_rad',
     'latency': 'latency_s',
+    'max_gap': 'max_gap_s',
     'tilt': 'tilt_rad',
 }
 """By the name of the parameter without its prefix, the field of `OdometryErrorModel`."""

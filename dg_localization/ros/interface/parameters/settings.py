@@ -16,6 +16,7 @@ from rclpy.node import Node
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
+    LinkKind,
     SuspectKind,
 )
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
@@ -30,6 +31,7 @@ from dg_localization.ros.interface.parameters.link_bounds import (
     overrides_from,
     range_error_from,
 )
+from dg_localization.ros.interface.parameters.links import stamp_offset
 from dg_localization.ros.interface.parameters.mounts import (
     elevations_from,
     mounts_from,
@@ -220,7 +222,7 @@ def settings_from(
                     f"parameter '{parameter}': '{name}' is not allowed twice, name it once"
                 )
     _import_adapters(values['adapter_modules'])
-    explicit = _parse_links(values['links'], resolve)
+    explicit = _parse_links(values, resolve)
     try:
         fleet = _fleet_config(values, explicit)
     except WrongParameterError:
@@ -256,22 +258,30 @@ def _import_adapters(modules: Iterable[str]) -> None:
             ) from error
 
 
-def _parse_links(texts: Iterable[str], resolve: Callable[[str], str]) -> tuple[Link, ...]:
+def _parse_links(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Link, ...]:
     links = []
     # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
-    for text in filter(None, texts):
+    for text in filter(None, values['links']):
         try:
             link = parse_link(text)
         except ValueError as error:
             raise WrongParameterError(
                 f"parameter 'links': '{text}' is not allowed: {error}"
             ) from None
-        links.append(replace(link, topic=resolve(link.topic)))
+        overrides = {**stamp_offset(values, link.key.kind), **link.overrides}
+        links.append(replace(link, topic=resolve(link.topic), overrides=overrides))
     topics = [link.topic for link in links]
     for topic in topics:
         if topics.count(topic) > 1:
             raise WrongParameterError(
                 f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
+            )
+    for key, count in Counter(link.key for link in links).items():
+        if key.kind is LinkKind.ODOMETRY and count > 1:
+            # Steps from a pose of one to a pose of the other are no steps of the robot.
+            raise WrongParameterError(
+                f"parameter 'links': the odometry of '{key.observer}' is named {count} times, a "
+                'robot can have one only'
             )
     return tuple(links)
 
@@ -298,7 +308,8 @@ def _templates(
         template = Template(values[name], type_name)
         try:
             template.check()
-            template = template.resolved(resolve)
+            offset = stamp_offset(values, template.kind)
+            template = replace(template.resolved(resolve), overrides=offset)
             template.check_names(points)
             if template.text in templates:
                 raise ValueError('each kind of measurement needs topics of its own')
@@ -331,6 +342,7 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
         reference_robot=values['reference_robot'],
         max_age_s=values['max_age'],
         max_future_s=values['max_future'],
+        stamp_error_s=values['stamp_error'],
         max_repeats=values['max_repeats'],
         range_error=range_error_from(values),
         bearing_half_width_rad=values['bearing.half_width'],

@@ -6,10 +6,11 @@
 from collections.abc import Iterable, Iterator
 import math
 
+from dg_localization.fleet import LinkKind
 from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.contradictions import CONTRADICTIONS
-from dg_localization.ros.interface.parameters.links import LINKS
+from dg_localization.ros.interface.parameters.links import LINKS, stamp_offset_spec
 from dg_localization.ros.interface.parameters.mounts import MOUNTS
 from dg_localization.ros.interface.parameters.odometry import (
     MEMORY,
@@ -103,6 +104,16 @@ TIME = Section(
             'clock.',
         ),
         Spec('max_age', DOUBLE, 1.0, 'older measurements are not used', 's', 0.0),
+        Spec(
+            'stamp_error',
+            DOUBLE,
+            0.0,
+            'how far a stamp may be from when it was true, by the clock of the node',
+            's',
+            0.0,
+            details='Clocks of robots differ. What robots can move and turn meanwhile widens all '
+            'bounds. Where a clock may be ahead, `max_future` must not be less.',
+        ),
         Spec('max_future', DOUBLE, 0.1, 'how far a stamp may lie ahead of the clock', 's', 0.0),
         Spec(
             'max_repeats',
@@ -169,6 +180,7 @@ RANGES = Section(
             details='It is resolved like the name of a topic: without a leading slash it is in '
             'the namespace of the node. Ranges may also be named one by one under links.',
         ),
+        stamp_offset_spec(LinkKind.RANGE),
         Spec('range.min_error', DOUBLE, 0.0, 'least error of a range', 'm'),
         Spec(
             'range.max_error',
@@ -228,6 +240,7 @@ BEARINGS = Section(
             '{observer}/bearing/{target}',
             'template of the topics; empty for none',
         ),
+        stamp_offset_spec(LinkKind.BEARING),
         Spec(
             'bearing.half_width',
             DOUBLE,
@@ -256,7 +269,10 @@ PEERS = Section(
     'was measured. Its fields are `peer`, an integer: zero-based index into the list of robots '
     'followed by the anchors not in robots and the sensors on robots; `range` (m); and `x`, `y`, '
     '`z`, the ray in the body frame. Range or ray may be missing, or NaN.',
-    (Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),),
+    (
+        Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),
+        stamp_offset_spec(LinkKind.PEERS),
+    ),
 )
 
 

@@ -1,0 +1,125 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What sensors away from the center of a robot measured before is remembered as well."""
+
+import math
+
+from histories import History, localizer_of, truth_is_inside
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    Mount,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
+from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternion
+from dg_localization.fleet.window.forgetting import ends_between
+
+ANCHORS_M = {
+    'a0': (0.0, 0.0, 0.5),
+    'a1': (8.0, 0.0, 2.0),
+    'a2': (3.0, 7.0, 0.0),
+    'a3': (8.0, 7.0, 3.0),
+}
+TAG_M = np.array([0.5, 0.2, 0.3])
+ERROR = OdometryErrorModel(
+    translation_per_m=0.02,
+    rotation_per_rad=0.02,
+    constant_m=0.01,
+    constant_rad=0.01,
+    tilt_rad=0.02,
+)
+
+
+def pose(time_s, dimension):
+    """Return place and rotation of a robot that drives, or flies and tilts, in an eight."""
+    x, y = 4.0 + 1.5 * math.sin(0.5 * time_s), 3.0 + 1.5 * math.sin(time_s)
+    yaw = math.atan2(1.5 * math.cos(time_s), 0.75 * math.cos(0.5 * time_s))
+    c, s = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    if dimension == 2:
+        return np.array([x, y, 0.0]), turn
+    roll = 0.4 * math.sin(0.7 * time_s)
+    c, s = math.cos(roll), math.sin(roll)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return np.array([x, y, 1.0 + 0.3 * math.sin(0.3 * time_s)]), turn @ tilt
+
+
+def drive(dimension, memory_s):
+    """Yield times and estimates of a robot with one tag, away from its center."""
+    anchors_m = {name: np.array(place[:dimension]) for name, place in ANCHORS_M.items()}
+    config = FleetConfig(
+        robots=('r',),
+        dimension=dimension,
+        anchors={name: Anchor(tuple(place)) for name, place in anchors_m.items()},
+        mounts={'r': {'tag': Mount(tuple(TAG_M[:dimension]), bound_m=0.01)}},
+        range_error=RangeErrorModel(-0.02, 0.02, 0.0, 0.0),
+        odometry_error=ERROR,
+        max_speed_m_s=2.0,
+        max_turn_rate_rad_s=3.0,
+        memory_s=memory_s,
+        memory_max_seconds=math.inf,
+        solver=SolverOptions(resolution=0.3, max_boxes=60),
+    )
+    localizer = Localizer(config)
+    for tick in range(161):
+        time_s = 10.0 + 0.05 * tick
+        place, rotation = pose(time_s, dimension)
+        stamps = time_s, time_s
+        localizer.add_odometry('r', place, quaternion_of(rotation), *stamps)
+        tag = (place + rotation @ TAG_M)[:dimension]
+        name = f'a{tick % 4}'
+        reading = float(np.linalg.norm(tag - anchors_m[name]))
+        assert localizer.add_range('r/tag', name, reading, *stamps) is None
+        if tick % 40 == 0 and tick:
+            yield time_s, localizer.step(time_s)
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_one_sensor_away_from_the_center_tells_the_heading(dimension):
+    for time_s, estimate in drive(dimension, memory_s=6.0):
+        assert estimate.verdict is not Verdict.INFEASIBLE
+        assert not estimate.forgotten
+        place, rotation = pose(time_s, dimension)
+        (placement,) = estimate.placements
+        low, high = placement.enclosure_m[0]
+        assert np.all(low <= place[:dimension]) and np.all(place[:dimension] <= high)
+        assert placement.heading_known[0]
+        stated = rotation_of_quaternion(placement.orientations_xyzw[0])
+        off_rad = math.acos(min(1.0, 0.5 * (np.trace(stated.T @ rotation) - 1.0)))
+        assert off_rad <= placement.heading_half_width_rad[0] + 1e-6
+    assert placement.heading_half_width_rad[0] < 0.5
+    assert np.all((high - low)[:2] < 0.5)
+    *_, (_, moment) = drive(dimension, memory_s=0.0)
+    assert not moment.placements[0].heading_known[0]
+    widths_m = np.ptp(moment.placements[0].enclosure_m[0], axis=0)
+    assert np.all(widths_m[:2] > 0.8)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_after_a_broken_bound_what_sensors_measured_is_forgotten(seed):
+    memory_s, kicked_s = 4.0, 5.0
+    history = History.draw([seed, 9], 2, 3, 13.0, mounted=2, memory_s=memory_s)
+    history.drives[0].kick(round(kicked_s / 0.1), [1.5, -2.0])
+    forgot = []
+    for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, 13.0, 0.7)):
+        forgot += [forgotten.text for forgotten in estimate.forgotten]
+        if time_s < kicked_s - 0.1 or time_s > kicked_s + memory_s:
+            assert truth_is_inside(history, time_s, estimate), time_s
+        if time_s > kicked_s + memory_s:
+            assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
+    assert forgot
+
+
+def test_what_two_bodies_observed_of_each_other_is_that_of_all_their_points():
+    config = FleetConfig(
+        robots=('r', 's'), mounts={'r': {'tag': (0.1, 0.2)}, 's': {'tag': (0.3, 0.4)}}
+    )
+    ends = ends_between(config, 'r', ['s'])
+    assert ends == {('r', 's'), ('r', 's/tag'), ('r/tag', 's'), ('r/tag', 's/tag')}

@@ -1,0 +1,109 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Clocks of robots differ: what they stamp was true a little earlier or later."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization import SolverOptions, Verdict
+from dg_localization.fleet import (
+    Anchor,
+    ConfigError,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
+
+ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
+SPEED_M_S, CIRCLE_M = 1.0, 1.0
+
+
+class Circling:
+    """
+    A robot that drives in a circle among anchors, with a clock of its own.
+
+    What it says arrives late: where its clock is ahead by as much, it looks new.
+    """
+
+    def __init__(self, ahead_s, with_odometry, **settings):
+        self.ahead_s = ahead_s
+        self.with_odometry = with_odometry
+        self.localizer = Localizer(
+            FleetConfig(
+                robots=('r',),
+                anchors={name: Anchor(place) for name, place in ANCHORS_M.items()},
+                range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
+                max_speed_m_s=1.01 * SPEED_M_S,
+                max_turn_rate_rad_s=1.01 * SPEED_M_S / CIRCLE_M,
+                odometry_error=OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3),
+                memory_max_seconds=math.inf,
+                solver=SolverOptions(resolution=0.2, max_boxes=60),
+                **settings,
+            )
+        )
+
+    def pose(self, time_s):
+        angle = SPEED_M_S / CIRCLE_M * time_s
+        x, y = 3.0 + CIRCLE_M * math.cos(angle), 3.0 + CIRCLE_M * math.sin(angle)
+        return np.array([x, y]), angle + 0.5 * math.pi
+
+    def drive(self, seconds, late_s=0.05, since_s=100.0):
+        """Yield times and estimates."""
+        for tick in range(round(seconds / 0.05) + 1):
+            time_s = since_s + 0.05 * tick
+            measured_s = time_s - late_s
+            place, yaw = self.pose(measured_s)
+            stamp_s = measured_s + self.ahead_s
+            if self.with_odometry:
+                turned = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
+                self.localizer.add_odometry('r', [*place, 0.0], turned, stamp_s, time_s)
+            for number, (name, anchor) in enumerate(ANCHORS_M.items()):
+                if tick % 7 == number:
+                    reading = float(np.linalg.norm(place - anchor))
+                    assert self.localizer.add_range('r', name, reading, stamp_s, time_s) is None
+            if tick % 10 == 9:
+                yield time_s, self.localizer.step(time_s)
+
+    def holds(self, time_s, estimate):
+        place, _ = self.pose(time_s)
+        return any(
+            np.all(placement.enclosure_m[0, 0] <= place + 1e-9)
+            and np.all(place <= placement.enclosure_m[0, 1] + 1e-9)
+            for placement in estimate.placements
+        )
+
+
+@pytest.mark.parametrize('with_odometry', [False, True])
+@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
+def test_the_truth_is_inside_with_clocks_as_wrong_as_is_stated(ahead_s, with_odometry):
+    robot = Circling(ahead_s, with_odometry, stamp_error_s=0.05)
+    for time_s, estimate in robot.drive(4.0):
+        assert estimate.verdict is not Verdict.INFEASIBLE
+        assert not estimate.forgotten
+        assert robot.holds(time_s, estimate), time_s
+
+
+@pytest.mark.parametrize('with_odometry', [False, True])
+def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(with_odometry):
+    robot = Circling(0.2, with_odometry, stamp_error_s=0.01)
+    answers = list(robot.drive(4.0, late_s=0.2))
+    assert not all(robot.holds(*answer) for answer in answers)
+
+
+def test_where_clocks_are_right_nothing_is_widened():
+    robot, vague = Circling(0.0, True), Circling(0.0, True, stamp_error_s=0.02)
+    *_, (_, known) = robot.drive(4.0, late_s=0.0)
+    *_, (_, wide) = vague.drive(4.0, late_s=0.0)
+    widths_m = [np.ptp(e.placements[0].enclosure_m[0], axis=0) for e in (known, wide)]
+    assert np.all(widths_m[0] < 0.1)
+    assert np.all(widths_m[0] < widths_m[1]) and np.all(widths_m[1] < 0.5)
+
+
+@pytest.mark.parametrize('error', [-1.0, math.nan, math.inf, 'soon'])
+def test_a_wrong_number_is_named(error):
+    with pytest.raises(ConfigError, match='stamp_error_s'):
+        FleetConfig(robots=('r',), stamp_error_s=error)
