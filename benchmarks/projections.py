@@ -41,7 +41,7 @@ from dg_localization.solver.contract.combination import combine
 from dg_localization.solver.contract.groups import Groups, groups_of
 from dg_localization.solver.contract.line import reduce_line
 from dg_localization.solver.contract.projection import is_axis, project
-from dg_localization.solver.contract.reduction import Workspace, make_workspace
+from dg_localization.solver.contract.reduction import Workspace, make_workspace, rows_of
 from dg_localization.solver.contract.sides import Sides, sides_of
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import relative_error
@@ -153,6 +153,7 @@ class Bench:
     groups: Groups
     work: Workspace
     measured: NDArray[np.bool_]
+    dimension: int
 
     @classmethod
     def of(cls, problem: Problem) -> Bench:
@@ -163,20 +164,21 @@ class Bench:
             groups_of(problem.lower, problem.upper),
             make_workspace(problem.n_points, problem.dimension),
             np.isfinite(problem.upper),
+            problem.dimension,
         )
 
     def applied(self, box: FloatArray, axis: IntArray) -> FloatArray:
         """Return a box after the projection along an axis, however badly known that is."""
         n_points = box.shape[1]
-        self.work.boxes[0] = box
-        self.work.points[0] = np.arange(n_points)
+        self.work.box[:] = box
+        self.work.points[:] = np.arange(n_points)
         a, b = (int(end) for end in axis)
-        if self.work.boxes.shape[0] == 2:
-            left = reduction.reduce_plane(self.work, self.sides, 0, n_points, a, b, (a, b, -1))
+        if self.dimension == 2:
+            left = reduction.reduce_plane(self.work, self.sides, n_points, a, b)
         else:
             left = reduction.reduce_space(self.work, self.sides, n_points, a, b)
         assert left, 'a box that holds a placement was found empty'
-        return self.work.boxes[0].copy()
+        return self.work.box.copy()
 
     def ranked(self, box: FloatArray) -> IntArray:
         """Return the axes of a box in the order of the solver."""
@@ -354,24 +356,27 @@ def study_order() -> dict[str, dict[str, list[float]]]:
 
 
 @kernel
-def reduce_through(work: Workspace, level: int, count: int, a: int, b: int, through: int) -> bool:
+def reduce_through(
+    box: FloatArray, points: IntArray, work: Workspace, level: int, a: int, b: int, through: int
+) -> bool:
     """Project a plane to the line and back, comparing points through the first `through`."""
-    box, projected, coordinates = work.boxes[level], work.boxes[level + 1], work.coordinates[level]
-    points, projected_points = work.points[level, :count], work.points[level + 1]
-    left = project(box, projected, coordinates, points, projected_points, a, b)
+    rows = rows_of(work, level)
+    left = project(box, rows, points, a, b)
     scratch = work.distance, work.is_open, work.n_open
     if left < 0 or not reduce_line(
-        projected, *scratch, projected_points[:left], through, -1, work.sigma
+        rows.across, *scratch, rows.points[:left], through, -1, work.sigma
     ):
         return False
-    return back_project(box, projected, coordinates, projected_points[:left], a, b)
+    return back_project(box, rows, left, a, b)
 
 
 @kernel
-def sweep_through(work: Workspace, axes: IntArray, count: int, through: int) -> int:
+def sweep_through(
+    work: Workspace, dimension: int, axes: IntArray, count: int, through: int
+) -> int:
     """Apply the axes that are fit to the `count` points known best from each; return how many."""
-    dimension, _, n_points, _ = work.boxes.shape
-    box = work.boxes[0]
+    box, rows = work.box, rows_of(work, 0)
+    n_points = box.shape[1]
     errors = np.empty(n_points)
     applied = 0
     for x in range(len(axes)):
@@ -382,18 +387,17 @@ def sweep_through(work: Workspace, axes: IntArray, count: int, through: int) -> 
             errors[i] = relative_error(box, a, i)
             errors[i] += relative_error(box, b, i)
         errors[a] = errors[b] = -1.0
-        work.points[0, :] = np.argsort(errors, kind='mergesort')
+        work.points[:] = np.argsort(errors, kind='mergesort')
         applied += 1
         if dimension == 2:
-            reduce_through(work, 0, count, a, b, through)
+            reduce_through(box, work.points[:count], work, 0, a, b, through)
             continue
-        projected, coordinates = work.boxes[1], work.coordinates[0]
-        left = project(box, projected, coordinates, work.points[0, :count], work.points[1], a, b)
-        for y in range(1, left):
-            e = work.points[1, y]
-            if is_axis(projected, a, e):
-                reduce_through(work, 1, left, a, e, through)
-        back_project(box, projected, coordinates, work.points[1, :left], a, b)
+        left = project(box, rows, work.points[:count], a, b)
+        for y in range(left - 1):
+            if is_axis(rows.across, left - 1, y):
+                points = work.in_order[:left]
+                reduce_through(rows.across, points, work, 1, left - 1, y, through)
+        back_project(box, rows, left, a, b)
     return applied
 
 
@@ -404,7 +408,7 @@ def study_points() -> None:
         (box, *_) = boxes_met(case)
         axes = bench.ranked(box)[: len(bench.groups.edges)]
         unknown = ~bench.measured[np.triu_indices(case.problem.n_points, 1)]
-        sweep_through(bench.work, axes[:0], 0, 0)
+        sweep_through(bench.work, bench.dimension, axes[:0], 0, 0)
         rows = []
         for count in POINTS:
             for through in THROUGH:
@@ -412,11 +416,11 @@ def study_points() -> None:
                     continue
                 seconds = []
                 for _ in range(3):
-                    bench.work.boxes[0] = box
+                    bench.work.box[:] = box
                     begin = time.process_time()
-                    applied = sweep_through(bench.work, axes, count, through)
+                    applied = sweep_through(bench.work, bench.dimension, axes, count, through)
                     seconds.append(time.process_time() - begin)
-                after = bench.work.boxes[0]
+                after = bench.work.box
                 rows.append(
                     [
                         count,
@@ -437,19 +441,17 @@ def study_points() -> None:
 @kernel
 def reduce_space_off_faces(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
     """Project space along (a, b) to a plane, reduce that along axes off (a, b), and return."""
-    box, plane, coordinates = work.boxes[0], work.boxes[1], work.coordinates[0]
-    left = project(box, plane, coordinates, work.points[0, :count], work.points[1], a, b)
+    rows = rows_of(work, 0)
+    left = project(work.box, rows, work.points[:count], a, b)
     if left < 0:
         return False
-    for x in range(1, left):
-        d = work.points[1, x]
-        for y in range(x + 1, left):
-            e = work.points[1, y]
-            if is_axis(plane, d, e) and not reduction.reduce_plane(
-                work, sides, 1, left, d, e, reduction.NO_FACE
+    for x in range(left - 1):
+        for y in range(x + 1, left - 1):
+            if is_axis(rows.across, x, y) and not reduction.reduce_projected_plane(
+                work, sides, work.in_order[:left], x, y, reduction.NO_FACE
             ):
                 return False
-    return back_project(box, plane, coordinates, work.points[1, :left], a, b)
+    return back_project(work.box, rows, left, a, b)
 
 
 def skip_axes(*_: Any) -> bool:

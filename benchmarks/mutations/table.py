@@ -159,10 +159,10 @@ CONTRACT = [
         ),
         (
             'the ends of a gap are not rounded on the way to the line',
-            'gap_low = sqrt_up(box[GAP_LOWER, i, j])\n'
-            '                gap_high = sqrt_down(box[GAP_UPPER, i, j])',
-            'gap_low = math.sqrt(box[GAP_LOWER, i, j])\n'
-            '                gap_high = math.sqrt(box[GAP_UPPER, i, j])',
+            'gap_low = sqrt_up(box[GAP_LOWER, x, y])\n'
+            '                gap_high = sqrt_down(box[GAP_UPPER, x, y])',
+            'gap_low = math.sqrt(box[GAP_LOWER, x, y])\n'
+            '                gap_high = math.sqrt(box[GAP_UPPER, x, y])',
         ),
         (
             'the ends of a gap are not rounded on the way back',
@@ -189,7 +189,7 @@ CONTRACT = [
     ),
     *_in(
         'solver',
-        'contract/projection',
+        'contract/axis_bounds',
         PROJECTION,
         (
             'the minimum of the coordinate within the axis is forgotten',
@@ -203,23 +203,28 @@ CONTRACT = [
         ),
         (
             'the extremum of the height at a right angle is forgotten',
-            'if right_at_a or right_at_b:',
+            'if right_at_a | right_at_b:',
             'if right_at_a:',
         ),
         (
             'the height is not concave: one corner is enough',
-            '        for c in (c_lower, c_upper):',
-            '        for c in (c_lower,):',
+            'low = min(low_1, low_2, low_3, low_4)',
+            'low = min(low_1, low_3)',
         ),
         (
             'a difference takes the wrong end of the axis',
             '(d_lower if high > 0.0 else d_upper)',
             '(d_upper if high > 0.0 else d_lower)',
         ),
+    ),
+    *_in(
+        'solver',
+        'contract/projection',
+        PROJECTION,
         (
             'the projected distance takes the least part along the axis for its lower bound',
-            'low = max(0.0, down(box[LOWER, i, j] - square_high))',
-            'low = max(0.0, down(box[LOWER, i, j] - square_low))',
+            'square_high = square_up(max(-along_lower[y], along_upper[y]))',
+            'square_high = square_up(min(-along_lower[y], along_upper[y]))',
         ),
         (
             'a gap is projected without the spread along the axis',
@@ -243,8 +248,13 @@ CONTRACT = [
         ),
         (
             'a coordinate is narrowed by the wrong end of the difference',
-            'down(coordinates[LOWER, i] - high)',
-            'down(coordinates[LOWER, i] - low)',
+            'down(ends[T_LOWER, x] - high)',
+            'down(ends[T_LOWER, x] - low)',
+        ),
+        (
+            'a row of coordinates is narrowed by the wrong end of the difference',
+            'down(x_t_lower - high) if x < y',
+            'down(x_t_lower - low) if x < y',
         ),
         (
             'a gap of the height is carried over without the coordinate',
@@ -253,10 +263,10 @@ CONTRACT = [
         ),
         (
             'the ends of a gap of a pair are not rounded',
-            'gap_low = up(projected[GAP_LOWER, i, j] + square_high)\n'
-            '        gap_high = down(projected[GAP_UPPER, i, j] + square_low)',
-            'gap_low = projected[GAP_LOWER, i, j] + square_high\n'
-            '        gap_high = projected[GAP_UPPER, i, j] + square_low',
+            'gap_low = up(across[GAP_LOWER, x, y] + square_high)\n'
+            '        gap_high = down(across[GAP_UPPER, x, y] + square_low)',
+            'gap_low = across[GAP_LOWER, x, y] + square_high\n'
+            '        gap_high = across[GAP_UPPER, x, y] + square_low',
         ),
     ),
     *_in(

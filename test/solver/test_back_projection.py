@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
 
-from dg_localization.solver.contract.back_projection import back_project, far_squared_distance
+from dg_localization.solver.contract.back_projection import (
+    back_project as rows_back_to,
+    far_squared_distance,
+)
 from dg_localization.solver.contract.projection import project
+from dg_localization.solver.contract.rows import T_LOWER, T_UPPER, make_rows
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 AXIS = 0, 1
@@ -23,15 +27,26 @@ def holds(bounds, exact):
 
 
 def project_along_axis(box):
-    """Return (projected box, coordinates, projected points) of a box along `AXIS`."""
+    """Return (projected box, coordinates, rows) of a box along `AXIS`, by point."""
     n_points = box.shape[1]
-    projected = np.zeros_like(box)
-    coordinates = np.zeros((2, n_points))
-    projected_points = np.zeros(n_points, dtype=np.int64)
-    points = np.arange(n_points, dtype=np.int64)
-    count = project(box, projected, coordinates, points, projected_points, *AXIS)
+    rows = make_rows(n_points)
+    count = project(box, rows, np.arange(n_points), *AXIS)
     assert count > 0
-    return projected, coordinates, projected_points[:count]
+    points = rows.points[:count]
+    projected, coordinates = np.zeros_like(box), np.zeros((2, n_points))
+    projected[np.ix_(range(4), points, points)] = rows.across[:, :count, :count]
+    coordinates[:, points[:-1]] = rows.ends[[T_LOWER, T_UPPER], : count - 1]
+    return projected, coordinates, rows._replace(points=points)
+
+
+def back_project(box, projected, coordinates, rows):
+    """Narrow a box and the coordinates by the projected box."""
+    points, count = rows.points, len(rows.points)
+    rows.across[:, :count, :count] = projected[np.ix_(range(4), points, points)]
+    rows.ends[[T_LOWER, T_UPPER], : count - 1] = coordinates[:, points[:-1]]
+    left = rows_back_to(box, rows, count, *AXIS)
+    coordinates[:, points[:-1]] = rows.ends[[T_LOWER, T_UPPER], : count - 1]
+    return left
 
 
 def exact_projection(squared):
@@ -97,7 +112,8 @@ def test_nothing_is_lost_on_the_way_back(seed):
     if pair[0] != pair[1]:
         box[1][tuple(pair)] = box[1][tuple(pair[::-1])] = math.inf
     before = box.copy()
-    projected, coordinates, projected_points = project_along_axis(box)
+    projected, *rest = project_along_axis(box)
+    coordinates = rest[0]
     width_of_projected = float(rng.choice([0.0, 1e-6, 0.1]))
     exact = exact_projection(squared)
     for i in (0, *range(2, n_points)):
@@ -106,7 +122,7 @@ def test_nothing_is_lost_on_the_way_back(seed):
                 low, high = outward(exact[i, j], width_of_projected)
                 projected[0, i, j] = max(projected[0, i, j], low)
                 projected[1, i, j] = min(projected[1, i, j], high)
-    assert back_project(box, projected, coordinates, projected_points, *AXIS)
+    assert back_project(box, projected, *rest)
     assert holds(box, squared)
     assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all()
     root = math.sqrt(squared[AXIS])
@@ -126,7 +142,7 @@ def test_an_unknown_pair_follows_from_its_projection():
     assert projected[1, 2, 3] == math.inf
     for pair in ((2, 3), (3, 2)):
         projected[0][pair] = projected[1][pair] = 9.0
-    assert back_project(box, projected, *rest, *AXIS)
+    assert back_project(box, projected, *rest)
     assert holds(box, squared)
     assert box[1, 2, 3] - box[0, 2, 3] < 1e-11
 
@@ -146,7 +162,7 @@ def test_a_wide_side_follows_from_the_height(wide):
     projected, *rest = project_along_axis(box)
     projected[:2, 0, 2] = projected[:2, 2, 0] = 9.0
     for _ in range(3):
-        assert back_project(box, projected, *rest, *AXIS)
+        assert back_project(box, projected, *rest)
     assert holds(box, squared)
     assert box[1][wide] - box[0][wide] < 1e-10
 
@@ -160,7 +176,7 @@ def test_a_gap_of_the_height_becomes_a_gap_of_the_sides():
     projected, coordinates, *rest = project_along_axis(box)
     coordinates[:, 2] = 5.0
     projected[:, 0, 2] = projected[:, 2, 0] = [0.0, 50.0, 10.0, 40.0]
-    assert back_project(box, projected, coordinates, *rest, *AXIS)
+    assert back_project(box, projected, coordinates, *rest)
     for end in AXIS:
         gap_low, gap_high = box[2:, end, 2]
         assert 35.0 <= gap_low < 35.0 + 1e-9
@@ -179,7 +195,7 @@ def test_a_gap_of_a_pair_is_rounded_inward():
         box[:2, 2, 3] = box[:2, 3, 2] = [0.0, 5.0]
         projected, *rest = project_along_axis(box)
         projected[:, [2, 3], [3, 2]] = np.array([0.0, 4.0, *ends])[:, None]
-        assert back_project(box, projected, *rest, *AXIS)
+        assert back_project(box, projected, *rest)
         gap_low, gap_high = map(Fraction, box[2:, 2, 3].tolist())
         assert gap_low >= Fraction(float(ends[0])) + along_m2 - known_to_m2
         assert gap_high <= Fraction(float(ends[1])) + along_m2 + known_to_m2
@@ -191,4 +207,4 @@ def test_a_height_that_no_triangle_has_is_a_proof():
     box = box_of(1.0 * squared, 1.0 * squared)
     projected, *rest = project_along_axis(box)
     projected[:2, 0, 2] = projected[:2, 2, 0] = 16.0
-    assert not back_project(box, projected, *rest, *AXIS)
+    assert not back_project(box, projected, *rest)

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from solver_cases import box_of, sign, squared_distances
 
+from dg_localization.solver.box import UPPER
 from dg_localization.solver.contract.line import (
     _narrow_to_distances,
     _set_roots,
     reduce_line,
 )
 from dg_localization.solver.contract.reduction import make_workspace
+from dg_localization.solver.contract.rows import whole_lanes
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 SAME, FREE, OPPOSITE = -1, 0, 1
@@ -30,9 +32,16 @@ def reduce(box, merged=-1, sigma=None, points=None):
         sigma = np.zeros((n_points, n_points), dtype=np.int8)
     if points is None:
         points = np.arange(n_points, dtype=np.int64)
-    work = make_workspace(n_points, 1)
+    work, count = make_workspace(n_points, 1), len(points)
+    pairs = np.ix_(range(4), points, points)
+    across = work.across[0]
+    across[UPPER] = np.inf
+    across[:, :count, :count] = box[pairs]
     scratch = work.distance, work.is_open, work.n_open
-    return reduce_line(box, *scratch, points, n_points, merged, sigma)
+    if not reduce_line(across, *scratch, points, n_points, merged, sigma):
+        return False
+    box[pairs] = across[:, :count, :count]
+    return True
 
 
 def three_points(ranges_m):
@@ -128,15 +137,15 @@ def test_the_two_branches_leave_a_gap():
 def test_gaps_are_rounded_inward_on_the_way_to_the_line_and_on_the_way_back():
     """An end of a gap belongs to the box: its root, and its square, may not lie in the gap."""
     rng = np.random.default_rng(3)
-    points = np.arange(2, dtype=np.int64)
+    shape = (4, 2, whole_lanes(2))
     for ends in np.sort(rng.uniform(0.1, 9.9, (200, 2))):
-        box, distance = np.zeros((4, 2, 2)), np.zeros((4, 2, 2))
+        box, distance = np.zeros(shape), np.zeros(shape)
         box[:, [0, 1], [1, 0]] = np.array([0.0, 10.0, *ends])[:, None]
-        _set_roots(box, distance, points)
+        _set_roots(box, distance, 2)
         low_m, high_m = map(Fraction, distance[2:, 0, 1].tolist())
         assert low_m**2 >= Fraction(float(ends[0])) and high_m**2 <= Fraction(float(ends[1]))
         box[2:] = 0.0
-        assert _narrow_to_distances(box, distance, points)
+        assert _narrow_to_distances(box, distance, 2)
         low_m2, high_m2 = map(Fraction, box[2:, 0, 1].tolist())
         assert low_m2 >= low_m**2 and high_m2 <= high_m**2
 

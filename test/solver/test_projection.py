@@ -13,12 +13,15 @@ import pytest
 from solver_cases import box_of, squared_distances
 
 from dg_localization.interval.rounding import sqrt_down, sqrt_up
-from dg_localization.solver.contract.projection import (
+from dg_localization.interval.scalars import sub
+from dg_localization.solver.contract.axis_bounds import (
     axis_coordinate,
-    coordinate_difference,
-    project,
+    coordinate_difference_down,
+    coordinate_difference_up,
     squared_height,
 )
+from dg_localization.solver.contract.projection import project
+from dg_localization.solver.contract.rows import T_LOWER, T_UPPER, make_rows
 
 mpmath = pytest.importorskip('mpmath')
 
@@ -158,10 +161,11 @@ def test_squared_height_tells_impossible_triangles():
 
 def difference_of_coordinates(ends, d_low, d_high):
     """Bound t_2 - t_3 along the axis from 0 to 1, with the ends of A_2, B_2, A_3 and B_3."""
-    box = np.zeros((4, 4, 4))
-    for pair, bounds in zip(((0, 2), (1, 2), (0, 3), (1, 3)), ends, strict=True):
-        box[:2, *pair] = box[:2, *pair[::-1]] = bounds
-    return coordinate_difference(box, 0, 1, 2, 3, d_low, d_high)
+    a_i, b_i, a_j, b_j = ends
+    i_low, i_high = sub(*a_i, *b_i)
+    j_low, j_high = sub(*a_j, *b_j)
+    low = coordinate_difference_down(i_low, j_high, d_low, d_high)
+    return low, coordinate_difference_up(i_high, j_low, d_low, d_high)
 
 
 @LAWS
@@ -194,12 +198,17 @@ def test_coordinate_difference_on_an_axis_that_may_vanish():
 def project_box(box, a, b):
     """Return (projected box, coordinates, projected points); None where nothing is left."""
     n_points = box.shape[1]
+    rows = make_rows(n_points)
+    count = project(box, rows, np.arange(n_points), a, b)
+    if count < 0:
+        return None
+    points = rows.points[:count]
     projected = np.zeros_like(box)
+    projected[np.ix_(range(4), points, points)] = rows.across[:, :count, :count]
+    projected[:, points, points] = 0.0
     coordinates = np.zeros((2, n_points))
-    projected_points = np.zeros(n_points, dtype=np.int64)
-    points = np.arange(n_points, dtype=np.int64)
-    count = project(box, projected, coordinates, points, projected_points, a, b)
-    return None if count < 0 else (projected, coordinates, projected_points[:count].tolist())
+    coordinates[:, points[:-1]] = rows.ends[[T_LOWER, T_UPPER], : count - 1]
+    return projected, coordinates, points.tolist()
 
 
 @pytest.mark.parametrize('relative_width', [0.0, 1e-9, 0.05])
@@ -215,7 +224,7 @@ def test_project_holds_the_projected_fleet(dimension, relative_width):
         found = project_box(box, 0, 1)
         assert found is not None
         projected, coordinates, points = found
-        assert points == [0, 2, 3, 4, 5]
+        assert points == [2, 3, 4, 5, 0]
         a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
         numerators = [x - y + c for x, y in zip(a, b, strict=True)]
         for i in points[1:]:
@@ -242,7 +251,7 @@ def test_project_carries_gaps_and_leaves_out_what_is_infinitely_far():
     box[1, 1, 3] = box[1, 3, 1] = math.inf
     found = project_box(box, 0, 1)
     assert found is not None
-    assert found[2] == [0, 2]
+    assert found[2] == [2, 0]
 
 
 def test_a_projected_gap_holds_no_end_of_the_gap_wherever_the_points_are_along_the_axis():

@@ -15,6 +15,8 @@ branches of a root are intersected apart and joined last (Eq. 20).
 
 from __future__ import annotations
 
+import math
+
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 from dg_localization.interval.scalars import reverse_square, square
@@ -24,11 +26,16 @@ from dg_localization.solver.box import (
     LOWER,
     UPPER,
     FloatArray,
-    IntArray,
     exclude,
     narrow,
 )
-from dg_localization.solver.contract.projection import coordinate_difference
+from dg_localization.solver.contract.rows import (
+    NEW_T_LOWER,
+    T_LOWER,
+    T_UPPER,
+    Rows,
+    lanes_of,
+)
 
 
 @kernel
@@ -104,124 +111,222 @@ def _narrow_end(
 
 
 @kernel(inlined=True)
-def _narrow_point(
-    box: FloatArray, projected: FloatArray, coordinates: FloatArray, a: int, b: int, i: int
-) -> bool:
-    """Narrow A, B, C and the coordinate of point `i` from its reduced height."""
-    p_lower = projected[LOWER, a, i]
-    p_upper = projected[UPPER, a, i]
-    d_lower = sqrt_down(box[LOWER, a, b])
-    d_upper = sqrt_up(box[UPPER, a, b])
-
-    t_lower, t_upper = reverse_square(
-        coordinates[LOWER, i],
-        coordinates[UPPER, i],
-        down(box[LOWER, a, i] - p_upper),
-        up(box[UPPER, a, i] - p_lower),
-    )
-    if t_lower > t_upper:
-        return False
-    u_square_low = down(box[LOWER, b, i] - p_upper)
-    u_square_high = up(box[UPPER, b, i] - p_lower)
+def _along(
+    t: tuple[float, float],
+    a: tuple[float, float],
+    b: tuple[float, float],
+    p: tuple[float, float],
+    d: tuple[float, float],
+) -> tuple[float, float, float, float]:
+    """Narrow t and u = d - t by t^2 = A - p and u^2 = B - p; either is reversed where empty."""
+    t_lower, t_upper = reverse_square(t[0], t[1], down(a[0] - p[1]), up(a[1] - p[0]))
     u_lower, u_upper = reverse_square(
-        down(d_lower - t_upper), up(d_upper - t_lower), u_square_low, u_square_high
+        down(d[0] - t_upper), up(d[1] - t_lower), down(b[0] - p[1]), up(b[1] - p[0])
     )
-    if u_lower > u_upper:
-        return False
-    t_lower = max(t_lower, down(d_lower - u_upper))
-    t_upper = min(t_upper, up(d_upper - u_lower))
-    if t_lower > t_upper:
-        return False
-    coordinates[LOWER, i] = t_lower
-    coordinates[UPPER, i] = t_upper
-
-    if not _narrow_axis(
-        box, a, b, t_lower, t_upper, sqrt_down(u_square_low), sqrt_up(u_square_high)
-    ):
-        return False
-
-    gap = projected[GAP_LOWER, a, i], projected[GAP_UPPER, a, i]
-    t_square_low, t_square_high = square(t_lower, t_upper)
-    u_square_low, u_square_high = square(u_lower, u_upper)
-    low, high = far_squared_distance(
-        box[LOWER, b, i], box[UPPER, b, i], u_lower, u_upper, d_lower, d_upper
-    )
-    low = max(low, down(t_square_low + p_lower))
-    high = min(high, up(t_square_high + p_upper))
-    if not _narrow_end(box, a, i, (low, high), (t_square_low, t_square_high), gap):
-        return False
-    low, high = far_squared_distance(
-        box[LOWER, a, i], box[UPPER, a, i], t_lower, t_upper, d_lower, d_upper
-    )
-    low = max(low, down(u_square_low + p_lower))
-    high = min(high, up(u_square_high + p_upper))
-    return _narrow_end(box, b, i, (low, high), (u_square_low, u_square_high), gap)
+    t_lower = max(t_lower, down(d[0] - u_upper))
+    t_upper = min(t_upper, up(d[1] - u_lower))
+    return t_lower, t_upper, u_lower, u_upper
 
 
 @kernel(inlined=True)
-def _narrow_pair(
-    box: FloatArray,
-    projected: FloatArray,
-    coordinates: FloatArray,
-    a: int,
-    b: int,
-    i: int,
-    j: int,
-    d_bounds: tuple[float, float],
-) -> bool:
+def _end(
+    far: tuple[float, float],
+    t: tuple[float, float],
+    u: tuple[float, float],
+    p: tuple[float, float],
+    d: tuple[float, float],
+) -> tuple[float, float]:
+    """Bound A = t^2 + p by all that is known, B included (or B, with t and u exchanged)."""
+    low, high = far_squared_distance(far[0], far[1], u[0], u[1], d[0], d[1])
+    square_low, square_high = square(t[0], t[1])
+    return max(low, down(square_low + p[0])), min(high, up(square_high + p[1]))
+
+
+@kernel(inlined=True)
+def _narrow_point(box: FloatArray, rows: Rows, last: int, a: int, b: int, x: int) -> bool:
+    """Narrow A, B, C and the coordinate of the point in row `x` from its reduced height."""
+    i = rows.points[x]
+    ends, across = rows.ends, rows.across
+    p = across[LOWER, last, x], across[UPPER, last, x]
+    d = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
+    b_bounds = box[LOWER, b, i], box[UPPER, b, i]
+    t_lower, t_upper, u_lower, u_upper = _along(
+        (ends[T_LOWER, x], ends[T_UPPER, x]), (box[LOWER, a, i], box[UPPER, a, i]), b_bounds, p, d
+    )
+    if u_lower > u_upper or t_lower > t_upper:
+        return False
+    ends[T_LOWER, x] = t_lower
+    ends[T_UPPER, x] = t_upper
+    u_least, u_most = sqrt_down(down(b_bounds[0] - p[1])), sqrt_up(up(b_bounds[1] - p[0]))
+    if not _narrow_axis(box, a, b, t_lower, t_upper, u_least, u_most):
+        return False
+    gap = across[GAP_LOWER, last, x], across[GAP_UPPER, last, x]
+    t, u = (t_lower, t_upper), (u_lower, u_upper)
+    if not _narrow_end(box, a, i, _end(b_bounds, t, u, p, d), square(t_lower, t_upper), gap):
+        return False
+    a_bounds = box[LOWER, a, i], box[UPPER, a, i]
+    return _narrow_end(box, b, i, _end(a_bounds, u, t, p, d), square(u_lower, u_upper), gap)
+
+
+@kernel(inlined=True)
+def _difference(
+    along: tuple[float, float],
+    t_i: tuple[float, float],
+    t_j: tuple[float, float],
+    s: tuple[float, float],
+    across: tuple[float, float],
+) -> tuple[float, float]:
+    """Bound t_i - t_j, known to be in `along`, by (t_i - t_j)^2 = s_ij - s'_ij."""
+    low = max(along[0], down(t_i[0] - t_j[1]))
+    high = min(along[1], up(t_i[1] - t_j[0]))
+    return reverse_square(low, high, down(s[0] - across[1]), up(s[1] - across[0]))
+
+
+@kernel(inlined=True)
+def _count_gains(rows: Rows, x: int, count: int) -> tuple[int, int]:
+    """
+    Count the pairs of a row with later ones that have something to gain.
+
+    Returns
+    -------
+    tuple of int
+        How many narrow their squared distance or the coordinate of the point in row `x`, or leave
+        nothing, and how many narrow the coordinate of the other point.
+
+    """
+    ends, along, across = rows.ends, rows.along, rows.across
+    x_t_lower, x_t_upper = ends[T_LOWER, x], ends[T_UPPER, x]
+    t_lower, t_upper = ends[T_LOWER], ends[T_UPPER]
+    lower, upper = rows.squared[LOWER, x], rows.squared[UPPER, x]
+    along_lower, along_upper = along[LOWER, x], along[UPPER, x]
+    across_lower, across_upper = across[LOWER, x], across[UPPER, x]
+    gap_lower, gap_upper = across[GAP_LOWER, x], across[GAP_UPPER, x]
+    n_open = 0
+    n_others = 0
+    for y in range(lanes_of(count)):
+        low, high = _difference(
+            (along_lower[y], along_upper[y]),
+            (x_t_lower, x_t_upper),
+            (t_lower[y], t_upper[y]),
+            (lower[y], upper[y]),
+            (across_lower[y], across_upper[y]),
+        )
+        square_low = square_down(max(0.0, low, -high))
+        square_high = square_up(max(-low, high))
+        new_t_lower = max(t_lower[y], down(x_t_lower - high))
+        new_t_upper = min(t_upper[y], up(x_t_upper - low))
+        is_open = (
+            (low > high)
+            | (up(gap_lower[y] + square_high) < down(gap_upper[y] + square_low))
+            | (down(t_lower[y] + low) > x_t_lower)
+            | (up(t_upper[y] + high) < x_t_upper)
+            | (new_t_lower > new_t_upper)
+            | (down(square_low + across_lower[y]) > lower[y])
+            | (up(square_high + across_upper[y]) < upper[y])
+        )
+        is_other = (new_t_lower > t_lower[y]) | (new_t_upper < t_upper[y])
+        is_later = (x < y) & (y < count)
+        n_open += 1 if is_open & is_later else 0
+        n_others += 1 if is_other & is_later else 0
+    return n_open, n_others
+
+
+@kernel(inlined=True)
+def _narrow_coordinates(rows: Rows, x: int, count: int) -> None:
+    """Narrow the coordinates of the points in later rows by that of the point in row `x`."""
+    ends, along, across = rows.ends, rows.along, rows.across
+    x_t_lower, x_t_upper = ends[T_LOWER, x], ends[T_UPPER, x]
+    t_lower, t_upper, new_t_lower = ends[T_LOWER], ends[T_UPPER], ends[NEW_T_LOWER]
+    lower, upper = rows.squared[LOWER, x], rows.squared[UPPER, x]
+    along_lower, along_upper = along[LOWER, x], along[UPPER, x]
+    across_lower, across_upper = across[LOWER, x], across[UPPER, x]
+    for y in range(lanes_of(count)):
+        low, high = _difference(
+            (along_lower[y], along_upper[y]),
+            (x_t_lower, x_t_upper),
+            (t_lower[y], t_upper[y]),
+            (lower[y], upper[y]),
+            (across_lower[y], across_upper[y]),
+        )
+        new_t_lower[y] = max(t_lower[y], down(x_t_lower - high) if x < y else -math.inf)
+    for y in range(lanes_of(count)):
+        low, high = _difference(
+            (along_lower[y], along_upper[y]),
+            (x_t_lower, x_t_upper),
+            (t_lower[y], t_upper[y]),
+            (lower[y], upper[y]),
+            (across_lower[y], across_upper[y]),
+        )
+        t_upper[y] = min(t_upper[y], up(x_t_upper - low) if x < y else math.inf)
+    for y in range(lanes_of(count)):
+        t_lower[y] = new_t_lower[y]
+
+
+@kernel(inlined=True)
+def _narrow_pair(box: FloatArray, rows: Rows, x: int, y: int) -> bool:
     """Narrow s_ij and both coordinates from the reduced distance in the orthogonal space."""
-    low, high = coordinate_difference(box, a, b, i, j, d_bounds[0], d_bounds[1])
-    low = max(low, down(coordinates[LOWER, i] - coordinates[UPPER, j]))
-    high = min(high, up(coordinates[UPPER, i] - coordinates[LOWER, j]))
-    low, high = reverse_square(
-        low,
-        high,
-        down(box[LOWER, i, j] - projected[UPPER, i, j]),
-        up(box[UPPER, i, j] - projected[LOWER, i, j]),
+    ends, across = rows.ends, rows.across
+    low, high = _difference(
+        (rows.along[LOWER, x, y], rows.along[UPPER, x, y]),
+        (ends[T_LOWER, x], ends[T_UPPER, x]),
+        (ends[T_LOWER, y], ends[T_UPPER, y]),
+        (rows.squared[LOWER, x, y], rows.squared[UPPER, x, y]),
+        (across[LOWER, x, y], across[UPPER, x, y]),
     )
     if low > high:
         return False
-    coordinates[LOWER, i] = max(coordinates[LOWER, i], down(coordinates[LOWER, j] + low))
-    coordinates[UPPER, i] = min(coordinates[UPPER, i], up(coordinates[UPPER, j] + high))
-    coordinates[LOWER, j] = max(coordinates[LOWER, j], down(coordinates[LOWER, i] - high))
-    coordinates[UPPER, j] = min(coordinates[UPPER, j], up(coordinates[UPPER, i] - low))
-    if coordinates[LOWER, i] > coordinates[UPPER, i]:
+    ends[T_LOWER, x] = max(ends[T_LOWER, x], down(ends[T_LOWER, y] + low))
+    ends[T_UPPER, x] = min(ends[T_UPPER, x], up(ends[T_UPPER, y] + high))
+    ends[T_LOWER, y] = max(ends[T_LOWER, y], down(ends[T_LOWER, x] - high))
+    ends[T_UPPER, y] = min(ends[T_UPPER, y], up(ends[T_UPPER, x] - low))
+    if ends[T_LOWER, x] > ends[T_UPPER, x]:
         return False
-    if coordinates[LOWER, j] > coordinates[UPPER, j]:
+    if ends[T_LOWER, y] > ends[T_UPPER, y]:
         return False
 
+    i, j = rows.points[x], rows.points[y]
     square_low, square_high = square(low, high)
-    low = down(square_low + projected[LOWER, i, j])
-    high = up(square_high + projected[UPPER, i, j])
+    low = down(square_low + across[LOWER, x, y])
+    high = up(square_high + across[UPPER, x, y])
     if not narrow(box, i, j, low, high):
         return False
-    if projected[GAP_LOWER, i, j] < projected[GAP_UPPER, i, j]:
-        gap_low = up(projected[GAP_LOWER, i, j] + square_high)
-        gap_high = down(projected[GAP_UPPER, i, j] + square_low)
+    if across[GAP_LOWER, x, y] < across[GAP_UPPER, x, y]:
+        gap_low = up(across[GAP_LOWER, x, y] + square_high)
+        gap_high = down(across[GAP_UPPER, x, y] + square_low)
         return exclude(box, i, j, gap_low, gap_high)
     return True
 
 
+@kernel(inlined=True)
+def _narrow_row(box: FloatArray, rows: Rows, x: int, count: int) -> bool:
+    """
+    Narrow the pairs of a row with later ones, as if one after the other.
+
+    Where they narrow nothing but the coordinates of later points, these are narrowed at once.
+    """
+    n_open, n_others = _count_gains(rows, x, count)
+    if n_open > 0:
+        for y in range(x + 1, count):
+            if not _narrow_pair(box, rows, x, y):
+                return False
+    elif n_others > 0:
+        _narrow_coordinates(rows, x, count)
+    return True
+
+
 @kernel(borrows=True)
-def back_project(
-    box: FloatArray,
-    projected: FloatArray,
-    coordinates: FloatArray,
-    projected_points: IntArray,
-    a: int,
-    b: int,
-) -> bool:
+def back_project(box: FloatArray, rows: Rows, count: int, a: int, b: int) -> bool:
     """
     Narrow `box` in place by its projection, after that was reduced (Section 4.3).
 
     Parameters
     ----------
-    box, projected : ndarray, shape (4, n, n)
-        The box, and its projection after reduction, as written by `project`.
-    coordinates : ndarray, shape (2, n)
-        Bounds of the coordinates along the axis in m; narrowed as well.
-    projected_points : ndarray of int
-        `a` and the projected points.
+    box : ndarray, shape (4, n, n)
+        The box; its last axis may be longer.
+    rows : Rows
+        Its projection, as written by `project` and reduced. The coordinates are narrowed as well.
+    count : int
+        How many points were projected.
     a, b : int
         The axis.
 
@@ -231,16 +336,12 @@ def back_project(
         False when no placement is left.
 
     """
-    n_projected = len(projected_points)
     # The axis itself is narrowed by the points only, after the pairs.
-    d_bounds = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
-    for x in range(1, n_projected):
-        i = projected_points[x]
-        for y in range(x + 1, n_projected):
-            j = projected_points[y]
-            if not _narrow_pair(box, projected, coordinates, a, b, i, j, d_bounds):
-                return False
-    for x in range(1, n_projected):
-        if not _narrow_point(box, projected, coordinates, a, b, projected_points[x]):
+    last = count - 1
+    for x in range(last):
+        if not _narrow_row(box, rows, x, last):
+            return False
+    for x in range(last):
+        if not _narrow_point(box, rows, last, a, b, x):
             return False
     return True

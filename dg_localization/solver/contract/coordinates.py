@@ -18,7 +18,9 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import sqrt_down, sqrt_up
 from dg_localization.interval.scalars import reverse_square
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.projection import axis_coordinate, project
+from dg_localization.solver.contract.axis_bounds import axis_coordinate
+from dg_localization.solver.contract.projection import project
+from dg_localization.solver.contract.rows import new_rows
 
 
 def enclose_coordinates(lower: FloatArray, upper: FloatArray, frame: Sequence[int]) -> FloatArray:
@@ -83,7 +85,6 @@ def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
     origin = frame[0]
     enclosure[origin] = 0.0
     points = np.arange(n_points)
-    coordinates = np.empty((2, n_points))
     for axis in range(dimension):
         end = frame[axis + 1]
         if np.isinf(box[UPPER, origin, end]):
@@ -105,13 +106,19 @@ def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
             projected[UPPER] = np.inf
             for i in range(n_points):
                 projected[UPPER, i, i] = 0.0
-            found = np.zeros_like(points)
-            count = project(box, projected, coordinates, points, found, origin, end)
+            rows = new_rows(n_points)
+            count = project(box, rows, points, origin, end)
             if count < 0:
                 enclosure[:, LOWER] = np.inf
                 enclosure[:, UPPER] = -np.inf
                 break
-            box, points = projected, found[:count]
+            points = rows.points[:count]
+            for x in range(count):
+                for y in range(count):
+                    if x != y:
+                        for plane in range(4):
+                            projected[plane, points[x], points[y]] = rows.across[plane, x, y]
+            box = projected
     return enclosure
 
 

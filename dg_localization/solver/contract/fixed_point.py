@@ -143,9 +143,8 @@ class Contractor:
         self._n_points = n_points
         self._dimension = dimension
         work = make_workspace(n_points, dimension)
-        self._scratch = (*work, *sides_of(problem))
-        # What a contraction starts from: the box itself is the first level of the workspace.
-        self._box, self._points, self._distance = work.boxes[0], work.points[0], work.distance
+        self._scratch = (*work, *sides_of(problem), dimension)
+        self._box, self._points, self._distance = work.box, work.points, work.distance
         fitting = (s for s in SCHEDULES[dimension - 1] if n_points <= s.most_points)
         self._schedule = next(fitting)
         is_larger = n_points > LARGER[dimension - 1]

@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.interval.kernels import COMPILED, kernel
+from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 from dg_localization.solver.box import (
     GAP_LOWER,
@@ -29,12 +29,10 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
+from dg_localization.solver.contract.rows import lanes_of
 
 BOTH = 2
 """The side of two points with constraints for the same side and for opposite ones."""
-
-LANES = 8 if COMPILED else 1
-"""Rows are looked through so many points at a time: a processor can do that for all at once."""
 
 
 @kernel(inlined=True)
@@ -91,21 +89,23 @@ def _restrict(
 
 
 @kernel(inlined=True)
-def _set_roots(box: FloatArray, distance: FloatArray, points: IntArray) -> None:
+def _set_roots(box: FloatArray, distance: FloatArray, count: int) -> None:
     """Write the distances of the squared distances in `box`; a gap is rounded inward."""
-    count = len(points)
+    stop = lanes_of(count)
     for x in range(count):
-        i = points[x]
-        distance[LOWER, x, x] = distance[UPPER, x, x] = 0.0
-        for y in range(x + 1, count):
-            j = points[y]
-            distance[LOWER, x, y] = distance[LOWER, y, x] = sqrt_down(box[LOWER, i, j])
-            distance[UPPER, x, y] = distance[UPPER, y, x] = sqrt_up(box[UPPER, i, j])
+        squared_lower, squared_upper = box[LOWER, x], box[UPPER, x]
+        lower, upper = distance[LOWER, x], distance[UPPER, x]
+        for y in range(stop):
+            lower[y] = sqrt_down(squared_lower[y])
+        for y in range(stop):
+            upper[y] = sqrt_up(squared_upper[y])
+        lower[x] = upper[x] = 0.0
+        for y in range(x):
             gap_low = 0.0
             gap_high = 0.0
-            if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
-                gap_low = sqrt_up(box[GAP_LOWER, i, j])
-                gap_high = sqrt_down(box[GAP_UPPER, i, j])
+            if box[GAP_LOWER, x, y] < box[GAP_UPPER, x, y]:
+                gap_low = sqrt_up(box[GAP_LOWER, x, y])
+                gap_high = sqrt_down(box[GAP_UPPER, x, y])
             distance[GAP_LOWER, x, y] = distance[GAP_LOWER, y, x] = gap_low
             distance[GAP_UPPER, x, y] = distance[GAP_UPPER, y, x] = gap_high
 
@@ -196,20 +196,27 @@ def _restrict_through(
 
 
 @kernel(inlined=True)
-def _narrow_to_distances(box: FloatArray, distance: FloatArray, points: IntArray) -> bool:
+def _narrow_to_distances(box: FloatArray, distance: FloatArray, count: int) -> bool:
     """Narrow the squared distances by the distances; return whether anything is left."""
-    for x in range(len(points)):
-        i = points[x]
-        for y in range(x + 1, len(points)):
-            j = points[y]
-            low = square_down(distance[LOWER, x, y])
-            high = square_up(distance[UPPER, x, y])
-            if not narrow(box, i, j, low, high):
+    stop = lanes_of(count)
+    for x in range(count):
+        squared_lower, squared_upper = box[LOWER, x], box[UPPER, x]
+        lower, upper = distance[LOWER, x], distance[UPPER, x]
+        for y in range(stop):
+            squared_lower[y] = max(square_down(lower[y]), squared_lower[y])
+        for y in range(stop):
+            squared_upper[y] = min(square_up(upper[y]), squared_upper[y])
+    for x in range(count):
+        for y in range(x + 1, count):
+            if box[LOWER, x, y] > box[UPPER, x, y]:
                 return False
+            if box[GAP_LOWER, x, y] < box[GAP_UPPER, x, y]:
+                if not narrow(box, x, y, box[LOWER, x, y], box[UPPER, x, y]):
+                    return False
             if distance[GAP_LOWER, x, y] < distance[GAP_UPPER, x, y]:
                 gap_low = square_up(distance[GAP_LOWER, x, y])
                 gap_high = square_down(distance[GAP_UPPER, x, y])
-                if not exclude(box, i, j, gap_low, gap_high):
+                if not exclude(box, x, y, gap_low, gap_high):
                     return False
     return True
 
@@ -219,30 +226,27 @@ def _find_open(
     distance: FloatArray, z: int, count: int, is_open: NDArray[np.bool_], n_open: IntArray
 ) -> None:
     """
-    Note which pairs may have to be restricted by their distances from point `z`.
+    Note which pairs may have to be restricted by their distances from the point in row `z`.
 
     A pair lies in one branch as it is where it does so before the branches are rounded outward.
-    This decides only what is looked at: it is written without a branch of the program, so that a
-    processor does several pairs at once. What lies beyond the earlier points of a row has no
-    meaning.
+    This decides only what is looked at. What lies in spare lanes has no meaning.
     """
+    z_lower, z_upper = distance[LOWER, z], distance[UPPER, z]
     for x in range(count):
-        ij_low, ij_high = distance[LOWER, z, x], distance[UPPER, z, x]
+        ij_low, ij_high = z_lower[x], z_upper[x]
+        lower, upper, row = distance[LOWER, x], distance[UPPER, x], is_open[x]
         n_found = 0
-        for y in range((x + LANES - 1) // LANES * LANES):
-            jk_low, jk_high = distance[LOWER, z, y], distance[UPPER, z, y]
+        for y in range(lanes_of(x)):
+            jk_low, jk_high = z_lower[y], z_upper[y]
             near_low = max(ij_low - jk_high, jk_low - ij_high)
             near_high = max(ij_high - jk_low, jk_high - ij_low)
             far_low, far_high = ij_low + jk_low, ij_high + jk_high
-            # Where the branches overlap, either end may be that of their hull.
-            overlap = near_high >= far_low
-            near_end = far_high if overlap else near_high
-            far_start = near_low if overlap else far_low
-            low, high = distance[LOWER, x, y], distance[UPPER, x, y]
-            is_inside = ((near_low <= low) & (high <= near_end)) | (
-                (far_start <= low) & (high <= far_high)
+            low, high = lower[y], upper[y]
+            # Either the pair is in the near branch, or in the far one, or these overlap.
+            is_inside = ((near_low <= low) & (high <= far_high)) & (
+                (high <= near_high) | (far_low <= max(low, near_high))
             )
-            is_open[x, y] = not is_inside
+            row[y] = not is_inside
             n_found += 0 if is_inside else 1
         n_open[x] = n_found
 
@@ -251,11 +255,7 @@ def _find_open(
 def _open_known(at: int, z: int, count: int, is_open: NDArray[np.bool_], n_open: IntArray) -> None:
     """Open the pairs whose branches through `z` known sides from the point in row `at` decide."""
     for x in range(count):
-        if z == at:
-            for y in range(x):
-                is_open[x, y] = True
-            n_open[x] = x
-        elif x == at:
+        if z == at or x == at:
             for y in range(x):
                 is_open[x, y] = True
             n_open[x] += x
@@ -280,11 +280,11 @@ def reduce_line(
 
     Parameters
     ----------
-    box : ndarray, shape (4, n, n)
-        Squared distances in m^2 and their gaps; only the pairs of `points` are used.
+    box : ndarray, shape (4, n, w)
+        Squared distances in m^2 and their gaps: row x holds the pairs of `points[x]` with those
+        after it, in whole lanes (`rows`).
     distance, is_open, n_open
-        Scratch space for the distances in m, and for what is open: fields of a `Workspace`. Rows
-        and columns are in the order of `points`.
+        Scratch space for the distances in m, and for what is open: fields of a `Workspace`.
     points : ndarray of int
         The points on the line.
     n_through : int
@@ -306,8 +306,10 @@ def reduce_line(
     for x in range(count):
         if points[x] == merged:
             at = x
-    _set_roots(box, distance, points)
-    for z in range(min(count, n_through)):
+    _set_roots(box, distance, count)
+    for turn in range(min(count, n_through)):
+        # The image of an axis, known best from it, is in the last row.
+        z = turn - 1 if turn > 0 else count - 1
         _find_open(distance, z, count, is_open, n_open)
         if at >= 0:
             _open_known(at, z, count, is_open, n_open)
@@ -318,4 +320,4 @@ def reduce_line(
                 if y != z and is_open[x, y]:
                     if not _restrict_through(distance, points, y, z, x, merged, sigma):
                         return False
-    return _narrow_to_distances(box, distance, points)
+    return _narrow_to_distances(box, distance, count)

@@ -1,22 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Projection of a distance box along the axis of two of its points (Section 4.1).
-
-For an axis from point a to point b and a further point i, write A = s_ai, B = s_bi, C = s_ab and
-d = sqrt(C). The coordinate of i along the axis, measured from a, is
-
-    t_i = (A - B) / (2 d) + d / 2                                  (Eq. 7)
-
-its squared distance from the axis is p_i = A - t_i^2 (Eq. 8), and two points i, j are
-
-    s'_ij = s_ij - (t_i - t_j)^2
-
-apart in the space orthogonal to the axis, where a and b are one point. The bounds below are the
-tightest ones over the box of the arguments, found by the monotonicity of Eqs. (9)-(17), and
-rounded outward; plain interval evaluation would be wider because its terms share variables.
-"""
+"""Projection of a distance box along the axis of two of its points, in rows (Section 4.1)."""
 
 from __future__ import annotations
 
@@ -34,197 +19,27 @@ from dg_localization.solver.box import (
     IntArray,
     exclude,
 )
+from dg_localization.solver.contract.axis_bounds import (
+    axis_coordinate,
+    coordinate_difference_down,
+    coordinate_difference_up,
+    squared_height,
+)
+from dg_localization.solver.contract.rows import (
+    A_LOWER,
+    A_UPPER,
+    B_LOWER,
+    B_UPPER,
+    DIFFERENCE_LOWER,
+    DIFFERENCE_UPPER,
+    T_LOWER,
+    T_UPPER,
+    Rows,
+    lanes_of,
+)
 
 LEAST_AXIS_RATIO = 0.3
 """A pair serves as an axis when its squared distance is known to this ratio of its bounds."""
-
-
-@kernel
-def _coordinate_up(difference: float, d: float) -> float:
-    """Bound from above the coordinate (Eq. 7) for A - B = `difference` and axis length `d`."""
-    if d == 0.0:
-        return math.inf if difference > 0.0 else 0.0
-    return up(up(difference / (2.0 * d)) + 0.5 * d)
-
-
-@kernel
-def _coordinate_down(difference: float, d: float) -> float:
-    """Bound from below the coordinate (Eq. 7) for A - B = `difference` and axis length `d`."""
-    if d == 0.0:
-        return -math.inf if difference < 0.0 else 0.0
-    return down(down(difference / (2.0 * d)) + 0.5 * d)
-
-
-@kernel
-def axis_coordinate(
-    a_lower: float,
-    a_upper: float,
-    b_lower: float,
-    b_upper: float,
-    d_lower: float,
-    d_upper: float,
-) -> tuple[float, float]:
-    """
-    Bound the coordinate of a point along an axis (Eqs. 7 and 9-12).
-
-    Equation (7) increases with A and decreases with B. In d it is convex where A > B, with its
-    minimum sqrt(A - B) at d = sqrt(A - B), and increasing otherwise. Hence the maximum lies at
-    A+, B- and an end of d; the minimum at A-, B+ and an end of d, or at d = sqrt(A- - B+) when
-    that is an admissible length. Both bounds are then cut by what any triangle obeys,
-    |t| <= sqrt(A) and |t - d| <= sqrt(B), which gives bounds even where d may vanish.
-
-    Parameters
-    ----------
-    a_lower, a_upper, b_lower, b_upper : float
-        Squared distances to the two ends of the axis in m^2, finite.
-    d_lower, d_upper : float
-        Length of the axis in m, finite.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound of the signed coordinate in m; reversed when the box holds no
-        triangle at all.
-
-    """
-    high_difference = up(a_upper - b_lower)
-    high = _coordinate_up(high_difference, d_upper)
-    if high_difference > 0.0:
-        high = max(high, _coordinate_up(high_difference, d_lower))
-
-    low_difference = down(a_lower - b_upper)
-    if low_difference > 0.0:
-        if sqrt_up(low_difference) < d_lower:
-            low = _coordinate_down(low_difference, d_lower)
-        elif sqrt_down(low_difference) > d_upper:
-            low = _coordinate_down(low_difference, d_upper)
-        else:
-            low = sqrt_down(low_difference)
-    else:
-        low = _coordinate_down(low_difference, d_lower)
-
-    reach_a = sqrt_up(a_upper)
-    reach_b = sqrt_up(b_upper)
-    low = max(low, -reach_a, down(d_lower - reach_b))
-    high = min(high, reach_a, up(d_upper + reach_b))
-    return low, high
-
-
-@kernel
-def coordinate_difference(
-    box: FloatArray, a: int, b: int, i: int, j: int, d_lower: float, d_upper: float
-) -> tuple[float, float]:
-    """
-    Bound t_i - t_j = (A_i - B_i - A_j + B_j) / (2 d), in which d / 2 cancels.
-
-    Every squared distance occurs once and the quotient is monotone in d on either side of zero,
-    so the corner named by the sign of the numerator gives the tightest bounds.
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2; the distances of both points to both ends of the axis are finite.
-    a, b : int
-        The axis.
-    i, j : int
-        The points.
-    d_lower, d_upper : float
-        Length of the axis in m, finite.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound in m; infinite where `d_lower` is zero and the sign is open.
-
-    """
-    high = up(up(box[UPPER, a, i] - box[LOWER, b, i]) + up(box[UPPER, b, j] - box[LOWER, a, j]))
-    low = down(
-        down(box[LOWER, a, i] - box[UPPER, b, i]) + down(box[LOWER, b, j] - box[UPPER, a, j])
-    )
-    if d_lower == 0.0:
-        high = math.inf if high > 0.0 else 0.0
-        low = -math.inf if low < 0.0 else 0.0
-        return low, high
-    high = up(high / (2.0 * (d_lower if high > 0.0 else d_upper)))
-    low = down(low / (2.0 * (d_lower if low < 0.0 else d_upper)))
-    return low, high
-
-
-@kernel
-def _height_edge(a: float, b_lower: float, b_upper: float, c: float) -> tuple[float, float]:
-    """
-    Bound A - (A - B + C)^2 / (4 C) at the two corners of an edge of the box, for C > 0.
-
-    What is subtracted, rounding included, grows with |A - B + C| alone. So the corner
-    where it is larger is enough for the lower bound, that where it is smaller for the upper bound.
-    """
-    low_at_lower = down(down(a - b_lower) + c)
-    low_at_upper = down(down(a - b_upper) + c)
-    high_at_lower = up(up(a - b_lower) + c)
-    high_at_upper = up(up(a - b_upper) + c)
-    # Halved before they are squared: 4 C may overflow.
-    largest = 0.5 * max(-low_at_upper, high_at_lower)
-    smallest = 0.5 * max(
-        0.0, min(max(low_at_lower, -high_at_lower), max(low_at_upper, -high_at_upper))
-    )
-    height_low = down(a - up(square_up(largest) / c))
-    height_high = up(a - down(square_down(smallest) / c))
-    return height_low, height_high
-
-
-@kernel
-def squared_height(
-    a_lower: float,
-    a_upper: float,
-    b_lower: float,
-    b_upper: float,
-    c_lower: float,
-    c_upper: float,
-) -> tuple[float, float]:
-    """
-    Bound p = A - t^2, the squared distance of a point from the axis (Eqs. 8 and 13-17).
-
-    p = A - (A - B + C)^2 / (4 C) is concave in each argument alone, so its minimum is at one of
-    the eight corners. Its maximum is B+ where a right angle at b is possible with B = B+
-    (p <= B always, with equality there), A+ likewise at a, and else at a corner: with
-    0 < t < d throughout, p grows with A and B; beyond either end it grows towards that end.
-
-    Parameters
-    ----------
-    a_lower, a_upper, b_lower, b_upper, c_lower, c_upper : float
-        Squared sides in m^2, finite; C is the squared length of the axis.
-
-    Returns
-    -------
-    tuple of float
-        Lower bound, clipped at zero because the box may hold impossible triangles, and upper
-        bound in m^2. The upper bound is negative when all of them are impossible.
-
-    """
-    ceiling = min(a_upper, b_upper)
-    if c_lower <= 0.0:
-        return 0.0, ceiling
-    low = math.inf
-    high = -math.inf
-    for a in (a_lower, a_upper):
-        for c in (c_lower, c_upper):
-            edge_low, edge_high = _height_edge(a, b_lower, b_upper, c)
-            low = min(low, edge_low)
-            high = max(high, edge_high)
-    right_at_b = a_upper >= down(b_upper + c_lower) and a_lower <= up(b_upper + c_upper)
-    right_at_a = b_upper >= down(a_upper + c_lower) and b_lower <= up(a_upper + c_upper)
-    if right_at_a or right_at_b:
-        high = ceiling
-    return max(low, 0.0), min(high, ceiling)
-
-
-@kernel(borrows=True)
-def _store(projected: FloatArray, i: int, j: int, low: float, high: float) -> None:
-    """Set pair (i, j) of a projected box to [low, high] without a gap."""
-    projected[LOWER, i, j] = projected[LOWER, j, i] = low
-    projected[UPPER, i, j] = projected[UPPER, j, i] = high
-    projected[GAP_LOWER, i, j] = projected[GAP_LOWER, j, i] = 0.0
-    projected[GAP_UPPER, i, j] = projected[GAP_UPPER, j, i] = 0.0
 
 
 @kernel(borrows=True)
@@ -240,110 +55,189 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
 
 
 @kernel(borrows=True)
-def project(
-    box: FloatArray,
-    projected: FloatArray,
-    coordinates: FloatArray,
-    points: IntArray,
-    projected_points: IntArray,
-    a: int,
-    b: int,
-) -> int:
+def project(box: FloatArray, rows: Rows, points: IntArray, a: int, b: int) -> int:
     """
     Project the points of a box along the axis from `a` to `b` (Section 4.1).
 
     Parameters
     ----------
-    box, projected : ndarray, shape (4, n, n)
-        The box to project and where the projected one is written. There, `a` stands for the
-        common image of both ends of the axis. The distance of the two ends must be finite.
-    coordinates : ndarray, shape (2, n)
-        Where the bounds of each point's coordinate along the axis are written, in m.
+    box : ndarray, shape (4, n, n)
+        The box to project; its last axis may be longer. The distance of the two ends must be
+        finite.
+    rows : Rows
+        Where the projected points are written, a last, their coordinates, and the projected box.
+        A point infinitely far from an end is left out.
     points : ndarray of int
         The points of `box` to project.
-    projected_points : ndarray of int
-        Where `a` and the projected points are written. A point infinitely far from an end is left
-        out.
     a, b : int
         The axis.
 
     Returns
     -------
     int
-        The number of `projected_points`; -1 when no placement is left.
+        The number of projected points; -1 when no placement is left.
 
     """
-    d_lower = sqrt_down(box[LOWER, a, b])
-    d_upper = sqrt_up(box[UPPER, a, b])
-    projected_points[0] = a
-    n_projected = 1
+    count = _choose_points(box, rows.points, points, a, b)
+    if count == 0:
+        rows.points[0] = a
+        return 1
+    d_lower, d_upper = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
+    stop = lanes_of(count)
+    _gather_ends(box, rows, a, b, count)
+    _set_coordinates(rows.ends, stop, d_lower, d_upper)
+    n_gaps = 0
+    for x in range(count):
+        n_gaps += _gather_row(box, rows, x, count)
+        _set_along(rows, x, stop, d_lower, d_upper)
+        if not _set_across(rows, x, stop):
+            return -1
+    if n_gaps > 0 and not _set_gaps(box, rows, count):
+        return -1
+    rows.points[count] = a
+    if not _set_heights(rows, count, box[LOWER, a, b], box[UPPER, a, b]):
+        return -1
+    return count + 1
+
+
+@kernel(inlined=True)
+def _choose_points(
+    box: FloatArray, projected_points: IntArray, points: IntArray, a: int, b: int
+) -> int:
+    """Write the other points at a finite distance from both ends; return their number."""
+    count = 0
     for x in range(len(points)):
         i = points[x]
-        if i == a or i == b or math.isinf(box[UPPER, a, i]) or math.isinf(box[UPPER, b, i]):
-            continue
-        if not _project_point(box, projected, coordinates, (a, b, i), (d_lower, d_upper)):
-            return -1
-        projected_points[n_projected] = i
-        n_projected += 1
-    for x in range(1, n_projected):
-        i = projected_points[x]
-        for y in range(x + 1, n_projected):
-            j = projected_points[y]
-            low, high = coordinate_difference(box, a, b, i, j, d_lower, d_upper)
-            low = max(low, down(coordinates[LOWER, i] - coordinates[UPPER, j]))
-            high = min(high, up(coordinates[UPPER, i] - coordinates[LOWER, j]))
-            if low > high or not _project_pair(box, projected, i, j, low, high):
-                return -1
-    return n_projected
+        if i != a and i != b and box[UPPER, a, i] < math.inf and box[UPPER, b, i] < math.inf:
+            projected_points[count] = i
+            count += 1
+    return count
 
 
 @kernel(inlined=True)
-def _project_point(
-    box: FloatArray,
-    projected: FloatArray,
-    coordinates: FloatArray,
-    triangle: tuple[int, int, int],
-    d_bounds: tuple[float, float],
-) -> bool:
-    """Write the coordinate and the squared height of a point over an axis; False: none is left."""
-    a, b, i = triangle
-    low, high = axis_coordinate(
-        box[LOWER, a, i],
-        box[UPPER, a, i],
-        box[LOWER, b, i],
-        box[UPPER, b, i],
-        d_bounds[0],
-        d_bounds[1],
-    )
-    if low > high:
-        return False
-    coordinates[LOWER, i] = low
-    coordinates[UPPER, i] = high
-    low, high = squared_height(
-        box[LOWER, a, i],
-        box[UPPER, a, i],
-        box[LOWER, b, i],
-        box[UPPER, b, i],
-        box[LOWER, a, b],
-        box[UPPER, a, b],
-    )
-    _store(projected, a, i, low, high)
-    return low <= high
+def _gather_ends(box: FloatArray, rows: Rows, a: int, b: int, count: int) -> None:
+    """Write the squared distances to both ends; spare lanes hold those of a point over again."""
+    ends = rows.ends
+    for y in range(lanes_of(count)):
+        i = rows.points[min(y, count - 1)]
+        ends[A_LOWER, y], ends[A_UPPER, y] = box[LOWER, a, i], box[UPPER, a, i]
+        ends[B_LOWER, y], ends[B_UPPER, y] = box[LOWER, b, i], box[UPPER, b, i]
 
 
 @kernel(inlined=True)
-def _project_pair(
-    box: FloatArray, projected: FloatArray, i: int, j: int, low: float, high: float
-) -> bool:
-    """Write the projected squared distance of two points that are [low, high] apart along it."""
-    square_low, square_high = square(low, high)
-    low = max(0.0, down(box[LOWER, i, j] - square_high))
-    high = up(box[UPPER, i, j] - square_low)
-    if low > high:
-        return False
-    _store(projected, i, j, low, high)
-    if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
-        gap_low = up(box[GAP_LOWER, i, j] - square_low)
-        gap_high = down(box[GAP_UPPER, i, j] - square_high)
-        return exclude(projected, i, j, gap_low, gap_high)
+def _set_coordinates(ends: FloatArray, stop: int, d_lower: float, d_upper: float) -> None:
+    """Write the bounds of A - B and of the coordinate of every point."""
+    a_lower, a_upper, b_lower, b_upper = ends[A_LOWER], ends[A_UPPER], ends[B_LOWER], ends[B_UPPER]
+    difference_lower, difference_upper = ends[DIFFERENCE_LOWER], ends[DIFFERENCE_UPPER]
+    t_lower, t_upper = ends[T_LOWER], ends[T_UPPER]
+    for y in range(stop):
+        difference_lower[y] = down(a_lower[y] - b_upper[y])
+    for y in range(stop):
+        difference_upper[y] = up(a_upper[y] - b_lower[y])
+    for y in range(stop):
+        t_lower[y] = axis_coordinate(
+            a_lower[y], a_upper[y], b_lower[y], b_upper[y], d_lower, d_upper
+        )[0]
+    for y in range(stop):
+        t_upper[y] = axis_coordinate(
+            a_lower[y], a_upper[y], b_lower[y], b_upper[y], d_lower, d_upper
+        )[1]
+
+
+@kernel(inlined=True)
+def _set_heights(rows: Rows, count: int, c_lower: float, c_upper: float) -> bool:
+    """Write the last row, the squared heights over the axis; False when no triangle is left."""
+    ends, across = rows.ends, rows.across
+    a_lower, a_upper, b_lower, b_upper = ends[A_LOWER], ends[A_UPPER], ends[B_LOWER], ends[B_UPPER]
+    t_lower, t_upper = ends[T_LOWER], ends[T_UPPER]
+    p_lower, p_upper = across[LOWER, count], across[UPPER, count]
+    stop = lanes_of(count)
+    for y in range(stop):
+        p_lower[y] = squared_height(
+            a_lower[y], a_upper[y], b_lower[y], b_upper[y], c_lower, c_upper
+        )[0]
+    for y in range(stop):
+        p_upper[y] = squared_height(
+            a_lower[y], a_upper[y], b_lower[y], b_upper[y], c_lower, c_upper
+        )[1]
+    n_empty = 0
+    for y in range(stop):
+        n_empty += 1 if (t_lower[y] > t_upper[y]) | (p_lower[y] > p_upper[y]) else 0
+    for y in range(count):
+        across[LOWER, y, count], across[UPPER, y, count] = p_lower[y], p_upper[y]
+        across[GAP_LOWER, count, y] = across[GAP_LOWER, y, count] = 0.0
+        across[GAP_UPPER, count, y] = across[GAP_UPPER, y, count] = 0.0
+    return n_empty == 0
+
+
+@kernel(inlined=True)
+def _gather_row(box: FloatArray, rows: Rows, x: int, count: int) -> int:
+    """Write the squared distances of a row before the projection; return how many have a gap."""
+    i = rows.points[x]
+    lower, upper = box[LOWER, i], box[UPPER, i]
+    gap_lower, gap_upper = box[GAP_LOWER, i], box[GAP_UPPER, i]
+    row_lower, row_upper = rows.squared[LOWER, x], rows.squared[UPPER, x]
+    n_gaps = 0
+    for y in range(count):
+        j = rows.points[y]
+        row_lower[y], row_upper[y] = lower[j], upper[j]
+        n_gaps += gap_lower[j] < gap_upper[j]
+    # Nothing is known of what lies in the other lanes.
+    row_lower[x], row_upper[x] = 0.0, math.inf
+    for y in range(count, lanes_of(count)):
+        row_lower[y], row_upper[y] = 0.0, math.inf
+    return n_gaps
+
+
+@kernel(inlined=True)
+def _set_along(rows: Rows, x: int, stop: int, d_lower: float, d_upper: float) -> None:
+    """Write the bounds of t_i - t_j of a row."""
+    ends = rows.ends
+    low, high = ends[DIFFERENCE_LOWER], ends[DIFFERENCE_UPPER]
+    t_lower, t_upper = ends[T_LOWER], ends[T_UPPER]
+    along_lower, along_upper = rows.along[LOWER, x], rows.along[UPPER, x]
+    x_low, x_high, x_t_lower, x_t_upper = low[x], high[x], t_lower[x], t_upper[x]
+    for y in range(stop):
+        direct = coordinate_difference_down(x_low, high[y], d_lower, d_upper)
+        along_lower[y] = max(direct, down(x_t_lower - t_upper[y]))
+    for y in range(stop):
+        direct = coordinate_difference_up(x_high, low[y], d_lower, d_upper)
+        along_upper[y] = min(direct, up(x_t_upper - t_lower[y]))
+
+
+@kernel(inlined=True)
+def _set_across(rows: Rows, x: int, stop: int) -> bool:
+    """Write the projected squared distances of a row; False when a pair is impossible."""
+    lower, upper = rows.squared[LOWER, x], rows.squared[UPPER, x]
+    along_lower, along_upper = rows.along[LOWER, x], rows.along[UPPER, x]
+    across_lower, across_upper = rows.across[LOWER, x], rows.across[UPPER, x]
+    gap_lower, gap_upper = rows.across[GAP_LOWER, x], rows.across[GAP_UPPER, x]
+    for y in range(stop):
+        square_high = square_up(max(-along_lower[y], along_upper[y]))
+        across_lower[y] = max(0.0, down(lower[y] - square_high))
+    for y in range(stop):
+        square_low = square_down(max(0.0, along_lower[y], -along_upper[y]))
+        across_upper[y] = up(upper[y] - square_low)
+    for y in range(stop):
+        gap_lower[y] = gap_upper[y] = 0.0
+    n_empty = 0
+    for y in range(stop):
+        is_empty = (along_lower[y] > along_upper[y]) | (across_lower[y] > across_upper[y])
+        n_empty += 1 if is_empty else 0
+    return n_empty == 0
+
+
+@kernel(inlined=True)
+def _set_gaps(box: FloatArray, rows: Rows, count: int) -> bool:
+    """Carry the gaps of all pairs over; False when one is left without bounds."""
+    for x in range(count):
+        i = rows.points[x]
+        for y in range(x + 1, count):
+            j = rows.points[y]
+            if box[GAP_LOWER, i, j] < box[GAP_UPPER, i, j]:
+                square_low, square_high = square(rows.along[LOWER, x, y], rows.along[UPPER, x, y])
+                gap_low = up(box[GAP_LOWER, i, j] - square_low)
+                gap_high = down(box[GAP_UPPER, i, j] - square_high)
+                if not exclude(rows.across, x, y, gap_low, gap_high):
+                    return False
     return True

@@ -17,11 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.box import (
+    GAP_LOWER,
+    GAP_UPPER,
+    LOWER,
+    UPPER,
+    FloatArray,
+    IntArray,
+    exclude,
+    narrow,
+)
 from dg_localization.solver.contract.axes import rank_points
 from dg_localization.solver.contract.back_projection import back_project
-from dg_localization.solver.contract.line import LANES, reduce_line
+from dg_localization.solver.contract.line import reduce_line
 from dg_localization.solver.contract.projection import is_axis, project
+from dg_localization.solver.contract.rows import Rows, lanes_of, make_rows
 from dg_localization.solver.contract.sides import Sides, set_sigma
 
 SMALL_FLEET = 7
@@ -37,30 +47,50 @@ NO_FACE = (-1, -1, -1)
 
 
 class Workspace(NamedTuple):
-    """Scratch arrays of one contraction, a slice per level of projection."""
+    """Scratch arrays of one contraction; `rows` has a level for each projection, at least one."""
 
-    boxes: FloatArray  # (q, 4, n, n): the box and its projections
-    coordinates: FloatArray  # (q, 2, n)
-    points: IntArray  # (q, n)
-    distance: FloatArray  # (4, n, w), with w points in whole lanes
+    box: FloatArray  # (4, n, n)
+    points: IntArray  # (n,): the points in the order in which they are projected
+    row_points: IntArray  # (q - 1, n): this and the next four are `Rows`
+    ends: FloatArray
+    squared: FloatArray
+    along: FloatArray
+    across: FloatArray
+    distance: FloatArray  # (4, n, w)
     is_open: NDArray[np.bool_]  # (n, w)
     n_open: IntArray  # (n,)
+    names: IntArray  # (n,): the points on the line
+    in_order: IntArray  # (n,): 0, 1, ..., the points of a projected box
     sigma: NDArray[np.int8]  # (n, n)
 
 
 def make_workspace(n_points: int, dimension: int) -> Workspace:
     """Allocate the scratch arrays for `n_points` in `dimension`."""
-    points = np.zeros((dimension, n_points), dtype=np.int64)
-    points[0] = np.arange(n_points)
-    width = (n_points + LANES - 1) // LANES * LANES
+    levels = max(1, dimension - 1)
+    rows = Rows._make(np.stack([part] * levels) for part in make_rows(n_points))
+    shape = rows.across.shape[2:]
     return Workspace(
-        boxes=np.zeros((dimension, 4, n_points, n_points)),
-        coordinates=np.zeros((dimension, 2, n_points)),
-        points=points,
-        distance=np.zeros((4, n_points, width)),
-        is_open=np.zeros((n_points, width), dtype=np.bool_),
+        np.zeros((4, n_points, n_points)),
+        np.arange(n_points),
+        *rows,
+        distance=np.zeros((4, *shape)),
+        is_open=np.zeros(shape, dtype=np.bool_),
         n_open=np.zeros(n_points, dtype=np.int64),
+        names=np.zeros(n_points, dtype=np.int64),
+        in_order=np.arange(n_points),
         sigma=np.zeros((n_points, n_points), dtype=np.int8),
+    )
+
+
+@kernel(inlined=True)
+def rows_of(work: Workspace, level: int) -> Rows:
+    """Return the rows of a projection."""
+    return Rows(
+        work.row_points[level],
+        work.ends[level],
+        work.squared[level],
+        work.along[level],
+        work.across[level],
     )
 
 
@@ -80,17 +110,17 @@ def _in_order(face: Face) -> Face:
 
 @kernel(inlined=True)
 def reduce_to_line(
-    work: Workspace, sides: Sides, level: int, count: int, merged: int, face: Face
+    work: Workspace, sides: Sides, level: int, points: IntArray, merged: int, face: Face
 ) -> bool:
-    """Reduce the line at `level`, where `merged` is the image of a face with known sides."""
+    """Reduce the line of some points at `level`, where `merged` is the image of a face."""
     f0, f1, f2 = _in_order(face)
     known = f0 >= 0 and set_sigma(work.sigma, sides, f0, f1, f2, True)
     left = reduce_line(
-        work.boxes[level],
+        work.across[level],
         work.distance,
         work.is_open,
         work.n_open,
-        work.points[level, :count],
+        points,
         MOST_THROUGH,
         merged if known else -1,
         work.sigma,
@@ -101,89 +131,126 @@ def reduce_to_line(
 
 
 @kernel(inlined=True)
-def reduce_plane(
-    work: Workspace, sides: Sides, level: int, count: int, a: int, b: int, face: Face
-) -> bool:
-    """Project the plane at `level` along (a, b) to a line, reduce that, and return."""
-    box, projected = work.boxes[level], work.boxes[level + 1]
-    coordinates = work.coordinates[level]
-    points, projected_points = work.points[level, :count], work.points[level + 1]
-    n_projected = project(box, projected, coordinates, points, projected_points, a, b)
+def reduce_plane(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
+    """Project the plane along (a, b) to a line, reduce that, and return."""
+    rows = rows_of(work, 0)
+    n_projected = project(work.box, rows, work.points[:count], a, b)
     if n_projected < 0:
         return False
-    if not reduce_to_line(work, sides, level + 1, n_projected, a, face):
+    if not reduce_to_line(work, sides, 0, rows.points[:n_projected], a, (a, b, -1)):
         return False
-    return back_project(box, projected, coordinates, projected_points[:n_projected], a, b)
+    return back_project(work.box, rows, n_projected, a, b)
+
+
+@kernel(inlined=True)
+def reduce_projected_plane(
+    work: Workspace, sides: Sides, points: IntArray, x: int, y: int, face: Face
+) -> bool:
+    """Do the same with a projection of space, along the points in its rows `x` and `y`."""
+    plane, rows = rows_of(work, 0), rows_of(work, 1)
+    n_projected = project(plane.across, rows, points, x, y)
+    if n_projected < 0:
+        return False
+    for z in range(n_projected):
+        work.names[z] = plane.points[rows.points[z]]
+    if not reduce_to_line(work, sides, 1, work.names[:n_projected], plane.points[x], face):
+        return False
+    return back_project(plane.across, rows, n_projected, x, y)
 
 
 @kernel(inlined=True)
 def reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> bool:
     """Project space along (a, b) to a plane, reduce that along the axes of faces, and return."""
-    box, projected, coordinates = work.boxes[0], work.boxes[1], work.coordinates[0]
-    points, projected_points = work.points[0, :count], work.points[1]
-    n_projected = project(box, projected, coordinates, points, projected_points, a, b)
+    rows = rows_of(work, 0)
+    n_projected = project(work.box, rows, work.points[:count], a, b)
     if n_projected < 0:
         return False
-    for x in range(1, n_projected):
-        e = projected_points[x]
-        if is_axis(projected, a, e):
-            if not reduce_plane(work, sides, 1, n_projected, a, e, (a, b, e)):
+    points, last = work.in_order[:n_projected], n_projected - 1
+    for x in range(last):
+        if is_axis(rows.across, last, x):
+            if not reduce_projected_plane(work, sides, points, last, x, (a, b, rows.points[x])):
                 return False
     # The others span no face {a, b, e}, cost n times as much, and save enough boxes only where
     # points are few (docs/projections.md).
     if n_projected < SMALL_FLEET:
-        for x in range(1, n_projected):
-            for y in range(x + 1, n_projected):
-                e, f = projected_points[x], projected_points[y]
-                if is_axis(projected, e, f):
-                    if not reduce_plane(work, sides, 1, n_projected, e, f, NO_FACE):
+        for x in range(last):
+            for y in range(x + 1, last):
+                if is_axis(rows.across, x, y):
+                    if not reduce_projected_plane(work, sides, points, x, y, NO_FACE):
                         return False
-    return back_project(box, projected, coordinates, projected_points[:n_projected], a, b)
+    return back_project(work.box, rows, n_projected, a, b)
 
 
 @kernel(inlined=True)
-def _apply_axis(work: Workspace, sides: Sides, a: int, b: int, count: int) -> bool:
+def _reduce_whole_line(work: Workspace, sides: Sides, merged: int) -> bool:
+    """Reduce a fleet on a line, whose box has no spare lanes."""
+    box, across = work.box, work.across[0]
+    count = box.shape[1]
+    for x in range(count):
+        for plane in range(4):
+            for y in range(lanes_of(count)):
+                across[plane, x, y] = box[plane, x, y] if y < count else 0.0
+    if not reduce_to_line(work, sides, 0, work.in_order, merged, (merged, merged, -1)):
+        return False
+    for x in range(count):
+        for y in range(x + 1, count):
+            if not narrow(box, x, y, across[LOWER, x, y], across[UPPER, x, y]):
+                return False
+            if not exclude(box, x, y, across[GAP_LOWER, x, y], across[GAP_UPPER, x, y]):
+                return False
+    return True
+
+
+@kernel(inlined=True)
+def _apply_axis(work: Workspace, sides: Sides, dimension: int, a: int, b: int, count: int) -> bool:
     """Project the `count` points known best along an axis, reduce, and back-project."""
-    dimension, _, n_points, _ = work.boxes.shape
-    box = work.boxes[0]
     if dimension == 1:
-        return reduce_to_line(work, sides, 0, n_points, a, (a, a, -1))
-    if not is_axis(box, a, b):
+        return _reduce_whole_line(work, sides, a)
+    if not is_axis(work.box, a, b):
         return True
-    if n_points > MOST_THROUGH:
-        rank_points(box, a, b, work.points[0])
+    if work.box.shape[1] > MOST_THROUGH:
+        rank_points(work.box, a, b, work.points)
     if dimension == 2:
-        return reduce_plane(work, sides, 0, count, a, b, (a, b, -1))
+        return reduce_plane(work, sides, count, a, b)
     return reduce_space(work, sides, count, a, b)
 
 
 @kernel(borrows=True)
 def apply_axes(
-    boxes: FloatArray,
-    coordinates: FloatArray,
+    box: FloatArray,
     points: IntArray,
+    row_points: IntArray,
+    ends: FloatArray,
+    squared: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
     distance: FloatArray,
     is_open: NDArray[np.bool_],
     n_open: IntArray,
+    names: IntArray,
+    in_order: IntArray,
     sigma: NDArray[np.int8],
     start: IntArray,
     stop: IntArray,
     rows: IntArray,
+    dimension: int,
     axes: IntArray,
     count: int,
 ) -> bool:
     """
     Project along one axis after the other, reduce, and back-project.
 
-    Called as ``apply_axes(*work, *sides, axes, count)``: what enters from Python enters flat,
-    because numba takes six times as long to unpack named tuples.
+    Called as ``apply_axes(*work, *sides, dimension, axes, count)``: what enters from Python enters
+    flat, because numba takes six times as long to unpack named tuples.
 
     Parameters
     ----------
-    boxes, coordinates, points, distance, is_open, n_open, sigma
-        The fields of a `Workspace`; the first box is narrowed in place.
+    box, points, row_points, ends, squared, along, across, distance, is_open, n_open, names, sigma
+        The fields of a `Workspace`; the box is narrowed in place.
     start, stop, rows
         The fields of `Sides`.
+    dimension : int
+        Dimension of the space.
     axes : ndarray of int, shape (k, 2)
         The axes, in the order in which they are applied.
     count : int
@@ -195,9 +262,23 @@ def apply_axes(
         False when the box is proved to hold no placement.
 
     """
-    work = Workspace(boxes, coordinates, points, distance, is_open, n_open, sigma)
+    work = Workspace(
+        box,
+        points,
+        row_points,
+        ends,
+        squared,
+        along,
+        across,
+        distance,
+        is_open,
+        n_open,
+        names,
+        in_order,
+        sigma,
+    )
     sides = Sides(start, stop, rows)
     for x in range(len(axes)):
-        if not _apply_axis(work, sides, axes[x, 0], axes[x, 1], count):
+        if not _apply_axis(work, sides, dimension, axes[x, 0], axes[x, 1], count):
             return False
     return True

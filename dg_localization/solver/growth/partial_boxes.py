@@ -223,10 +223,10 @@ class Growth:
         axes = rank_axes(box, axes_of(part))[: len(groups.edges)]
         count = LOCAL_POINTS if len(points) > MOST_THROUGH else len(points)
         work = make_workspace(len(points), part.dimension)
-        work.boxes[0][:] = box
-        if not apply_axes(*work, *sides_of(part), axes, count):
+        work.box[:] = box
+        if not apply_axes(*work, *sides_of(part), part.dimension, axes, count):
             return None
-        box = work.boxes[0].copy()
+        box = work.box.copy()
         # Each gap is one of a pair alone: the search looks for them again.
         box[GAP_LOWER:] = 0.0
         return box if combine(*groups, box, part.dimension, explained) else None
