@@ -24,8 +24,8 @@ from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.splitting import split
 from dg_localization.solver.search.tightening import tighten
 
-POINTS_PER_WORKER = 12
-"""From this many points on a box takes milliseconds, and several are examined at a time."""
+POINTS_PER_WORKER = 32
+"""From this many points on several boxes are examined at a time: below, threads do not pay."""
 
 
 def search(
