@@ -710,12 +710,32 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'snapshot',
-        ('test/fleet/test_mounts.py',),
+        'elevations',
+        ('test/fleet/test_elevations.py',),
         (
-            'robots that climb stay at their elevation',
-            'sum_up(high_m, -low_m) if low_m < high_m else 0.0',
-            '0.0',
+            'robots that climb stay at the elevation that was read',
+            'climb_m = most_between(speed_m_s, *times_s)',
+            'climb_m = 0.0',
+        ),
+        (
+            'elevations that were read long ago count',
+            'if now_s - reading.stamp_s <= config.max_age_s:',
+            'if True:',
+        ),
+        (
+            'what was read before a contradiction counts',
+            '            readings.clear()\n',
+            '',
+        ),
+        (
+            'the upper bound of an elevation takes the greatest error, not the least',
+            'sum_up(elevation_m, -error.min_error_m)',
+            'sum_up(elevation_m, -error.max_error_m)',
+        ),
+        (
+            'a distance in the plane is shorter by the greatest rise, not the least',
+            's_upper_m2 = sum_up(s_upper_m2, -rise_m2[0])',
+            's_upper_m2 = sum_up(s_upper_m2, -rise_m2[1])',
         ),
     ),
     *_in(

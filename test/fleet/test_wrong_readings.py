@@ -51,8 +51,12 @@ class Lying:
 
     def add_bearing(self, observer, target, ray, stamp_s, now_s):
         angle = math.atan2(ray[1], ray[0]) + (self._lies(observer, target, stamp_s) or 0.0)
-        ray = [math.cos(angle), math.sin(angle), 0.0]
+        far = math.hypot(ray[0], ray[1])
+        ray = [far * math.cos(angle), far * math.sin(angle), ray[2]]
         return self.localizer.add_bearing(observer, target, ray, stamp_s, now_s)
+
+    def add_elevation(self, *arguments):
+        return self.localizer.add_elevation(*arguments)
 
     def add_odometry(self, *arguments):
         return self.localizer.add_odometry(*arguments)

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
+from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion
@@ -314,16 +314,9 @@ class CarriedWindow:
         rows += [_Row(seen, by_second, points) for seen in observations]
 
     def _pair_of(self, observer: int, target: int) -> Pair | None:
-        """
-        Return the bodies of two points.
-
-        None where both are one, a motion is not known, or they are at different elevations.
-        """
+        """Return the bodies of two points; None where both are one or a motion is not known."""
         first, second = self._body_of(observer), self._body_of(target)
         if first is None or second is None or first == second:
-            return None
-        config = self._config
-        if squared_rise_m2(config, config.points[observer], config.points[target])[1] > 0.0:
             return None
         return min(first, second), max(first, second)
 
