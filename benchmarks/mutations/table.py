@@ -1133,6 +1133,26 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'constraints/rays',
+        ('test/fleet/test_stamp_error.py',),
+        (
+            'equal stamps of a robot and of an answer are one time',
+            'replace(ray, half_width_rad=sum_up(ray.half_width_rad, error_rad))',
+            'ray',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'answers',
+        ('test/fleet/test_fixed_frame.py',),
+        (
+            'what a limit left open in a group counts as covered',
+            'next(verdict for verdict in _OF_ALL if verdict in verdicts)',
+            'found.verdict',
+        ),
+    ),
+    *_in(
+        'fleet',
         'motion',
         ('test/fleet/test_stamp_error.py',),
         (
