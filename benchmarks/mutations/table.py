@@ -710,6 +710,28 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'contradictions/window_suspects',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'ranges of sensors are taken for those between origins',
+            'if snapshot.config.sensors.keys().isdisjoint(ends)',
+            'if True',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/carry',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'what sensors measure is trusted although readings may be wrong',
+            'return WORLD if robot == name else None\n',
+            'return WORLD if robot == name else None\n'
+            '        if robot != name and config.window_outliers:\n'
+            '            return None\n',
+        ),
+    ),
+    *_in(
+        'fleet',
         'elevations',
         ('test/fleet/test_elevations.py',),
         (

@@ -78,14 +78,15 @@ def all_have_odometry(history):
 @given(
     seed=st.integers(0, 2**32 - 1),
     robots=st.integers(2, 4),
+    mounted=st.sampled_from([0, 0, 1, 2]),
     anchors=st.sampled_from([0, 0, 2, 3]),
     memory_s=st.sampled_from([3.0, 30.0]),
     wrong=st.sampled_from([1, 2, 5]),
     agreeing=st.booleans(),
 )
-def test_the_truth_is_never_lost(seed, robots, anchors, memory_s, wrong, agreeing):
+def test_the_truth_is_never_lost(seed, robots, mounted, anchors, memory_s, wrong, agreeing):
     history = History.draw(
-        seed, robots, anchors, SECONDS, memory_s=memory_s, window_outliers=wrong
+        seed, robots, anchors, SECONDS, mounted, memory_s=memory_s, window_outliers=wrong
     )
     if not all_have_odometry(history):
         return

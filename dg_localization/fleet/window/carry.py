@@ -324,11 +324,9 @@ class CarriedWindow:
         """Return the body of a point; None where the motion is not known."""
         config, name = self._config, self._config.points[point]
         robot = config.robot_of(name)
-        # Where readings may be wrong, those of sensors count at the moment, and so not here.
-        if robot != name and (config.window_outliers or robot in config.anchors):
-            return None
         if robot in config.anchors:
-            return WORLD
+            # How a parked robot is turned is not known.
+            return WORLD if robot == name else None
         if not (self._motion.odometry.get(robot) and config.is_upright(robot)):
             return None
         return config.robots.index(robot)
