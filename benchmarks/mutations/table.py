@@ -1165,6 +1165,18 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'best_point/best_point',
+        (
+            'test/fleet/test_best_point.py::test_robots_that_hardly_anything_ties_to_the_rest_have_points',
+        ),
+        (
+            'a covariance is made of rounding errors',
+            'np.where(values > spread / MOST_SPREAD, values, 1.0)',
+            'np.abs(values)',
+        ),
+    ),
+    *_in(
+        'fleet',
         'answers',
         ('test/fleet/test_fixed_frame.py',),
         (
