@@ -283,7 +283,7 @@ class OdometryPath:
             within_rad = up(offsets[2] + self._tilt_rad)
             steep = steepness(self._rotations[index], within_rad)
         limit_yaws(offsets[1], float(limits.turn_rate_rad_s), steep, reaches_s, places)
-        return _Nearest(index, *offsets, steep)
+        return _Nearest(index, offsets[0], offsets[1], offsets[2], steep)
 
     def _off_track(self, near: _Nearest) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the robot is from its track at some times at most, in m and rad."""
