@@ -78,6 +78,7 @@ class OdometryTrack:
         is another frame. It says nothing about the motion before it, so the older readings are
         forgotten.
         """
+        way_m, turned_rad = reading.way_m, reading.turned_rad
         if self._readings:
             last = self._readings[-1]
             step_m = _distance_up_m(reading.position_m, last.position_m)
@@ -92,8 +93,9 @@ class OdometryTrack:
                 if reading.stamp_s - last.stamp_s > self._error.max_gap_s:
                     step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)
                 way_m, turned_rad = sum_up(last.way_m, step_m), sum_up(last.turned_rad, turn_rad)
-                reading = replace(reading, way_m=way_m, turned_rad=turned_rad)
-        self._readings.append(replace(reading, restarted_s=self._restarted_s))
+        self._readings.append(
+            replace(reading, way_m=way_m, turned_rad=turned_rad, restarted_s=self._restarted_s)
+        )
         self._forget_before(reading.stamp_s - self._keep_s)
 
     def _turn_up_rad(self, before: np.ndarray, after: np.ndarray) -> float:
@@ -253,8 +255,7 @@ def greatest_errors(
 
 def _rounding_up_m(first_m: np.ndarray, second_m: np.ndarray) -> float:
     """Return an upper bound of how far the rounding of two positions changes their distance."""
-    largest_m = np.maximum(np.abs(first_m), np.abs(second_m)).max()
-    return rounding_error(float(largest_m), ROUNDED)
+    return rounding_error(max(map(abs, (*first_m.tolist(), *second_m.tolist()))), ROUNDED)
 
 
 def _beyond_up_s(
