@@ -56,6 +56,12 @@ def direction(rng):
     return drawn / math.sqrt(drawn @ drawn)
 
 
+def cross(first, second):
+    """Return the vector product; that of NumPy takes ten times as long for one."""
+    (a, b, c), (x, y, z) = first.tolist(), second.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
 def draw_drive(rng, count, error, worst, steepest_rad):
     """Fly about; odometry errs by its bounds if `worst`, by less otherwise."""
     place, yaw = rng.uniform(-5.0, 5.0, 3) * [1.0, 1.0, 0.4], rng.uniform(-3.0, 3.0)
@@ -169,9 +175,9 @@ class SpaceHistory(History):
             mount = self.config.sensors.get(names[0])
             if mount is not None:
                 rotation = rotation @ rotation_of_quaternion(np.array(mount.rotation_xyzw))
-            ray = rotation.T @ gap / np.linalg.norm(gap)
-            across = np.cross(ray, aside)
-            ray = ray + math.tan(off_rad) * across / np.linalg.norm(across)
+            ray = rotation.T @ gap / math.sqrt(gap @ gap)
+            across = cross(ray, aside)
+            ray = ray + math.tan(off_rad) * across / math.sqrt(across @ across)
             return localizer.add_bearing(*names, ray, self.start_s + time_s, now_s)
 
         return self._arrival_s(time_s), call
