@@ -12,6 +12,7 @@ the message class when it is called. Importing this package imports no ROS.
 from msg_adapters.bearings import BearingReading
 from msg_adapters.detections import CameraReading, PixelReading
 from msg_adapters.diagnostics import Diagnostics, Level, Status
+from msg_adapters.elevations import ElevationReading
 from msg_adapters.identified import IdentifiedReading
 from msg_adapters.markers import Marker, MarkerScene, Shape
 from msg_adapters.odometry import OdometryReading
@@ -25,6 +26,7 @@ __all__ = [
     'BearingReading',
     'CameraReading',
     'Diagnostics',
+    'ElevationReading',
     'IdentifiedReading',
     'Level',
     'Marker',

@@ -12,6 +12,7 @@ from msg_adapters import (
     bearings,
     detections,
     diagnostics,
+    elevations,
     identified,
     markers,
     odometry,
@@ -132,6 +133,12 @@ for _adapter in (
         odometry.OdometryReading,
         odometry.odometry_from_message,
         odometry.odometry_to_message,
+    ),
+    Adapter(
+        elevations.TYPE_NAME,
+        elevations.ElevationReading,
+        elevations.elevation_from_message,
+        elevations.elevation_to_message,
     ),
     Adapter(
         peers.TYPE_NAME,

@@ -710,12 +710,54 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'snapshot',
-        ('test/fleet/test_mounts.py',),
+        'contradictions/window_suspects',
+        ('test/fleet/test_mounted_memory.py',),
         (
-            'robots that climb stay at their elevation',
-            'sum_up(high_m, -low_m) if low_m < high_m else 0.0',
-            '0.0',
+            'ranges of sensors are taken for those between origins',
+            'if snapshot.config.sensors.keys().isdisjoint(ends)',
+            'if True',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/carry',
+        ('test/fleet/test_mounted_memory.py',),
+        (
+            'what sensors measure is trusted although readings may be wrong',
+            'return WORLD if robot == name else None\n',
+            'return WORLD if robot == name else None\n'
+            '        if robot != name and config.window_outliers:\n'
+            '            return None\n',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'elevations',
+        ('test/fleet/test_elevations.py',),
+        (
+            'robots that climb stay at the elevation that was read',
+            'climb_m = most_between(speed_m_s, *times_s)',
+            'climb_m = 0.0',
+        ),
+        (
+            'elevations that were read long ago count',
+            'if now_s - reading.stamp_s <= config.max_age_s:',
+            'if True:',
+        ),
+        (
+            'what was read before a contradiction counts',
+            '            readings.clear()\n',
+            '',
+        ),
+        (
+            'the upper bound of an elevation takes the greatest error, not the least',
+            'sum_up(elevation_m, -error.min_error_m)',
+            'sum_up(elevation_m, -error.max_error_m)',
+        ),
+        (
+            'a distance in the plane is shorter by the greatest rise, not the least',
+            's_upper_m2 = sum_up(s_upper_m2, -rise_m2[0])',
+            's_upper_m2 = sum_up(s_upper_m2, -rise_m2[1])',
         ),
     ),
     *_in(
@@ -1109,6 +1151,26 @@ FLEET = [
             'stamps of odometry are right',
             'return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))',
             'return error',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'constraints/rays',
+        ('test/fleet/test_stamp_error.py',),
+        (
+            'equal stamps of a robot and of an answer are one time',
+            'replace(ray, half_width_rad=sum_up(ray.half_width_rad, error_rad))',
+            'ray',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'answers',
+        ('test/fleet/test_fixed_frame.py',),
+        (
+            'what a limit left open in a group counts as covered',
+            'next(verdict for verdict in _OF_ALL if verdict in verdicts)',
+            'found.verdict',
         ),
     ),
     *_in(

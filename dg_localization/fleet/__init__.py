@@ -15,7 +15,13 @@ from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.odometry_error import OdometryErrorModel
-from dg_localization.fleet.sensors import Anchor, LinkOverride, Mount, RangeErrorModel
+from dg_localization.fleet.sensors import (
+    Anchor,
+    ElevationErrorModel,
+    LinkOverride,
+    Mount,
+    RangeErrorModel,
+)
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import (
     Conflict,
@@ -34,6 +40,7 @@ __all__ = [
     'Cancel',
     'ConfigError',
     'Conflict',
+    'ElevationErrorModel',
     'Estimate',
     'FixedFrame',
     'FleetConfig',

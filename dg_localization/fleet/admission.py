@@ -43,6 +43,13 @@ class Admission:
             return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
         return self.check_names(name)
 
+    def check_elevated(self, name: str) -> Rejection | None:
+        """Return a rejection when a name is not that of a point with a stated elevation."""
+        if name in self._points and name not in self._config.elevations_m:
+            text = f'{name!r} has no stated elevation, which readings of it could narrow'
+            return Rejection(RejectionReason.INVALID_ELEVATION, text)
+        return self.check_names(name)
+
     def check_link(self, key: LinkKey) -> Rejection | None:
         """Return a rejection when a link does not join points of two robots or anchors."""
         if key in self._links:

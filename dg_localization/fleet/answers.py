@@ -58,6 +58,9 @@ LEAST_LISTED = 64
 """At least so many placements are tried with what is remembered, however few are published."""
 
 CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, Statistics())
+_OF_ALL = (Verdict.INFEASIBLE, Verdict.OUT_OF_BUDGET, Verdict.COVERED)
+"""The first of these that is the verdict of some parts is that of all together."""
+
 NO_PLACE = Answer(Verdict.COVERED, (), 0, Statistics())
 
 
@@ -98,7 +101,8 @@ def answer(
     Returns
     -------
     Answer
-        A contradiction anywhere contradicts the whole fleet.
+        A contradiction anywhere contradicts the whole fleet, and a limit anywhere leaves some of
+        it open.
 
     """
     if constraints.contradictory:
@@ -106,6 +110,7 @@ def answer(
     robots = snapshot.config.robots
     statistics = Statistics()
     groups = []
+    verdicts: list[Verdict] = []
     rigidity = NOT_RIGID
     shares = shared_time(options, len(plans.others) + 1)
     for plan in plans.others:
@@ -115,13 +120,16 @@ def answer(
             return replace(CONTRADICTION, statistics=statistics)
         names = tuple(robots[point] for point in plan.points if point < len(robots))
         groups.append(Group(names, plan.frame, found.placements, found.n_hypotheses))
+        verdicts.append(found.verdict)
         rigidity += found.rigidity
     found = NO_PLACE
     if plans.main is not None:
         found = _answer_group(snapshot, constraints, plans.main, next(shares), dropped, cancel)
     statistics += found.statistics
+    verdicts.append(found.verdict)
     return replace(
         found,
+        verdict=next(verdict for verdict in _OF_ALL if verdict in verdicts),
         statistics=statistics,
         groups=tuple(groups),
         rigidity=found.rigidity + rigidity,

@@ -200,13 +200,3 @@ def _cores(rows: list[int], boxes: Interval, compared: list[int]) -> tuple[tuple
     sizes = np.maximum(normals.lower, -normals.upper).max(axis=1)
     largest = np.argsort(-sizes, kind='stable')[:MAX_CORES]
     return tuple(tuple(rows[x] for x in sets[k]) for k in largest if sizes[k] > 0.0)
-
-
-def squared_rise_m2(config: FleetConfig, first: str, second: str) -> tuple[float, float]:
-    """Return bounds of the squared difference of the elevations of two points, in m^2."""
-    one, other = config.elevation_m(first), config.elevation_m(second)
-    if one == other and one[0] == one[1]:
-        return 0.0, 0.0
-    upper_m = max(sum_up(other[1], -one[0]), sum_up(one[1], -other[0]))
-    lower_m = max(sum_down(other[0], -one[1]), sum_down(one[0], -other[1]))
-    return squared_distance(lower_m, upper_m)

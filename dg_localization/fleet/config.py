@@ -21,9 +21,11 @@ from dg_localization.fleet.contradictions.suspects import SuspectKind
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
+    ElevationErrorModel,
     LinkOverride,
     Mount,
     RangeErrorModel,
+    check_elevation_errors,
     check_elevations,
     check_mounts,
 )
@@ -77,6 +79,10 @@ class FleetConfig:
     elevations_m : mapping of str to tuple of float
         Least and greatest elevation of points in the plane, whose ranges are then those between
         their projections. A sensor without one has that of its robot; what is not named is at 0.
+    elevation_error : ElevationErrorModel
+        Error bounds of every elevation that is read, at points that `elevations_m` names.
+    point_elevation_error : mapping of str to ElevationErrorModel
+        Those of the points that differ from it.
     max_speed_m_s : float
         No robot moves faster. It determines how much the bounds of an old measurement widen.
     robot_max_speed_m_s : mapping of str to float
@@ -137,6 +143,8 @@ class FleetConfig:
     anchors: Mapping[str, Anchor] = field(default_factory=dict)
     mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]] = field(default_factory=dict)
     elevations_m: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    elevation_error: ElevationErrorModel = ElevationErrorModel()
+    point_elevation_error: Mapping[str, ElevationErrorModel] = field(default_factory=dict)
     max_speed_m_s: float = 1.0
     robot_max_speed_m_s: Mapping[str, float] = field(default_factory=dict)
     max_turn_rate_rad_s: float = 1.0
@@ -168,13 +176,14 @@ class FleetConfig:
         object.__setattr__(self, 'mounts', _frozen_mounts(self.mounts))
         elevations_m = {point: tuple(bounds_m) for point, bounds_m in self.elevations_m.items()}
         object.__setattr__(self, 'elevations_m', MappingProxyType(elevations_m))
-        for name in OF_ROBOTS:
+        for name in (*OF_ROBOTS, 'point_elevation_error'):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         check_mounts(self.mounts, self.robots, self.dimension)
         self._check_names()
         self._check_numbers()
         self._check_anchors()
         check_elevations(self.elevations_m, self.points, self.dimension)
+        check_elevation_errors(self.point_elevation_error, self.elevations_m)
 
     def _check_names(self) -> None:
         """Raise `ConfigError` on a repeated, missing or unknown name."""
@@ -311,9 +320,16 @@ class FleetConfig:
 
     def elevation_m(self, point: str) -> tuple[float, float]:
         """Return the least and the greatest elevation of a point in the plane."""
-        of_robot = self.elevations_m.get(self.robot_of(point), (0.0, 0.0))
-        low_m, high_m = self.elevations_m.get(point, of_robot)
+        low_m, high_m = self.elevations_m.get(self.elevated(point), (0.0, 0.0))
         return low_m, high_m
+
+    def elevated(self, point: str) -> str:
+        """Return whose elevation a point has: its own, or that of its robot."""
+        return point if point in self.elevations_m else self.robot_of(point)
+
+    def elevation_error_of(self, point: str) -> ElevationErrorModel:
+        """Return the error bounds of the elevations that are read at a point."""
+        return self.point_elevation_error.get(point, self.elevation_error)
 
     def speed_m_s(self, robot: str) -> float:
         """Return the greatest speed of a robot in m/s; an anchor has none."""

@@ -138,7 +138,7 @@ def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
     """Return the estimate of an answer without contradictions."""
     if plans.main is not None:
         return _with_placements(snapshot, found, plans)
-    reason = '; '.join([plans.reason, *_group_texts(found)])
+    reason = '; '.join([plans.reason, *_limit_texts(found), *_group_texts(found)])
     return replace(
         _without_placements(snapshot, None, reason),
         groups=_listed_groups(snapshot.config, found),
@@ -253,8 +253,7 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
     config = snapshot.config
     count = found.n_hypotheses
     parts = ['1 placement' if count == 1 else f'{count} placements']
-    if found.verdict is Verdict.OUT_OF_BUDGET:
-        parts.append('the search stopped at its budget; what it left open is included')
+    parts += _limit_texts(found)
     if count > config.max_hypotheses:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
@@ -275,6 +274,12 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
     if stale:
         parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
     return '; '.join(parts)
+
+
+def _limit_texts(found: Answer) -> list[str]:
+    """Return a text on what a limit left open, if one did."""
+    is_open = found.verdict is Verdict.OUT_OF_BUDGET
+    return ['the search stopped at its budget; what it left open is included'] if is_open else []
 
 
 def _group_texts(found: Answer) -> list[str]:

@@ -173,6 +173,35 @@ class Localizer:
         return self._store.add_odometry(key, position_xyz, orientation_xyzw, stamp_s, now_s, frame)
 
     @default_environment()
+    def add_elevation(
+        self, point: str, elevation_m: float, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """
+        Add an elevation that was read, which narrows the one that is stated.
+
+        It counts for what is added after it: a range in space becomes one in the plane by the
+        elevations that are known when it is added.
+
+        Parameters
+        ----------
+        point : str
+            A robot, an anchor or a sensor whose elevation the settings state.
+        elevation_m : float
+            In m, above the same plane as the stated elevations.
+        stamp_s, now_s : float
+            When it was measured, and the time now, on the same clock.
+
+        Returns
+        -------
+        Rejection or None
+            Why it was not accepted. One that contradicts what is known is not, and what was read
+            before it does not count either: which of them is wrong is not known.
+
+        """
+        key = LinkKey(LinkKind.ELEVATION, str(point), '')
+        return self._store.add_elevation(key, elevation_m, stamp_s, now_s)
+
+    @default_environment()
     def add_peers(
         self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
     ) -> list[Rejection]:

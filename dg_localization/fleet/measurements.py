@@ -12,19 +12,18 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import Counter
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
 from operator import attrgetter
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.admission import Admission
-from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
+from dg_localization.fleet.elevations import Elevations
 from dg_localization.fleet.error_models import (
     in_body_frame,
     interpret_range,
@@ -37,6 +36,7 @@ from dg_localization.fleet.error_models import (
     real_numbers,
 )
 from dg_localization.fleet.motion import OdometryTrack
+from dg_localization.fleet.peer_rows import PeerMeasurement, read_row, read_rows
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
@@ -49,13 +49,6 @@ from dg_localization.fleet.vocabulary import (
     RejectionReason,
 )
 from dg_localization.fleet.window.memory import Memory
-
-PeerMeasurement: TypeAlias = tuple[str, float | ArrayLike]
-"""The target, and its distance in m or the ray to it."""
-
-_NO_ROWS = (str, bytes, Mapping)
-_NO_PAIR = (str, bytes, Mapping, Set)
-"""What has members that could be taken for rows, or for a target and a value."""
 
 
 @dataclass
@@ -100,6 +93,7 @@ class MeasurementStore:
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
         self._stuck = StuckWatch(config)
+        self._elevations = Elevations(config)
         self.memory = Memory(config)
 
     def add_range(
@@ -143,7 +137,10 @@ class MeasurementStore:
         if stuck:
             return self._reject(key, stuck)
         likeliest_m = likeliest_distance_m(model, reading_m)
-        self._keep(DistanceReading(key, stamp_s, *bounds, likeliest_m), now_s)
+        reading = DistanceReading(key, stamp_s, *bounds, likeliest_m)
+        if self._config.elevations_m:
+            reading = self._elevations.in_plane(reading, now_s)
+        self._keep(reading, now_s)
         return None
 
     def add_bearing(
@@ -171,7 +168,8 @@ class MeasurementStore:
         if stuck:
             return self._reject(key, stuck)
         half_width_rad = config.bearing_half_width_of(key.observer, key.target)
-        if config.elevations_m and squared_rise_m2(config, key.observer, key.target)[1] > 0.0:
+        rises = config.elevations_m and self._elevations.squared_rise_m2(*key.ends, stamp_s, now_s)
+        if rises and rises[1] > 0.0:
             half_width_rad = projected_half_width_rad(ray, half_width_rad)
         self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
@@ -212,6 +210,32 @@ class MeasurementStore:
         self._input(key).count_accepted(stamp_s)
         return None
 
+    def add_elevation(
+        self, key: LinkKey, elevation_m: float, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """Accept an elevation, or return why not."""
+        rejection = self._admission.check_elevated(key.observer) or self._admission.check_stamp(
+            stamp_s, now_s
+        )
+        if rejection:
+            return self._reject(key, rejection)
+        reading_m, stamp_s = real_number(elevation_m), float(stamp_s)
+        if reading_m is None or not math.isfinite(reading_m):
+            text = (
+                f'elevation {quoted(elevation_m)} is not allowed, it must be a finite number of '
+                'meters'
+            )
+            return self._reject(key, Rejection(RejectionReason.INVALID_ELEVATION, text))
+        known_m = self._elevations.add(key.observer, reading_m, stamp_s, now_s)
+        if known_m:
+            text = (
+                f'elevation {reading_m} m contradicts what is known: {known_m[0]:.3f} to '
+                f'{known_m[1]:.3f} m; no reading before it counts either'
+            )
+            return self._reject(key, Rejection(RejectionReason.INVALID_ELEVATION, text))
+        self._input(key).count_accepted(stamp_s)
+        return None
+
     def add_peers(
         self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
     ) -> list[Rejection]:
@@ -222,7 +246,7 @@ class MeasurementStore:
         )
         if rejection:
             return [self._reject(together, rejection)]
-        rows, unreadable = _read_rows(readings)
+        rows, unreadable = read_rows(readings)
         source, stamp_s = self._input(together), float(stamp_s)
         rejections = []
         if unreadable:
@@ -242,16 +266,12 @@ class MeasurementStore:
         self, observer: str, row: PeerMeasurement, stamp_s: float, now_s: float
     ) -> Rejection | None:
         """Accept what a robot measured of another at a checked stamp, or return why not."""
-        try:
-            target, value = () if isinstance(row, _NO_PAIR) else row
-        except Exception:  # whatever the row raises while it is read
-            text = (
-                f'peer {quoted(row)} is not allowed, it must be a target, and its distance in m '
-                'or the ray to it'
-            )
-            return Rejection(RejectionReason.INVALID_PEER, text)
+        pair = read_row(row)
+        if isinstance(pair, Rejection):
+            return pair
+        target, value = pair
         kind = LinkKind.RANGE if is_single(value) else LinkKind.BEARING
-        key = LinkKey(kind, observer, str(target))
+        key = LinkKey(kind, observer, target)
         rejection = self._admission.check_link(key)
         if rejection:
             return self._reject(key, rejection)
@@ -355,27 +375,6 @@ class MeasurementStore:
             return None
         text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest} s'
         return Rejection(RejectionReason.TOO_OLD, text)
-
-
-def _read_rows(
-    readings: Iterable[PeerMeasurement],
-) -> tuple[list[PeerMeasurement], Rejection | None]:
-    """Return the rows of peers up to where they cannot be read, and why they cannot, if so."""
-    rows: list[PeerMeasurement] = []
-    try:
-        for row in () if isinstance(readings, _NO_ROWS) else readings:
-            rows.append(row)
-    except Exception as error:  # whatever the iterable raises while it is read
-        why = f'cannot be read ({quoted(error)})'
-    else:
-        if not isinstance(readings, _NO_ROWS):
-            return rows, None
-        why = 'are not allowed'
-    text = (
-        f'peers {quoted(readings)} {why}, they must be pairs of a target, and its distance in m '
-        'or the ray to it'
-    )
-    return rows, Rejection(RejectionReason.INVALID_PEER, text)
 
 
 def is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:

@@ -153,9 +153,12 @@ class Motion:
     in_plane: bool = False
     between_stamps_s: float = 0.0
 
-    def displacement_m(
-        self, point: str, first_s: float, second_s: float, climb_m: float = 0.0
-    ) -> float:
+    def by_speed_m(self, point: str, first_s: float, second_s: float) -> float:
+        """Return an upper bound of the way of `point` between two times, by its speed alone."""
+        speed_m_s = self.max_speed_m_s[point]
+        return most_between(speed_m_s, first_s, second_s, self.between_stamps_s)
+
+    def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
         """
         Return an upper bound of how far `point` moved between two times.
 
@@ -163,12 +166,9 @@ class Motion:
         ----------
         point : str
         first_s, second_s : float
-        climb_m : float, optional
-            How far it moved at most besides what odometry states: in the plane, its heights.
 
         """
-        speed_m_s = self.max_speed_m_s[point]
-        by_speed_m = _most_between(speed_m_s, first_s, second_s, self.between_stamps_s)
+        by_speed_m = self.by_speed_m(point, first_s, second_s)
         track = self.odometry.get(point)
         if not track:
             return by_speed_m
@@ -186,7 +186,7 @@ class Motion:
         # The constant errors of the poses turn with the track, too.
         error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))
         beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
-        by_odometry_m = sum_up(chord_m, error_m, product_up(speed_m_s, beyond_s), climb_m)
+        by_odometry_m = sum_up(chord_m, error_m, product_up(self.max_speed_m_s[point], beyond_s))
         return min(by_speed_m, by_odometry_m)
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
@@ -203,7 +203,7 @@ class Motion:
 
         """
         rate_rad_s = self.max_turn_rate_rad_s
-        by_rate_rad = _most_between(rate_rad_s, first_s, second_s, self.between_stamps_s)
+        by_rate_rad = most_between(rate_rad_s, first_s, second_s, self.between_stamps_s)
         track = self.odometry.get(point)
         if track:
             error = self.errors[point]
@@ -229,7 +229,7 @@ class Motion:
 
 # What a robot measured at one time is asked for all that it measured.
 @lru_cache(maxsize=4096)
-def _most_between(rate: float, first_s: float, second_s: float, more_s: float) -> float:
+def most_between(rate: float, first_s: float, second_s: float, more_s: float) -> float:
     """Return an upper bound of what a rate adds up to between two stamps."""
     elapsed_s = elapsed_up(first_s, second_s)
     return product_up(rate, sum_up(elapsed_s, more_s) if more_s else elapsed_s)

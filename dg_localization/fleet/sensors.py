@@ -86,6 +86,36 @@ class RangeErrorModel:
 
 
 @dataclass(frozen=True)
+class ElevationErrorModel:
+    """
+    Bounds of the error of an elevation that is read: the reading minus the true elevation.
+
+    Parameters
+    ----------
+    min_error_m, max_error_m : float
+        Least and greatest error in m.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite or the minimum exceeds the maximum.
+
+    """
+
+    min_error_m: float = -0.5
+    max_error_m: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ('min_error_m', 'max_error_m'):
+            require_number(f'elevation.{name}', getattr(self, name))
+        if self.min_error_m > self.max_error_m:
+            raise ConfigError(
+                f'elevation.min_error_m: {self.min_error_m!r} is not allowed, it must be at most '
+                f'elevation.max_error_m, which is {self.max_error_m!r}'
+            )
+
+
+@dataclass(frozen=True)
 class LinkOverride:
     """
     Error bounds of one link that differ from those of the fleet.
@@ -239,4 +269,21 @@ def check_elevations(
             raise ConfigError(
                 f'elevations_m[{point}]: {bounds_m!r} is not allowed, it must be the least and '
                 'the greatest elevation'
+            )
+
+
+def check_elevation_errors(
+    errors: Mapping[str, ElevationErrorModel], elevations_m: Mapping[str, tuple[float, ...]]
+) -> None:
+    """Raise `ConfigError` on errors that are none, or of points without a stated elevation."""
+    for point, error in errors.items():
+        if point not in elevations_m:
+            raise ConfigError(
+                f'point_elevation_error: {point!r} is not allowed, it must be named in '
+                'elevations_m, with the least and the greatest elevation that it can have'
+            )
+        if not isinstance(error, ElevationErrorModel):
+            raise ConfigError(
+                f'point_elevation_error[{point}]: {error!r} is not allowed, it must be an '
+                'ElevationErrorModel'
             )

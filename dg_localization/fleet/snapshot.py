@@ -160,17 +160,12 @@ def take_snapshot(
     )
 
     @cache
-    def displacement_m(point: str, stamp_s: float, climb_m: float = 0.0) -> float:
-        origin_m = motion.displacement_m(point, stamp_s, now_s, climb_m)
+    def displacement_m(point: str, stamp_s: float) -> float:
+        origin_m = motion.displacement_m(point, stamp_s, now_s)
         if point not in mounts.reach_m or robot_of[point] in config.anchors:
             return origin_m
         turn_rad = motion.turn_up_rad(point, stamp_s, now_s)
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
-
-    def displacement_in_space_m(point: str, stamp_s: float) -> float:
-        """Return how far a point can have moved where it may be anywhere in its elevations."""
-        low_m, high_m = config.elevation_m(point)
-        return displacement_m(point, stamp_s, sum_up(high_m, -low_m) if low_m < high_m else 0.0)
 
     distances, rays, links = [], [], []
     all_young = store.young_readings(now_s)
@@ -182,7 +177,10 @@ def take_snapshot(
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
         if measured:
-            distance = _distance_at(now_s, key, measured, displacement_in_space_m)
+            distance = _distance_at(now_s, key, measured, displacement_m)
+            in_space_m = _in_space_m(now_s, measured, displacement_m, motion)
+            if in_space_m[0] > in_space_m[1]:
+                distance = replace(distance, lower_m=in_space_m[0], upper_m=in_space_m[1])
             lower_m, upper_m = distance.lower_m, distance.upper_m
             distances.append(distance)
         elif readings and isinstance(readings[-1], RayReading):
@@ -244,6 +242,26 @@ def _distance_at(
             total_weight += weight
     likeliest_m = likeliest_m / total_weight if total_weight else math.nan
     return DistanceReading(key, now_s, lower_m, upper_m, likeliest_m)
+
+
+def _in_space_m(
+    now_s: float, readings: list[DistanceReading], displacement_m: Displacement, motion: Motion
+) -> tuple[float, float]:
+    """
+    Return bounds of a distance in space, where that in the plane was made of it.
+
+    Readings may contradict each other in space alone: in the plane a wide rise hides it.
+    """
+    lower_m, upper_m = 0.0, math.inf
+    for reading in readings:
+        if reading.in_space_m is not None:
+            ends, stamp_s = reading.key.ends, reading.stamp_s
+            in_plane_m = [displacement_m(point, stamp_s) for point in ends]
+            climbs_m = [motion.by_speed_m(point, stamp_s, now_s) for point in ends]
+            moved_m = sum_up(*in_plane_m, *climbs_m)
+            lower_m = max(lower_m, sum_down(reading.in_space_m[0], -moved_m))
+            upper_m = min(upper_m, sum_up(reading.in_space_m[1], moved_m))
+    return lower_m, upper_m
 
 
 def _displacement_of_ends_m(key: LinkKey, stamp_s: float, displacement_m: Displacement) -> float:

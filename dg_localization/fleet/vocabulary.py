@@ -23,12 +23,14 @@ class LinkKind(StrEnum):
     What a link measures.
 
     Peers are ranges and bearings that one robot sends together. Each of them is also counted, and
-    used, as a range or a bearing. A camera is what turns its pixels into bearings.
+    used, as a range or a bearing. A camera is what turns its pixels into bearings. An elevation is
+    that of the observer itself.
     """
 
     RANGE = 'range'
     BEARING = 'bearing'
     ODOMETRY = 'odometry'
+    ELEVATION = 'elevation'
     PEERS = 'peers'
     CAMERA = 'camera'
 
@@ -37,8 +39,8 @@ class LinkKey(NamedTuple):
     """
     One source of measurements: who measures what of whom.
 
-    `target` is empty for odometry, which a robot measures of itself, and for peers. Every reading
-    is looked up by its key several times, and tuples are compared and hashed fast.
+    `target` is empty for odometry and elevations, which a robot measures of itself, and for peers.
+    Every reading is looked up by its key several times, and tuples are compared and hashed fast.
     """
 
     kind: LinkKind
@@ -62,7 +64,7 @@ Conflict: TypeAlias = tuple[LinkKey, ...]
 @dataclass(frozen=True)
 class DistanceReading:
     """
-    Bounds of the distance of two points at one time.
+    Bounds of the distance of two points at one time; in the plane, of their projections on it.
 
     Parameters
     ----------
@@ -74,6 +76,9 @@ class DistanceReading:
         Rounded outward. ``lower_m > upper_m`` when no distance agrees with what was measured.
     likeliest_m : float
         The likeliest distance; NaN when the reading says only what it is not.
+    in_space_m : tuple of float, optional
+        What those in the plane were made of: bounds of the distance in space, of two points at
+        different elevations.
 
     """
 
@@ -82,6 +87,7 @@ class DistanceReading:
     lower_m: float
     upper_m: float
     likeliest_m: float = math.nan
+    in_space_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +177,7 @@ class RejectionReason(Enum):
     ZERO_RAY = 'zero_ray'
     INVALID_RAY = 'invalid_ray'
     INVALID_ODOMETRY = 'invalid_odometry'
+    INVALID_ELEVATION = 'invalid_elevation'
     INVALID_PEER = 'invalid_peer'
     STUCK = 'stuck'
 
@@ -227,8 +234,8 @@ class LinkState:
     ----------
     key : LinkKey
     lower_m, upper_m : float
-        Bounds of the distance at that time, in m, after aging. A bearing says nothing about
-        the distance: [0, inf].
+        Bounds of the distance at that time, in m, after aging; in the plane, between the
+        projections of both ends on it. A bearing says nothing about the distance: [0, inf].
     age_s : float
         Age of the newest measurement.
     stale : bool

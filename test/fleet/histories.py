@@ -17,6 +17,7 @@ from functools import cached_property
 import math
 
 from drives import SAMPLE_S, draw_drive, draw_errors
+from heights import Heights
 import numpy as np
 
 from dg_localization import SolverOptions, Verdict
@@ -48,6 +49,7 @@ class History:
     """The samples of each robot's odometry that do not arrive."""
     clocks_s: list = field(default_factory=list)
     """How far the clock of each robot is ahead."""
+    heights: Heights = field(default_factory=Heights)
 
     @classmethod
     def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
@@ -63,9 +65,13 @@ class History:
         # Where ranges tell little, a motion that is bounded too narrowly loses no truth.
         scale = 0.05 if np.random.default_rng(np.append(seed, 5)).random() < 0.4 else 1.0
         stamp_error_s, clocks_s = draw_clocks(np.append(seed, 6), robots)
+        names = [f'r{i}' for i in range(robots)], [f'a{i}' for i in range(anchors)]
+        heights = Heights.draw(np.append(seed, 8), *names)
         config = FleetConfig(
-            robots=tuple(f'r{i}' for i in range(robots)),
-            anchors={f'a{i}': Anchor(tuple(rng.uniform(-5.0, 5.0, 2))) for i in range(anchors)},
+            robots=names[0],
+            anchors={name: Anchor(tuple(rng.uniform(-5.0, 5.0, 2))) for name in names[1]},
+            elevations_m=heights.stated_m,
+            elevation_error=heights.error,
             mounts={f'r{i}': draw_mounts(rng) for i in range(mounted)},
             max_age_s=MAX_AGE_S,
             stamp_error_s=stamp_error_s,
@@ -85,7 +91,7 @@ class History:
             **settings,
         )
         start_s = float(rng.choice([1.0, 1.7e9]))
-        history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s)
+        history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s, heights=heights)
         history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
         history.lost = [draw_lost(np.append(seed, [7, robot]), count) for robot in range(robots)]
         history.measure(seconds, cameras=bool(rng.random() < 0.4))
@@ -97,6 +103,10 @@ class History:
             if self.rng.random() < 0.9:
                 heard = [k for k in range(len(drive.true)) if k not in self.lost[robot]]
                 self.calls += [self._odometry(robot, drive, k) for k in heard]
+        for robot, every_s in self.heights.every_s.items():
+            self.calls += [
+                self._elevation(robot, at_s) for at_s in np.arange(0.0, seconds, every_s)
+            ]
         places = range(len(self.config.points))
         bodies = [self.body(place) for place in places]
         pairs = [(i, j) for i in places for j in places if bodies[i] != bodies[j]]
@@ -133,12 +143,22 @@ class History:
 
         return arrival_s, call
 
+    def _elevation(self, robot, time_s):
+        share = (0.001, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform()
+
+        def call(localizer, now_s):
+            reading = self.heights.read_m(robot, time_s, share)
+            stamp_s = self._stamp_s(self.config.points.index(robot), time_s)
+            return localizer.add_elevation(robot, reading, stamp_s, now_s)
+
+        return self._arrival_s(time_s), call
+
     def _range(self, observer, target, time_s):
         names = self.config.points[observer], self.config.points[target]
         share = (0.001, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform()
 
         def call(localizer, now_s):
-            distance = math.dist(self.place(target, time_s), self.place(observer, time_s))
+            distance = math.hypot(*self._gap(observer, target, time_s))
             model = self.config.range_error
             absolute = share * model.max_error_m
             relative = model.min_error_relative + share * (
@@ -157,13 +177,22 @@ class History:
         )
 
         def call(localizer, now_s):
-            gap = self.place(target, time_s) - self.place(observer, time_s)
+            gap = self._gap(observer, target, time_s)
             yaw = self.drives[self.body(observer)].pose(time_s)[2]
             angle = math.atan2(gap[1], gap[0]) - yaw + off
-            ray = [math.cos(angle), math.sin(angle), 0.0]
+            far = math.hypot(gap[0], gap[1])
+            ray = [far * math.cos(angle), far * math.sin(angle), gap[2]]
             return localizer.add_bearing(*names, ray, self._stamp_s(observer, time_s), now_s)
 
         return self._arrival_s(time_s), call
+
+    def _gap(self, observer, target, time_s):
+        """Return the way in space from one point to another."""
+        bodies = [self.config.robot_of(self.config.points[point]) for point in (observer, target)]
+        first_m, second_m = (self.heights.at_m(body, time_s) for body in bodies)
+        return np.append(
+            self.place(target, time_s) - self.place(observer, time_s), second_m - first_m
+        )
 
     def body(self, point):
         """Return the robot that a point belongs to; None for an anchor."""

@@ -11,6 +11,7 @@ import pytest
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.simulation.moving_fleet import EDGES, ROBOTS, START_POSITIONS_M
 
 NOW_S = 10.0
 TIGHT = RangeErrorModel(min_error_relative=-1e-4, max_error_relative=1e-4)
@@ -270,6 +271,26 @@ def test_two_groups_have_a_frame_each():
     truth = rows(far) - far['e']
     assert (placement.enclosure_m[4:7, 0] <= truth + 1e-9).all()
     assert (truth - 1e-9 <= placement.enclosure_m[4:7, 1]).all()
+
+
+@pytest.mark.parametrize('beacons', [(), ('far', 'away')])
+def test_what_a_limit_left_open_among_the_others_is_open_in_the_fleet(beacons):
+    others = dict(zip(ROBOTS, START_POSITIONS_M, strict=True))
+    localizer = make_localizer(
+        ['first', 'second', *others],
+        anchors={name: Anchor((90.0, float(x))) for x, name in enumerate(beacons)},
+        range_error=RangeErrorModel(-0.05, 0.05),
+        solver=SolverOptions(resolution=0.01, max_boxes=3),
+    )
+    add_ranges(localizer, {'first': (50.0, 0.0), 'second': (53.0, 0.0)})
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is (None if beacons else Verdict.COVERED)
+    assert 'its budget' not in estimate.reason
+    add_ranges(localizer, others, [(ROBOTS[i], ROBOTS[j]) for i, j in EDGES])
+    estimate = localizer.step(NOW_S)
+    assert len(estimate.groups[-1].robots) == 6
+    assert estimate.verdict is (None if beacons else Verdict.OUT_OF_BUDGET)
+    assert 'the search stopped at its budget' in estimate.reason
 
 
 def test_a_contradiction_among_the_others_is_one_of_the_fleet():

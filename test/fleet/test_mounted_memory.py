@@ -51,8 +51,8 @@ def pose(time_s, dimension):
     return np.array([x, y, 1.0 + 0.3 * math.sin(0.3 * time_s)]), turn @ tilt
 
 
-def drive(dimension, memory_s):
-    """Yield times and estimates of a robot with one tag, away from its center."""
+def drive(dimension, memory_s, outliers=0, lies=()):
+    """Yield times and estimates of a robot with one tag, away from its center; some ticks lie."""
     anchors_m = {name: np.array(place[:dimension]) for name, place in ANCHORS_M.items()}
     config = FleetConfig(
         robots=('r',),
@@ -65,6 +65,7 @@ def drive(dimension, memory_s):
         max_turn_rate_rad_s=3.0,
         memory_s=memory_s,
         memory_max_seconds=math.inf,
+        window_outliers=outliers,
         solver=SolverOptions(resolution=0.3, max_boxes=60),
     )
     localizer = Localizer(config)
@@ -75,10 +76,30 @@ def drive(dimension, memory_s):
         localizer.add_odometry('r', place, quaternion_of(rotation), *stamps)
         tag = (place + rotation @ TAG_M)[:dimension]
         name = f'a{tick % 4}'
-        reading = float(np.linalg.norm(tag - anchors_m[name]))
+        reading = float(np.linalg.norm(tag - anchors_m[name])) + (1.5 if tick in lies else 0.0)
         assert localizer.add_range('r/tag', name, reading, *stamps) is None
         if tick % 40 == 0 and tick:
             yield time_s, localizer.step(time_s)
+
+
+def placement_of(estimate):
+    """Return the only placement, whose heading must be known."""
+    (placement,) = estimate.placements
+    assert placement.heading_known[0]
+    return placement
+
+
+def holds(placement, place, rotation):
+    """Return whether a true pose is inside a placement of one robot."""
+    low, high = placement.enclosure_m[0]
+    stated = rotation_of_quaternion(placement.orientations_xyzw[0])
+    off_rad = math.acos(min(1.0, 0.5 * (np.trace(stated.T @ rotation) - 1.0)))
+    known = placement.heading_known[0]
+    return (
+        np.all(low <= place[: len(low)])
+        and np.all(place[: len(low)] <= high)
+        and (not known or off_rad <= placement.heading_half_width_rad[0] + 1e-6)
+    )
 
 
 @pytest.mark.parametrize('dimension', [2, 3])
@@ -86,20 +107,28 @@ def test_one_sensor_away_from_the_center_tells_the_heading(dimension):
     for time_s, estimate in drive(dimension, memory_s=6.0):
         assert estimate.verdict is not Verdict.INFEASIBLE
         assert not estimate.forgotten
-        place, rotation = pose(time_s, dimension)
-        (placement,) = estimate.placements
-        low, high = placement.enclosure_m[0]
-        assert np.all(low <= place[:dimension]) and np.all(place[:dimension] <= high)
-        assert placement.heading_known[0]
-        stated = rotation_of_quaternion(placement.orientations_xyzw[0])
-        off_rad = math.acos(min(1.0, 0.5 * (np.trace(stated.T @ rotation) - 1.0)))
-        assert off_rad <= placement.heading_half_width_rad[0] + 1e-6
+        assert holds(placement_of(estimate), *pose(time_s, dimension))
+    placement = placement_of(estimate)
     assert placement.heading_half_width_rad[0] < 0.5
-    assert np.all((high - low)[:2] < 0.5)
+    assert np.all(np.ptp(placement.enclosure_m[0], axis=0)[:2] < 0.5)
     *_, (_, moment) = drive(dimension, memory_s=0.0)
     assert not moment.placements[0].heading_known[0]
     widths_m = np.ptp(moment.placements[0].enclosure_m[0], axis=0)
     assert np.all(widths_m[:2] > 0.8)
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_wrong_reading_of_a_sensor_is_tolerated_and_named(dimension):
+    """The newest one of an estimate, and one of long before."""
+    found = set()
+    for time_s, estimate in drive(dimension, memory_s=6.0, outliers=2, lies=(65, 120)):
+        assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
+        assert not estimate.forgotten
+        place, rotation = pose(time_s, dimension)
+        assert any(holds(placement, place, rotation) for placement in estimate.placements)
+        found.update(str(suspect) for suspect in estimate.suspects_in_window)
+    assert placement_of(estimate).heading_half_width_rad[0] < 0.7
+    assert found == {'range r/tag->a1 at 13.250 s', 'range r/tag->a0 at 16.000 s'}
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -115,6 +144,29 @@ def test_after_a_broken_bound_what_sensors_measured_is_forgotten(seed):
         if time_s > kicked_s + memory_s:
             assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
     assert forgot
+
+
+def test_ranges_of_two_sensors_that_differ_make_nobody_suspect():
+    """Of two robots that drive side by side, one with a sensor ahead and one behind."""
+    config = FleetConfig(
+        robots=('r', 's'),
+        mounts={'r': {'ahead': (0.5, 0.0), 'behind': (-0.5, 0.0)}},
+        range_error=RangeErrorModel(-0.01, 0.01, 0.0, 0.0),
+        odometry_error=ERROR,
+        memory_max_seconds=math.inf,
+        window_outliers=1,
+    )
+    localizer = Localizer(config)
+    for tick in range(40):
+        now_s = 10.0 + 0.1 * tick
+        place = np.array([0.05 * tick, 0.0, 0.0])
+        for robot, start in (('r', np.zeros(3)), ('s', np.array([3.0, 0.0, 0.0]))):
+            localizer.add_odometry(robot, start + place, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        localizer.add_range('r/ahead', 's', 2.5, now_s, now_s)
+        localizer.add_range('r/behind', 's', 3.5, now_s, now_s)
+    estimate = localizer.step(now_s)
+    assert estimate.verdict is not Verdict.INFEASIBLE
+    assert estimate.suspects_in_window == ()
 
 
 def test_what_two_bodies_observed_of_each_other_is_that_of_all_their_points():

@@ -17,6 +17,8 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
+from dg_localization.fleet.constraints.constrain import constrain
+from dg_localization.fleet.rotations import yaw_of
 
 ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
 SPEED_M_S, CIRCLE_M = 1.0, 1.0
@@ -92,6 +94,52 @@ def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(with_odometry):
     robot = Circling(0.2, with_odometry, stamp_error_s=0.01)
     answers = list(robot.drive(4.0, late_s=0.2))
     assert not all(robot.holds(*answer) for answer in answers)
+
+
+def turning(**settings):
+    """Return a localizer of a robot that turns on the spot among anchors, with a camera."""
+    return Localizer(
+        FleetConfig(
+            robots=('r',),
+            anchors={name: Anchor(place) for name, place in ANCHORS_M.items()},
+            range_error=RangeErrorModel(-1e-3, 1e-3, 0.0, 0.0),
+            bearing_half_width_rad=0.005,
+            max_speed_m_s=0.0,
+            max_turn_rate_rad_s=1.01,
+            memory_s=0.0,
+            **settings,
+        )
+    )
+
+
+@pytest.mark.parametrize('with_odometry', [False, True])
+@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
+def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with_odometry):
+    localizer = turning(stamp_error_s=0.05)
+    measured_s, stamp_s, now_s = 100.0, 100.0 + ahead_s, 100.05
+    if with_odometry:
+        turned = [0.0, 0.0, math.sin(0.5 * measured_s), math.cos(0.5 * measured_s)]
+        assert localizer.add_odometry('r', [0.0] * 3, turned, stamp_s, now_s) is None
+    for name, anchor in ANCHORS_M.items():
+        way = np.array(anchor) - [3.0, 3.0]
+        angle = math.atan2(way[1], way[0]) - measured_s
+        reading = float(np.linalg.norm(way))
+        assert localizer.add_range('r', name, reading, stamp_s, now_s) is None
+        ray = [math.cos(angle), math.sin(angle), 0.0]
+        assert localizer.add_bearing('r', name, ray, stamp_s, now_s) is None
+    (placement,) = localizer.step(stamp_s).placements
+    off_rad = math.remainder(yaw_of(placement.orientations_xyzw[0]) - stamp_s, math.tau)
+    assert abs(off_rad) <= placement.heading_half_width_rad[0] < 0.15
+
+
+def test_what_is_mounted_on_a_robot_is_where_it_is_whatever_its_clock_shows():
+    mounts = {'r': {'left': (0.0, 0.3), 'right': (0.0, -0.3)}}
+    exact, vague = (
+        constrain(turning(stamp_error_s=error_s, mounts=mounts).snapshot(1.0)).rays['r']
+        for error_s in (0.0, 0.05)
+    )
+    assert len(exact) == 2
+    assert [ray.half_width_rad for ray in exact] == [ray.half_width_rad for ray in vague]
 
 
 def test_where_clocks_are_right_nothing_is_widened():

@@ -51,8 +51,12 @@ class Lying:
 
     def add_bearing(self, observer, target, ray, stamp_s, now_s):
         angle = math.atan2(ray[1], ray[0]) + (self._lies(observer, target, stamp_s) or 0.0)
-        ray = [math.cos(angle), math.sin(angle), 0.0]
+        far = math.hypot(ray[0], ray[1])
+        ray = [far * math.cos(angle), far * math.sin(angle), ray[2]]
         return self.localizer.add_bearing(observer, target, ray, stamp_s, now_s)
+
+    def add_elevation(self, *arguments):
+        return self.localizer.add_elevation(*arguments)
 
     def add_odometry(self, *arguments):
         return self.localizer.add_odometry(*arguments)
@@ -74,14 +78,15 @@ def all_have_odometry(history):
 @given(
     seed=st.integers(0, 2**32 - 1),
     robots=st.integers(2, 4),
+    mounted=st.sampled_from([0, 0, 1, 2]),
     anchors=st.sampled_from([0, 0, 2, 3]),
     memory_s=st.sampled_from([3.0, 30.0]),
     wrong=st.sampled_from([1, 2, 5]),
     agreeing=st.booleans(),
 )
-def test_the_truth_is_never_lost(seed, robots, anchors, memory_s, wrong, agreeing):
+def test_the_truth_is_never_lost(seed, robots, mounted, anchors, memory_s, wrong, agreeing):
     history = History.draw(
-        seed, robots, anchors, SECONDS, memory_s=memory_s, window_outliers=wrong
+        seed, robots, anchors, SECONDS, mounted, memory_s=memory_s, window_outliers=wrong
     )
     if not all_have_odometry(history):
         return

@@ -18,6 +18,7 @@ from msg_adapters import (
     BearingReading,
     CameraReading,
     Diagnostics,
+    ElevationReading,
     Level,
     Marker,
     MarkerScene,
@@ -45,6 +46,7 @@ THIRD_PARTY = {
 RANGE = 'sensor_msgs/msg/Range'
 BEARING = 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+ELEVATION = 'geometry_msgs/msg/PointStamped'
 PEERS = 'sensor_msgs/msg/PointCloud2'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
@@ -93,6 +95,7 @@ VALUES = [
     (RANGE, RangeReading(1.5, 2.25, 0.125, 8.0, 0.0625, 'uwb')),
     (BEARING, BEARING_READING),
     (ODOMETRY, ODOMETRY_READING),
+    (ELEVATION, ElevationReading(6.25, -12.5, 'map')),
     (PEERS, PEERS_READING),
     (CAMERA_INFO, CameraReading(3.5, 'cam_optical_frame', (400.0, 410.0), (320.5, 240.5))),
     (POSE_ARRAY, POSE_LIST),

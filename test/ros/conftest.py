@@ -22,7 +22,12 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, Vector3Stamped  # noqa: E402
+from geometry_msgs.msg import (  # noqa: E402
+    PointStamped,
+    PoseArray,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+)
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -40,6 +45,7 @@ from dg_localization.fleet import Localizer  # noqa: E402
 from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
     BearingReading,
+    ElevationReading,
     Level,
     PeersReading,
     RangeReading,
@@ -57,6 +63,7 @@ SEND_PERIOD_S = 0.1
 
 range_to_message = adapter_for('sensor_msgs/msg/Range').to_message
 bearing_to_message = adapter_for('geometry_msgs/msg/Vector3Stamped').to_message
+elevation_to_message = adapter_for('geometry_msgs/msg/PointStamped').to_message
 peers_to_message = adapter_for('sensor_msgs/msg/PointCloud2').to_message
 diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
@@ -198,6 +205,10 @@ class Bench:
         stamp_s = self.now_s() if stamp_s is None else stamp_s
         message = bearing_to_message(BearingReading(stamp_s, ray))
         self.publisher(Vector3Stamped, f'/{observer}/bearing/{target}').publish(message)
+
+    def send_elevation(self, observer, elevation_m):
+        message = elevation_to_message(ElevationReading(self.now_s(), elevation_m))
+        self.publisher(PointStamped, f'/{observer}/elevation').publish(message)
 
     def send_peers(self, observer, peers, stamp_s=None):
         """Send {index of the peer: (range in m, ray)}."""

@@ -402,6 +402,12 @@ def test_without_truth_readings_that_no_bias_explains_are_excluded(tmp_path, lea
     assert re.search(r'robot_1->robot_3: [^;]*; 0.00 % excluded', text)
 
 
+def test_odometry_that_was_read_is_not_called_unreadable(tmp_path, learn):
+    bag = record(tmp_path / 'bag', seconds=5.0, odometry=True, cameras=False)
+    learn(bag, '--truth', TRUTH)
+    assert 'could not be read' not in learn.errors + learn.output
+
+
 def test_odometry_that_is_no_pose_is_passed_over(tmp_path, learn):
     """The node rejects it; here it must not hide what comes after it."""
     count = 0

@@ -14,7 +14,9 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.node.watchdog import Watchdog  # noqa: E402
+from dg_localization import SolverOptions  # noqa: E402
+from dg_localization.fleet import FleetConfig  # noqa: E402
+from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s  # noqa: E402
 from dg_localization.ros.node.worker import (  # noqa: E402
     MOST_STUCK,
     NICENESS,
@@ -199,6 +201,14 @@ def test_time_of_the_processor_is_that_of_the_estimate(make_worker):
     time.sleep(0.3)
     assert worker.cpu_s < 0.1 < 0.3 < worker.busy_s
     release.set()
+
+
+def test_an_estimate_may_take_all_the_time_that_parameters_give_it():
+    given = SolverOptions(max_seconds=1.5)
+    fleet = FleetConfig(['a'], solver=given, memory_max_seconds=30.0, max_conflict_seconds=4.0)
+    watchdog = Watchdog(longest_estimate_s(fleet))
+    assert not watchdog.is_late(35.0) and not watchdog.is_hopeless(35.0, 35.0)
+    assert watchdog.is_late(36.0)
 
 
 def test_watchdog_knows_a_late_estimate_from_one_that_is_stuck():

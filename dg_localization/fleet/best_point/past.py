@@ -29,7 +29,6 @@ from dg_localization.fleet.best_point.terms import (
     TURN,
     PackedTerms,
 )
-from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
 from dg_localization.fleet.odometry_error import OdometryErrorModel
@@ -194,8 +193,6 @@ def _seen(
     for (observer, target), seen in snapshot.window.observations.items():
         both = {observer, target}
         if not both <= ways.keys() | fixed or both <= fixed:
-            continue
-        if squared_rise_m2(config, observer, target)[1] > 0.0:
             continue
         ends.add((observer, target))
         since_s = max([oldest_s, *(ways[end].since_s for end in both & ways.keys())])

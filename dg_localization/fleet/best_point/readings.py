@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.terms import (
     AT_ORIGIN,
-    LEAST_HALF_WIDTH,
     PlaceTerm,
     RangeTerm,
     RayTerm,
     Term,
 )
-from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import DistanceReading, LinkKey
+from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.interval.arrays import Interval
 
 FloatArray = NDArray[np.float64]
@@ -68,7 +66,8 @@ def terms_of(
                 yield RangeTerm(
                     first,
                     second,
-                    *_in_plane(reading, squared_rise_m2(config, key.observer, key.target)),
+                    reading.likeliest_m,
+                    0.5 * (reading.upper_m - reading.lower_m),
                     first_arm_m,
                     second_arm_m,
                 )
@@ -85,19 +84,6 @@ def terms_of(
             position_m = np.zeros(3)
             position_m[: solved.dimension] = 0.5 * (box.lower + box.upper)
             yield PlaceTerm(row, position_m, 0.5 * float((box.upper - box.lower).max()))
-
-
-def _in_plane(reading: DistanceReading, rise_m2: tuple[float, float]) -> tuple[float, float]:
-    """Return the likeliest distance between the projections of its ends, and its half width."""
-    half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
-    if rise_m2[1] == 0.0:
-        return reading.likeliest_m, half_width_m
-    squared_m2 = reading.likeliest_m**2 - 0.5 * (rise_m2[0] + rise_m2[1])
-    distance_m = math.sqrt(max(0.0, squared_m2))
-    # Near the vertical a small error of the range is a large one of its projection.
-    return distance_m, half_width_m * reading.likeliest_m / max(
-        distance_m, half_width_m, LEAST_HALF_WIDTH
-    )
 
 
 def _turned_back(direction: np.ndarray, error_rad: float) -> np.ndarray:

@@ -143,7 +143,7 @@ def constrain(
         lower=lower,
         upper=upper,
         chiralities=tuple(chiralities),
-        rays={observer: bundle.at(snapshot.stamp_s) for observer, bundle in bundles.items()},
+        rays={observer: bundle.now(snapshot.stamp_s) for observer, bundle in bundles.items()},
         angles=angles,
         dimension=config.dimension,
     )
@@ -158,6 +158,7 @@ def _bundles(
         if ray.key not in dropped:
             s_lower_m2 = lower[rows[ray.key.observer], rows[ray.key.target]]
             seen.setdefault(ray.key.observer, []).append(include_displacement(ray, s_lower_m2))
+    measured = {observer: len(rays) for observer, rays in seen.items()}
     for robot, members in snapshot.mounts.members.items():
         for observer in members:
             if observer == robot or observer in seen:
@@ -165,7 +166,9 @@ def _bundles(
                 known = snapshot.mounts.rays_at(observer, snapshot.stamp_s)
                 seen.setdefault(observer, []).extend(known)
     return {
-        observer: RayBundle(rays, rows, snapshot.motion, snapshot.config.dimension)
+        observer: RayBundle(
+            rays, measured.get(observer, 0), rows, snapshot.motion, snapshot.config.dimension
+        )
         for observer, rays in seen.items()
         if rays
     }

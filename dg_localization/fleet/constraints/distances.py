@@ -13,11 +13,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.bodies import squared_rise_m2
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.elevations import distance_in_plane_m, squared_rise_m2
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.interval.arrays import Interval
-from dg_localization.interval.bounds import sqrt_up, squared_distance, sum_down, sum_up
+from dg_localization.interval.bounds import sqrt_up, squared_distance
 
 FloatArray = NDArray[np.float64]
 
@@ -83,19 +84,6 @@ def intersect_pair(
     upper[i, j] = upper[j, i] = min(upper[i, j], s_upper_m2)
 
 
-def _in_plane(
-    squared_m2: tuple[float, float], rise_m2: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the squared distance between the projections of two points on the plane."""
-    # Bounds that contradict each other go on to do so.
-    if rise_m2[1] == 0.0 or squared_m2[0] > squared_m2[1]:
-        return squared_m2
-    s_upper_m2 = sum_up(squared_m2[1], -rise_m2[0])
-    if s_upper_m2 < 0.0:
-        return squared_distance(0.0, s_upper_m2)
-    return max(0.0, sum_down(squared_m2[0], -rise_m2[1])), s_upper_m2
-
-
 def _bounds_of_pairs(
     snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
 ) -> Iterator[PairBounds]:
@@ -104,14 +92,19 @@ def _bounds_of_pairs(
         if reading.key not in dropped:
             first, second = reading.key.observer, reading.key.target
             squared_m2 = squared_distance(reading.lower_m, reading.upper_m)
-            rise_m2 = squared_rise_m2(snapshot.config, first, second)
-            yield rows[first], rows[second], *_in_plane(squared_m2, rise_m2)
+            yield rows[first], rows[second], *squared_m2
     yield from snapshot.anchors.distances
     for first, second, s_lower_m2, s_upper_m2 in snapshot.mounts.distances:
         yield rows[first], rows[second], s_lower_m2, s_upper_m2
-    separation_m2 = squared_distance(snapshot.config.min_separation_m, math.inf)
-    if separation_m2[0] > 0.0:
-        robots = snapshot.config.robots
-        for i, j in combinations(range(len(robots)), 2):
-            rise_m2 = squared_rise_m2(snapshot.config, robots[i], robots[j])
-            yield i, j, *_in_plane(separation_m2, rise_m2)
+    yield from _separations(snapshot.config)
+
+
+def _separations(config: FleetConfig) -> Iterator[PairBounds]:
+    """Yield all pairs of robots with the least distance between them."""
+    if config.min_separation_m == 0.0:
+        return
+    elevations_m = [config.elevation_m(robot) for robot in config.robots]
+    for i, j in combinations(range(len(config.robots)), 2):
+        rise_m2 = squared_rise_m2(elevations_m[i], elevations_m[j])
+        apart_m = distance_in_plane_m((config.min_separation_m, math.inf), rise_m2)
+        yield i, j, *squared_distance(*apart_m)

@@ -96,6 +96,8 @@ class RayBundle:
     ----------
     rays : sequence of RayReading
         All of one observer, at least one; their displacement is included.
+    measured : int
+        How many of them were: the others, which come last, are known from mounts at any time.
     rows : mapping of str to int
         The row of each point.
     motion : Motion
@@ -105,15 +107,39 @@ class RayBundle:
     """
 
     def __init__(
-        self, rays: Sequence[RayReading], rows: Mapping[str, int], motion: Motion, dimension: int
+        self,
+        rays: Sequence[RayReading],
+        measured: int,
+        rows: Mapping[str, int],
+        motion: Motion,
+        dimension: int,
     ) -> None:
         self._rays = rays
+        self._measured = measured
         self._rows = rows
         self._motion = motion
         self._dimension = dimension
 
+    def now(self, now_s: float) -> tuple[RayReading, ...]:
+        """
+        Return all rays in the body frame of the observer at the time of an estimate.
+
+        Its own clock may show that time earlier or later: a ray with the same stamp is of another
+        time then.
+        """
+        rays = self.at(now_s)
+        if self._motion.between_stamps_s == 0.0:
+            return rays
+        _, error_rad = self._motion.turn(self._rays[0].key.observer, now_s, now_s)
+        return tuple(
+            replace(ray, half_width_rad=sum_up(ray.half_width_rad, error_rad))
+            if before.stamp_s == now_s and row < self._measured
+            else ray
+            for row, (before, ray) in enumerate(zip(self._rays, rays, strict=True))
+        )
+
     def at(self, stamp_s: float) -> tuple[RayReading, ...]:
-        """Return all rays in the body frame of the observer at another time."""
+        """Return all rays in the body frame of the observer at another time by its clock."""
         observer = self._rays[0].key.observer
         turns = {s: self._motion.turn(observer, s, stamp_s) for s in self._stamps_s()}
         return tuple(self._turned(ray, stamp_s, *turns[ray.stamp_s]) for ray in self._rays)

@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.bodies import AnchorGeometry, squared_rise_m2
+from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion
@@ -302,16 +302,9 @@ class CarriedWindow:
         rows += [Row(seen, by_second, points) for seen in observations]
 
     def _pair_of(self, observer: int, target: int) -> Pair | None:
-        """
-        Return the bodies of two points.
-
-        None where both are one, a motion is not known, or they are at different elevations.
-        """
+        """Return the bodies of two points; None where both are one or a motion is not known."""
         first, second = self._body_of(observer), self._body_of(target)
         if first is None or second is None or first == second:
-            return None
-        config = self._config
-        if squared_rise_m2(config, config.points[observer], config.points[target])[1] > 0.0:
             return None
         return min(first, second), max(first, second)
 
@@ -319,11 +312,9 @@ class CarriedWindow:
         """Return the body of a point; None where the motion is not known."""
         config, name = self._config, self._config.points[point]
         robot = config.robot_of(name)
-        # Where readings may be wrong, those of sensors count at the moment, and so not here.
-        if robot != name and (config.window_outliers or robot in config.anchors):
-            return None
         if robot in config.anchors:
-            return WORLD
+            # How a parked robot is turned is not known.
+            return WORLD if robot == name else None
         if not (self._motion.odometry.get(robot) and config.is_upright(robot)):
             return None
         return config.robots.index(robot)

@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.bodies import squared_rise_m2
 from dg_localization.fleet.constraints.distances import PairBounds
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
@@ -199,7 +198,7 @@ def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover 
     robot = config.robots[pair[1]]
     for distance in snapshot.distances:
         ends = distance.key.ends
-        if robot not in ends or squared_rise_m2(config, *ends)[1] > 0.0:
+        if robot not in ends:
             continue
         (other,) = {*ends} - {robot}
         place = anchors.boxes.get(config.points.index(other))

@@ -145,6 +145,10 @@ class _Gatherer(Localizer):
             unit = turn / np.linalg.norm(turn)
             self.samples.odometry[robot].append((stamp_s, position, unit))
 
+    def odometry_restarted_s(self, robot: str) -> float:
+        """Return 0: poses are kept as they come, and restarts are not looked for."""
+        return 0.0
+
     def add_peers(
         self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
     ) -> list[Rejection]:

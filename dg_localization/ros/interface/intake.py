@@ -28,6 +28,7 @@ from dg_localization.ros.interface.transforms import OdometryPoses
 from msg_adapters import (
     BearingReading,
     CameraReading,
+    ElevationReading,
     IdentifiedReading,
     OdometryReading,
     PeersReading,
@@ -36,7 +37,7 @@ from msg_adapters import (
     adapter_for,
 )
 
-PlainReading = RangeReading | BearingReading | OdometryReading | PeersReading
+PlainReading = RangeReading | BearingReading | OdometryReading | ElevationReading | PeersReading
 Reading = PlainReading | IdentifiedReading | PixelReading | CameraReading
 
 # A message of one reading has some 100 bytes, one of odometry some 700. Decoding takes time that
@@ -207,7 +208,7 @@ def add_reading(
     localizer : Localizer
     key : LinkKey
         Who measured whom; the reading itself does not contain it.
-    reading : RangeReading, BearingReading, OdometryReading or PeersReading
+    reading : RangeReading, BearingReading, OdometryReading, ElevationReading or PeersReading
     stamp_s : float
         When it was measured; the reading's own stamp may be useless.
     now_s : float
@@ -242,6 +243,8 @@ def add_reading(
                 now_s,
                 frame=usable_frame_id(reading.frame_id),
             )
+        case ElevationReading():
+            return localizer.add_elevation(key.observer, reading.elevation_m, stamp_s, now_s)
         case PeersReading():
             # All rows before the first: a message that cannot be read must not be taken in part.
             readings = list(_peer_readings(reading, localizer.config.points))

@@ -20,6 +20,7 @@ from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_qua
 from msg_adapters import (
     BearingReading,
     CameraReading,
+    ElevationReading,
     IdentifiedReading,
     OdometryReading,
     PeersReading,
@@ -34,6 +35,7 @@ KIND_OF_VALUE = {
     RangeReading: LinkKind.RANGE,
     BearingReading: LinkKind.BEARING,
     OdometryReading: LinkKind.ODOMETRY,
+    ElevationReading: LinkKind.ELEVATION,
     PeersReading: LinkKind.PEERS,
     IdentifiedReading: LinkKind.PEERS,
     PixelReading: LinkKind.PEERS,
@@ -62,6 +64,7 @@ OVERRIDES = {
     LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error', STAMP_OFFSET),
     LinkKind.BEARING: ('half_width', 'expected_error', STAMP_OFFSET),
     LinkKind.ODOMETRY: (STAMP_OFFSET,),
+    LinkKind.ELEVATION: ('min_error', 'max_error', STAMP_OFFSET),
     LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', *TURNS, STAMP_OFFSET),
     LinkKind.CAMERA: (),
 }
@@ -71,6 +74,7 @@ FIELDS = {
     LinkKind.RANGE: ('observer', 'target'),
     LinkKind.BEARING: ('observer', 'target'),
     LinkKind.ODOMETRY: ('robot',),
+    LinkKind.ELEVATION: ('observer',),
     LinkKind.PEERS: ('observer',),
     LinkKind.CAMERA: ('observer',),
 }
@@ -121,8 +125,8 @@ def parse_link(text: str) -> Link:
     """
     Read a link from its string: ``TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]``.
 
-    Odometry, peers and cameras have no target; the observer of peers is ``*`` where their messages
-    say who measured. For example
+    Odometry, elevations, peers and cameras have no target; the observer of peers is ``*`` where
+    their messages say who measured. For example
     ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``.
 
     Parameters
@@ -182,7 +186,7 @@ def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
     name, _, text = word.partition('=')
     if name not in OVERRIDES[kind]:
         allowed = ', '.join(OVERRIDES[kind]) or 'nothing'
-        article = 'an' if kind is LinkKind.ODOMETRY else 'a'
+        article = 'an' if kind[0] in 'aeiou' else 'a'
         raise ValueError(
             f"'{name}' cannot be overridden here; {article} {kind} link allows {allowed}"
         )

@@ -44,7 +44,7 @@ from dg_localization.ros.node.clock import NodeTime, refuse_use_sim_time
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.transitions import transition
-from dg_localization.ros.node.watchdog import Watchdog
+from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
 from msg_adapters import Diagnostics
@@ -134,8 +134,7 @@ class LocalizerNode(LifecycleNode):
         self._warm_up_began_s = time.monotonic()
         is_warm = self._make_wake_up(self._on_warm)
         self._worker = EstimateWorker(self._answer, answer_ready, warm_up, is_warm)
-        fleet = self.settings.fleet
-        self._watchdog = Watchdog(fleet.solver.max_seconds + fleet.max_conflict_seconds)
+        self._watchdog = Watchdog(longest_estimate_s(self.settings.fleet))
         made.callback(self._worker.close)
         self.get_logger().info('loading the solver')
         for warning in solver_warnings():

@@ -3,12 +3,19 @@
 
 """What tells an estimate that will never end from one that does not get the processors."""
 
+from dg_localization.fleet import FleetConfig
+
 # An estimate that takes so many times its limit, and at least so long, will never end.
 PATIENCE = 5.0
 LEAST_PATIENCE_S = 10.0
 # Any estimate that is not stuck uses this much of a processor in the time that it may take, also
 # on a machine that is far too busy.
 LEAST_PROGRESS_S = 0.02
+
+
+def longest_estimate_s(fleet: FleetConfig) -> float:
+    """Return how long an estimate may take by its limits."""
+    return fleet.solver.max_seconds + fleet.memory_max_seconds + fleet.max_conflict_seconds
 
 
 class Watchdog:

@@ -7,7 +7,9 @@ from collections.abc import Iterable, Iterator
 import textwrap
 from typing import Any
 
-from dg_localization.ros.interface.parameters.mounts import elevation_spec, mount_specs
+from dg_localization.ros.interface.parameters.anchors import anchor_specs
+from dg_localization.ros.interface.parameters.elevations import elevation_spec
+from dg_localization.ros.interface.parameters.mounts import mount_specs
 from dg_localization.ros.interface.parameters.odometry import robot_odometry_specs
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
@@ -21,7 +23,6 @@ from dg_localization.ros.interface.parameters.spec import (
 from dg_localization.ros.interface.parameters.table import (
     SECTIONS,
     Section,
-    anchor_specs,
     robot_spec,
 )
 

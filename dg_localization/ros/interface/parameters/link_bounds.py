@@ -14,6 +14,7 @@ from dg_localization.ros.interface.links import ANY_OBSERVER, RANGE_BOUNDS, Link
 from dg_localization.ros.interface.parameters.spec import WrongParameterError, by_parameters
 from msg_adapters import PeersReading, adapter_for
 
+MEASURE_OTHERS = (LinkKind.RANGE, LinkKind.BEARING, LinkKind.PEERS)
 BEARING_FIELDS = {
     'half_width': 'bearing_half_width_rad',
     'expected_error': 'bearing_expected_error_rad',
@@ -67,7 +68,9 @@ def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
 
     Of peers with ids of their own only those that it names: they may be ranges or rays.
     """
-    kind, stated = link.key.kind, {}
+    kind, stated = link.key.kind, dict[str, Any]()
+    if kind not in MEASURE_OTHERS:
+        return stated
     is_cloud = adapter_for(link.type_name).value_class is PeersReading
     of_ranges = () if kind is LinkKind.BEARING else (*RANGE_BOUNDS, 'expected_error')
     overrides = {name: value for name, value in link.overrides.items() if name in of_ranges}

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameters of sensors at known places on robots, and of elevations."""
+"""The parameters of sensors at known places on robots."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -43,19 +43,6 @@ def mount_specs(name: str) -> tuple[Spec, ...]:
     )
 
 
-def elevation_spec(name: str) -> Spec:
-    """Return the parameter of the elevation of one point."""
-    return Spec(
-        f'elevations.{name.replace("/", ".")}',
-        DOUBLES,
-        [],
-        'least and greatest elevation',
-        'm',
-        -FARTHEST_M,
-        FARTHEST_M,
-    )
-
-
 MOUNTS = Section(
     'Sensors on robots',
     'Sensors away from the origin of the body frame. The sensor `left` of `robot_1` is called '
@@ -73,32 +60,18 @@ MOUNTS = Section(
                 '  camera: {position: [0.4, 0.0], bound: 0.01, rotation: [0.0, 0.0, 1.57]}',
             ),
         ),
-        Spec(
-            'elevations.names',
-            STRINGS,
-            [],
-            'points in the plane whose elevation is known: robots, anchors and sensors',
-            details='Ranges are then those between their projections on the plane. A sensor that '
-            'is not named has the elevation of its robot, and all else is at 0.',
-            examples=(
-                "names: ['robot_1', 'beacon_1']",
-                'robot_1: [0.4, 0.5]',
-                'beacon_1: [2.1, 2.1]',
-            ),
-        ),
     ),
 )
 
 
 def specs_of_mounts(values: Mapping[str, Any]) -> Iterator[Spec]:
-    """Yield the parameters of the sensors and the elevations that are named."""
+    """Yield the parameters of the sensors that are named."""
     for name in values['mounts.names']:
         if len(name.split('/')) != 2:
             raise WrongParameterError(
                 f"parameter 'mounts.names': '{name}' is not allowed, it must read 'ROBOT/SENSOR'"
             )
         yield from mount_specs(name)
-    yield from (elevation_spec(name) for name in values['elevations.names'])
 
 
 def mounts_from(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
@@ -119,11 +92,3 @@ def mounts_from(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
             quaternion_of_euler(*rotation_rad),
         )
     return mounts
-
-
-def elevations_from(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Return the bounds of each elevation."""
-    return {
-        name: tuple(values[f'elevations.{name.replace("/", ".")}'])
-        for name in values['elevations.names']
-    }

@@ -14,7 +14,6 @@ from typing import Any
 from rclpy.node import Node
 
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     LinkKind,
     SuspectKind,
@@ -26,17 +25,20 @@ from dg_localization.ros.interface.links import (
     Template,
     parse_link,
 )
+from dg_localization.ros.interface.parameters.anchors import anchors_from
+from dg_localization.ros.interface.parameters.elevations import (
+    elevation_error_from,
+    elevation_errors_from,
+    elevations_from,
+    specs_of_elevations,
+)
 from dg_localization.ros.interface.parameters.link_bounds import (
     ends_of,
     overrides_from,
     range_error_from,
 )
 from dg_localization.ros.interface.parameters.links import stamp_offset
-from dg_localization.ros.interface.parameters.mounts import (
-    elevations_from,
-    mounts_from,
-    specs_of_mounts,
-)
+from dg_localization.ros.interface.parameters.mounts import mounts_from, specs_of_mounts
 from dg_localization.ros.interface.parameters.odometry import (
     REPLACED,
     odometry_error,
@@ -58,6 +60,7 @@ TEMPLATE_TYPES = {
     'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
     'odometry.topic': 'nav_msgs/msg/Odometry',
     'peers.topic': 'sensor_msgs/msg/PointCloud2',
+    'elevation.topic': 'geometry_msgs/msg/PointStamped',
 }
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
@@ -161,6 +164,7 @@ def _named(values: Mapping[str, Any]) -> Iterator[Spec]:
     """Yield the parameters that robots, anchors and sensors have of their own."""
     yield from named_specs(values['robots'], values['anchors.names'])
     yield from specs_of_mounts(values)
+    yield from specs_of_elevations(values)
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
@@ -332,13 +336,15 @@ def _check_names(parameter: str, names: Iterable[str]) -> None:
 
 
 def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetConfig:
-    anchors = {name: _anchor(name, values) for name in values['anchors.names']}
+    anchors = anchors_from(values)
     points = dict.fromkeys((*values['robots'], *anchors, *values['mounts.names']))
     return FleetConfig(
         robots=tuple(values['robots']),
         dimension=values['dimension'],
         mounts=mounts_from(values),
         elevations_m=elevations_from(values),
+        elevation_error=elevation_error_from(values),
+        point_elevation_error=elevation_errors_from(explicit, values),
         reference_robot=values['reference_robot'],
         max_age_s=values['max_age'],
         max_future_s=values['max_future'],
@@ -384,17 +390,3 @@ def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetC
 def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
     speeds = {name: values[f'robot_max_speed.{name}'] for name in values['robots']}
     return {name: speed for name, speed in speeds.items() if speed >= 0.0}
-
-
-def _anchor(name: str, values: Mapping[str, Any]) -> Anchor:
-    position, dimension = values[f'anchors.{name}.position'], values['dimension']
-    if len(position) != dimension:
-        raise WrongParameterError(
-            f"parameter 'anchors.{name}.position': {position!r} is not allowed, it must have "
-            f'{dimension} coordinates (dimension)'
-        )
-    bound = values[f'anchors.{name}.bound']
-    return Anchor(
-        coordinates_m=tuple(position),
-        bound_m=bound if bound >= 0.0 else values['anchors.bound'],
-    )

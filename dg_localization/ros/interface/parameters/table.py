@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator
 import math
 
 from dg_localization.fleet import LinkKind
-from dg_localization.fleet.checks import FARTHEST_M
+from dg_localization.ros.interface.parameters.anchors import ANCHORS, anchor_specs
 from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
 from dg_localization.ros.interface.parameters.contradictions import CONTRADICTIONS
+from dg_localization.ros.interface.parameters.elevations import ELEVATIONS
 from dg_localization.ros.interface.parameters.links import LINKS, stamp_offset_spec
 from dg_localization.ros.interface.parameters.mounts import MOUNTS
 from dg_localization.ros.interface.parameters.odometry import (
@@ -20,7 +21,6 @@ from dg_localization.ros.interface.parameters.odometry import (
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,
-    DOUBLES,
     INTEGER,
     STRING,
     STRINGS,
@@ -276,57 +276,6 @@ PEERS = Section(
 )
 
 
-def anchor_specs(name: str) -> tuple[Spec, Spec]:
-    """Return the parameters of one anchor; a negative bound stands for `anchors.bound`."""
-    return (
-        Spec(
-            f'anchors.{name}.position',
-            DOUBLES,
-            [],
-            'coordinates in the fixed frame',
-            'm',
-            -FARTHEST_M,
-            FARTHEST_M,
-        ),
-        Spec(
-            f'anchors.{name}.bound',
-            DOUBLE,
-            -1.0,
-            'how far it may be from there; negative for anchors.bound',
-            'm',
-            at_most=FARTHEST_M,
-        ),
-    )
-
-
-ANCHORS = Section(
-    'Anchors',
-    'Points whose coordinates in the fixed frame are known: landmarks, or parked robots. Each '
-    'name has a position, and a bound of its own where it needs one.',
-    (
-        Spec(
-            'anchors.names',
-            STRINGS,
-            [],
-            'points whose coordinates are known',
-            examples=(
-                "names: ['beacon_1', 'beacon_2']",
-                'beacon_1: {position: [0.0, 0.0]}',
-                'beacon_2: {position: [8.0, 0.0], bound: 0.2}',
-            ),
-        ),
-        Spec(
-            'anchors.bound',
-            DOUBLE,
-            0.0,
-            'how far an anchor may be from its coordinates',
-            'm',
-            0.0,
-            FARTHEST_M,
-        ),
-    ),
-)
-
 SECTIONS = (
     FLEET,
     NODE,
@@ -340,6 +289,7 @@ SECTIONS = (
     PEERS,
     LINKS,
     MOUNTS,
+    ELEVATIONS,
     ANCHORS,
     CONTRADICTIONS,
     SOLVER,

@@ -1,0 +1,154 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Elevations of points in the plane: they turn ranges in space into ranges in the plane.
+
+Bounds of a distance in the plane follow from those in space and from the difference of the
+elevations, by Pythagoras. Elevations are stated, and may be read besides: a reading bounds them
+for as long as it is young, widened by how far the point can have risen or sunk.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from dataclasses import dataclass
+import math
+from operator import attrgetter
+from typing import TypeAlias
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.motion import most_between
+from dg_localization.fleet.vocabulary import DistanceReading
+from dg_localization.interval.bounds import (
+    sqrt_down,
+    sqrt_up,
+    squared_distance,
+    sum_down,
+    sum_up,
+)
+
+Bounds: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Bounds of the elevation of a point at one time."""
+
+    stamp_s: float
+    lower_m: float
+    upper_m: float
+
+
+class Elevations:
+    """
+    What is known of the elevations of all points.
+
+    Parameters
+    ----------
+    config : FleetConfig
+
+    """
+
+    def __init__(self, config: FleetConfig) -> None:
+        self._config = config
+        self._readings: dict[str, list[_Reading]] = {}
+
+    def add(self, point: str, elevation_m: float, stamp_s: float, now_s: float) -> Bounds | None:
+        """
+        Add a reading, unless it contradicts what is known of the point.
+
+        What contradicts shows no more than that either is wrong, so that no reading counts then.
+
+        Returns
+        -------
+        tuple of float or None
+            The bounds that the reading contradicts.
+
+        """
+        error = self._config.elevation_error_of(point)
+        lower_m = sum_down(elevation_m, -error.max_error_m)
+        upper_m = sum_up(elevation_m, -error.min_error_m)
+        known_m = self.at_m(point, stamp_s, now_s)
+        readings = self._readings.setdefault(point, [])
+        if upper_m < known_m[0] or known_m[1] < lower_m:
+            readings.clear()
+            return known_m
+        insort(readings, _Reading(stamp_s, lower_m, upper_m), key=attrgetter('stamp_s'))
+        del readings[: -self._config.max_repeats]
+        return None
+
+    def at_m(self, point: str, stamp_s: float, now_s: float) -> Bounds:
+        """Return bounds of the elevation of a point at a time, by what is young at `now_s`."""
+        config, stated_m = self._config, self._config.elevation_m(point)
+        lower_m, upper_m = stated_m
+        speed_m_s = config.speed_m_s(config.robot_of(point))
+        for reading in self._readings.get(config.elevated(point), ()):
+            if now_s - reading.stamp_s <= config.max_age_s:
+                times_s = reading.stamp_s, stamp_s, config.between_stamps_s
+                climb_m = most_between(speed_m_s, *times_s)
+                lower_m = max(lower_m, sum_down(reading.lower_m, -climb_m))
+                upper_m = min(upper_m, sum_up(reading.upper_m, climb_m))
+        return (lower_m, upper_m) if lower_m <= upper_m else stated_m
+
+    def in_plane(self, reading: DistanceReading, now_s: float) -> DistanceReading:
+        """Return what a reading of a distance in space says of that in the plane."""
+        rise_m2 = self.squared_rise_m2(*reading.key.ends, reading.stamp_s, now_s)
+        if rise_m2[1] == 0.0:
+            return reading
+        in_space_m = reading.lower_m, reading.upper_m
+        lower_m, upper_m = distance_in_plane_m(in_space_m, rise_m2)
+        return DistanceReading(
+            reading.key,
+            reading.stamp_s,
+            lower_m,
+            upper_m,
+            _likeliest_in_plane_m(reading.likeliest_m, rise_m2),
+            in_space_m,
+        )
+
+    def squared_rise_m2(self, first: str, second: str, stamp_s: float, now_s: float) -> Bounds:
+        """Return bounds of the squared difference of the elevations of two points at a time."""
+        return squared_rise_m2(*(self.at_m(point, stamp_s, now_s) for point in (first, second)))
+
+
+def squared_rise_m2(first_m: Bounds, second_m: Bounds) -> Bounds:
+    """Return bounds of the squared difference of two elevations, in m^2."""
+    if first_m == second_m and first_m[0] == first_m[1]:
+        return 0.0, 0.0
+    upper_m = max(sum_up(second_m[1], -first_m[0]), sum_up(first_m[1], -second_m[0]))
+    lower_m = max(sum_down(second_m[0], -first_m[1]), sum_down(first_m[0], -second_m[1]))
+    return squared_distance(lower_m, upper_m)
+
+
+def distance_in_plane_m(distance_m: Bounds, rise_m2: Bounds) -> Bounds:
+    """
+    Return bounds of the distance between the projections of two points on the plane.
+
+    Parameters
+    ----------
+    distance_m : tuple of float
+        Bounds of the distance of the points; the upper one is below zero where there is none.
+    rise_m2 : tuple of float
+        Bounds of the squared difference of their elevations.
+
+    Returns
+    -------
+    lower_m, upper_m : float
+        The upper one is below zero where no distance agrees.
+
+    """
+    if rise_m2[1] == 0.0 or distance_m[1] < 0.0:
+        return distance_m
+    s_lower_m2, s_upper_m2 = squared_distance(*distance_m)
+    s_upper_m2 = sum_up(s_upper_m2, -rise_m2[0])
+    upper_m = sqrt_up(s_upper_m2) if s_upper_m2 >= 0.0 else -sqrt_down(-s_upper_m2)
+    return sqrt_down(sum_down(s_lower_m2, -rise_m2[1])), upper_m
+
+
+def _likeliest_in_plane_m(likeliest_m: float, rise_m2: Bounds) -> float:
+    """Return the likeliest distance in the plane for that in space, NaN where that is NaN."""
+    if math.isnan(likeliest_m):
+        return likeliest_m
+    squared_m2 = likeliest_m * likeliest_m - 0.5 * (rise_m2[0] + rise_m2[1])
+    return math.sqrt(max(0.0, squared_m2))

@@ -1,0 +1,260 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Elevations that are stated and read: what they make of ranges in space."""
+
+from fractions import Fraction
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from dg_localization import Verdict
+from dg_localization.fleet import (
+    Anchor,
+    ConfigError,
+    ElevationErrorModel,
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    Mount,
+    RangeErrorModel,
+    RejectionReason,
+)
+from dg_localization.fleet.elevations import distance_in_plane_m, squared_rise_m2
+
+NOW_S = 5.0
+PLACES = {'a': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
+PLACE_M = (2.0, 3.0)
+EXACT = RangeErrorModel(-0.001, 0.001, 0.0, 0.0)
+KEY = LinkKey(LinkKind.ELEVATION, 'r', '')
+
+
+def make(**settings):
+    """Return a localizer of a robot that flies anywhere up to 20 m above three anchors."""
+    given_settings = {
+        'anchors': {name: Anchor(place) for name, place in PLACES.items()},
+        'elevations_m': {'r': (0.0, 20.0)},
+        'elevation_error': ElevationErrorModel(-0.1, 0.1),
+        'range_error': EXACT,
+        'max_speed_m_s': 2.0,
+    }
+    return Localizer(FleetConfig(['r'], **(given_settings | settings)))
+
+
+def measure(localizer, height_m, stamp_s=NOW_S, now_s=NOW_S, place_m=PLACE_M, sensor='r'):
+    """Add the ranges to all anchors of a robot at a height."""
+    for name, anchor in PLACES.items():
+        range_m = math.dist((*place_m, height_m), (*anchor, 0.0))
+        assert localizer.add_range(sensor, name, range_m, stamp_s, now_s) is None
+
+
+def enclosure_of(localizer, now_s=NOW_S, place_m=PLACE_M):
+    """Return the width of the widest placement; the robot truly is in one."""
+    boxes = [placement.enclosure_m[0] for placement in localizer.step(now_s).placements]
+    assert any((low <= place_m).all() and (place_m <= high).all() for low, high in boxes)
+    return max((high - low).max() for low, high in boxes)
+
+
+# Their squares neither overflow nor underflow, so that the root below is right to 1e-15 of it.
+sizes = st.floats(1e-100, 1e-99) | st.floats(1e-3, 1e6) | st.floats(1e99, 1e100) | st.just(0.0)
+numbers = st.builds(lambda size, sign: sign * size, sizes, st.sampled_from([-1.0, 1.0]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(numbers, numbers, numbers, numbers, numbers, numbers)
+def test_the_distance_in_the_plane_is_inside_its_bounds(x, y, first, second, wider, narrower):
+    """Exact distances of exact points, in rational numbers."""
+    horizontal = Fraction(x) ** 2 + Fraction(y) ** 2
+    squared = horizontal + (Fraction(first) - Fraction(second)) ** 2
+    apart_m = math.sqrt(float(squared))
+    distance_m = (apart_m * (1.0 - 1e-9), apart_m * (1.0 + 1e-9))
+    one = (min(first, narrower), max(first, narrower))
+    other = (min(second, wider), max(second, wider))
+    lower_m, upper_m = distance_in_plane_m(distance_m, squared_rise_m2(one, other))
+    assert Fraction(lower_m) ** 2 <= horizontal
+    assert upper_m >= 0.0 and horizontal <= Fraction(upper_m) ** 2
+
+
+def test_a_range_shorter_than_the_rise_contradicts_it():
+    assert distance_in_plane_m((2.8, 2.9), squared_rise_m2((0.0, 0.0), (3.0, 3.5)))[1] < 0.0
+    localizer = make(elevations_m={'r': (3.0, 3.5)})
+    localizer.add_range('r', 'a', 2.9, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert [str(key) for key in estimate.conflicts[0]] == ['range r->a']
+
+
+def test_a_reading_narrows_what_is_stated():
+    stated = make()
+    measure(stated, 8.0)
+    read = make()
+    assert read.add_elevation('r', 8.05, NOW_S, NOW_S) is None
+    measure(read, 8.0)
+    assert enclosure_of(read) < 0.3 * enclosure_of(stated)
+    (state,) = (state for state in read.input_states(NOW_S) if state.key == KEY)
+    assert state.accepted == 1 and state.in_use
+
+
+@pytest.mark.parametrize('after_s', [-0.4, 0.4])
+@pytest.mark.parametrize('speed_m_s', [-2.0, 2.0])
+def test_a_reading_of_another_time_is_widened_by_how_far_it_can_climb(after_s, speed_m_s):
+    localizer = make()
+    localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
+    stamp_s = NOW_S + after_s
+    now_s = max(NOW_S, stamp_s)
+    measure(localizer, 8.0 + 0.999 * speed_m_s * after_s + 0.099, stamp_s, now_s)
+    enclosure_of(localizer, now_s)
+
+
+def test_a_clock_that_is_off_widens_readings():
+    """The range was measured 0.1 s later than its stamp says."""
+    localizer = make(stamp_error_s=0.05)
+    localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
+    measure(localizer, 8.0 + 0.1 + 0.1 * 1.99)
+    enclosure_of(localizer)
+
+
+def test_readings_are_intersected():
+    """Each of them is off by its bound, to either side."""
+    localizer = make(elevation_error=ElevationErrorModel(-1.0, 1.0))
+    localizer.add_elevation('r', 7.0, NOW_S, NOW_S)
+    localizer.add_elevation('r', 9.0, NOW_S, NOW_S)
+    measure(localizer, 8.0)
+    assert enclosure_of(localizer) < 0.01
+
+
+def test_an_old_reading_counts_no_more():
+    localizer = make(max_speed_m_s=0.0, max_age_s=1.0)
+    localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
+    later_s = NOW_S + 1.5
+    measure(localizer, 12.0, later_s, later_s)
+    enclosure_of(localizer, later_s)
+
+
+def test_readings_that_contradict_each_other_count_neither():
+    localizer = make()
+    assert localizer.add_elevation('r', 3.0, NOW_S, NOW_S) is None
+    rejection = localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
+    assert rejection.reason is RejectionReason.INVALID_ELEVATION
+    assert '8.0 m contradicts what is known: 2.900 to 3.100 m' in str(rejection)
+    for height_m in (3.0, 8.0, 15.0):
+        measure(localizer, height_m)
+        enclosure_of(localizer)
+        localizer.reset()
+    localizer.add_elevation('r', 3.0, NOW_S, NOW_S)
+    localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
+    assert localizer.add_elevation('r', 8.0, NOW_S, NOW_S) is None
+    measure(localizer, 8.0)
+    assert enclosure_of(localizer) < 1.0
+
+
+@pytest.mark.parametrize(
+    ('point', 'value', 'reason', 'text'),
+    [
+        ('r', 25.0, RejectionReason.INVALID_ELEVATION, '0.000 to 20.000 m'),
+        ('r', math.nan, RejectionReason.INVALID_ELEVATION, 'a finite number of meters'),
+        ('r', math.inf, RejectionReason.INVALID_ELEVATION, 'a finite number of meters'),
+        ('r', 'high', RejectionReason.INVALID_ELEVATION, "'high'"),
+        ('r', [1.0], RejectionReason.INVALID_ELEVATION, '[1.0]'),
+        ('a', 1.0, RejectionReason.INVALID_ELEVATION, "'a' has no stated elevation"),
+        ('x', 1.0, RejectionReason.UNKNOWN_ROBOT, "'x'"),
+    ],
+)
+def test_what_is_no_elevation_is_rejected(point, value, reason, text):
+    localizer = make()
+    rejection = localizer.add_elevation(point, value, NOW_S, NOW_S)
+    assert rejection.reason is reason
+    assert text in str(rejection)
+    measure(localizer, 8.0)
+    enclosure_of(localizer)
+
+
+@pytest.mark.parametrize('stamp_s', [0.0, math.nan, NOW_S - 2.0, NOW_S + 1.0])
+def test_a_reading_without_a_time_is_rejected(stamp_s):
+    assert make().add_elevation('r', 8.0, stamp_s, NOW_S) is not None
+
+
+def test_a_sensor_has_the_elevation_of_its_robot_unless_it_has_its_own():
+    mounts = {'r': {'left': (0.4, 0.0)}}
+    place_m = (PLACE_M[0] + 0.4, PLACE_M[1])
+    elevations = {'r': (0.0, 20.0)}
+    of_robot = make(mounts=mounts, elevations_m=elevations)
+    of_robot.add_elevation('r', 8.0, NOW_S, NOW_S)
+    measure(of_robot, 8.0, place_m=place_m, sensor='r/left')
+    own = make(mounts=mounts, elevations_m={**elevations, 'r/left': (0.0, 20.0)})
+    own.add_elevation('r', 3.0, NOW_S, NOW_S)
+    own.add_elevation('r/left', 8.0, NOW_S, NOW_S)
+    measure(own, 8.0, place_m=place_m, sensor='r/left')
+    assert enclosure_of(of_robot) == enclosure_of(own)
+
+
+def test_points_have_error_bounds_of_their_own():
+    config = FleetConfig(
+        ['r', 's'],
+        elevations_m={'r': (0.0, 20.0), 's': (0.0, 20.0)},
+        point_elevation_error={'s': ElevationErrorModel(0.0, 2.0)},
+    )
+    assert config.elevation_error_of('r') == ElevationErrorModel(-0.5, 0.5)
+    localizer = Localizer(config)
+    localizer.add_elevation('s', 10.0, NOW_S, NOW_S)
+    assert localizer.add_elevation('s', 8.0, NOW_S, NOW_S) is None
+    assert '8.000 to 8.000' in str(localizer.add_elevation('s', 10.5, NOW_S, NOW_S))
+
+
+@pytest.mark.parametrize(
+    ('settings', 'text'),
+    [
+        ({'elevation_error': (0.1, -0.1)}, 'elevation.min_error_m: 0.1 is not allowed'),
+        ({'elevation_error': (math.nan, 0.1)}, 'elevation.min_error_m: nan'),
+        ({'point_elevation_error': {'a': (0.0, 0.1)}}, "'a' is not allowed, it must be named in"),
+    ],
+)
+def test_wrong_error_bounds_are_refused(settings, text):
+    with pytest.raises(ConfigError, match=text.replace('.', r'\.')):
+        make(
+            **{
+                name: ElevationErrorModel(*value)
+                if isinstance(value, tuple)
+                else {point: ElevationErrorModel(*bounds) for point, bounds in value.items()}
+                for name, value in settings.items()
+            }
+        )
+
+
+def test_error_bounds_of_a_point_must_be_a_model():
+    with pytest.raises(ConfigError, match='must be an ElevationErrorModel'):
+        make(point_elevation_error={'r': (0.0, 0.1)})
+
+
+@pytest.mark.parametrize('sensor', ['r', 'r/left'])
+def test_ranges_from_above_are_remembered(sensor):
+    """A robot that drives ahead, ranged from 3 m above: a memory tells its heading."""
+    half_widths_rad = {}
+    for memory_s in (0.0, 30.0):
+        localizer = make(
+            mounts={'r': {'left': Mount((0.4, 0.2))}},
+            elevations_m=dict.fromkeys(PLACES, (3.0, 3.0)),
+            range_error=RangeErrorModel(-0.02, 0.02, 0.0, 0.0),
+            max_speed_m_s=0.5,
+            memory_s=memory_s,
+            memory_max_seconds=math.inf,
+        )
+        for tick in range(12):
+            now_s = NOW_S + 0.5 * tick
+            position_m = np.array([1.0 + 0.2 * tick, 3.0])
+            localizer.add_odometry('r', [*position_m, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+            tag_m = position_m + ([0.4, 0.2] if '/' in sensor else [0.0, 0.0])
+            for name, anchor in PLACES.items():
+                range_m = math.dist((*anchor, 3.0), (*tag_m, 0.0))
+                localizer.add_range(sensor, name, range_m, now_s, now_s)
+            estimate = localizer.step(now_s)
+            assert estimate.forgotten == ()
+        (placement,) = estimate.placements
+        low, high = placement.enclosure_m[0]
+        assert (low <= position_m).all() and (position_m <= high).all()
+        half_widths_rad[memory_s] = placement.heading_half_width_rad[0]
+        known = placement.heading_known[0]
+    assert known and half_widths_rad[30.0] < 0.5 < half_widths_rad[0.0]
