@@ -23,6 +23,9 @@ from dg_localization.interval.rounding import rounding_error, step_up
 ROUNDING = 1.0 + 1e-9
 """A robot at its limits is not a restart of its odometry."""
 
+NOT_TURNED = np.eye(3)
+NOT_TURNED.flags.writeable = False
+
 ROUNDED = 12
 """So many coordinates, of two positions: they are rounded when reported, and when scaled."""
 
@@ -219,7 +222,7 @@ class Motion:
                     # A ray in the plane turns with the heading; roll and pitch would bend it.
                     before, after = level_rotations(np.array([before, after]))
                 return after.T @ before, error_rad
-        return np.eye(3), by_rate_rad
+        return NOT_TURNED, by_rate_rad
 
     def turn_up_rad(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of the angle by which `point` turned between two times."""
@@ -277,7 +280,7 @@ def _way_between(first: OdometryReading, second: OdometryReading) -> tuple[float
     """Return upper bounds of the way and of the turns between two readings of one track."""
     if first is second:
         return 0.0, 0.0
-    start, end = sorted((first, second), key=lambda reading: reading.stamp_s)
+    start, end = (first, second) if first.stamp_s <= second.stamp_s else (second, first)
     return sum_up(end.way_m, -start.way_m), sum_up(end.turned_rad, -start.turned_rad)
 
 
