@@ -107,7 +107,7 @@ INTERVAL = [
         ('test/interval/test_bounds.py',),
         (
             'stamps count as exact',
-            'sum_up(step_up(abs(first_s - second_s)), unit_s)',
+            'step_up(step_up(abs(first_s - second_s)) + unit_s)',
             'abs(first_s - second_s)',
         ),
     ),
@@ -1053,19 +1053,9 @@ FLEET = [
         'odometry',
         ('test/fleet/test_odometry.py',),
         (
-            'beyond the last sample a robot stands still',
-            'return np.where(by_limit, limited, np.minimum(spans, limited))',
-            'return np.minimum(spans, limited)',
-        ),
-        (
             'headings err by half of their constant on tracks',
             'up(near.offset_rad + self._error.constant_rad)',
             'up(near.offset_rad + 0.5 * self._error.constant_rad)',
-        ),
-        (
-            'the latency of the odometry is ignored',
-            'reach_s = up(elapsed_up(times_s, stamps[index]) + latency)',
-            'reach_s = elapsed_up(times_s, stamps[index])',
         ),
     ),
     *_in(
@@ -1081,32 +1071,42 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_kernels',
+        ('test/fleet/test_odometry.py',),
+        (
+            'beyond the last sample a robot stands still',
+            'return limited if by_limit else min(span, limited)',
+            'return min(span, limited)',
+        ),
+        (
+            'the latency of the odometry is ignored',
+            'reach = up(_elapsed_up(time, stamps[nearest]) + latency)',
+            'reach = _elapsed_up(time, stamps[nearest])',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry_kernels',
         ('test/fleet/test_between_samples.py',),
         (
             'between two samples a robot is as near as the nearer one',
             'span = up(min(before[kind], after[kind]) + step[kind])',
             'span = min(before[kind], after[kind])',
         ),
-    ),
-    *_in(
-        'fleet',
-        'odometry_error',
-        ('test/fleet/test_between_samples.py',),
         (
             'between two samples a robot does not err',
-            'up(sums[:, there] + step_errors[:, first[there] + step])',
-            'sums[:, there]',
+            'up(off_m + steps[0, sample]), up(off_rad + steps[1, sample])',
+            '0.0, 0.0',
+        ),
+        (
+            'where samples are missing the robot is between its neighbours',
+            'missing = missing or steps[2, sample] > 0.0',
+            'missing = False',
         ),
     ),
     *_in(
         'fleet',
         'odometry',
         ('test/fleet/test_between_samples.py',),
-        (
-            'where samples are missing the robot is between its neighbours',
-            'spans[:, missing >= 1.0] = np.inf',
-            'spans[:, missing >= 2.0] = np.inf',
-        ),
         (
             'where samples are missing the way is straight',
             'np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))',

@@ -339,7 +339,21 @@ class FleetConfig:
 
     def odometry_error_of(self, robot: str) -> OdometryErrorModel:
         """Return the greatest errors of the odometry of a robot."""
-        error = self.robot_odometry_error.get(robot, self.odometry_error)
+        return self._robot_odometry_errors.get(robot, self._any_odometry_error)
+
+    @cached_property
+    def _any_odometry_error(self) -> OdometryErrorModel:
+        """Return the greatest errors of the odometry of robots without errors of their own."""
+        return self._with_stamp_error(self.odometry_error)
+
+    @cached_property
+    def _robot_odometry_errors(self) -> dict[str, OdometryErrorModel]:
+        """Return the greatest errors of the odometry of the others."""
+        errors = self.robot_odometry_error
+        return {robot: self._with_stamp_error(error) for robot, error in errors.items()}
+
+    def _with_stamp_error(self, error: OdometryErrorModel) -> OdometryErrorModel:
+        """Return an error of odometry whose stamps are those of other clocks."""
         if self.stamp_error_s == 0.0:
             return error
         return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))
