@@ -709,13 +709,13 @@ FLEET = [
         ),
     ),
     *_in(
-        'fleet',
-        'contradictions/window_suspects',
+        'fleet/window',
+        'mutual_walk',
         ('test/fleet/test_mounted_memory.py',),
         (
             'ranges of sensors are taken for those between origins',
-            'if snapshot.config.sensors.keys().isdisjoint(ends)',
-            'if True',
+            'if not (arms_m.lower.any() or arms_m.upper.any()):',
+            'if True:',
         ),
     ),
     *_in(
@@ -1221,8 +1221,13 @@ FLEET = [
         ),
         (
             'the line of sight points the same way from both ends',
-            'back[other] = math.pi',
-            'back[other] = 0.0',
+            'back_rad[other] = math.pi',
+            'back_rad[other] = 0.0',
+        ),
+        (
+            'two robots that have each other ahead head the same way',
+            '_less(arc_rad + math.pi, self.arcs_rad[other])',
+            '_less(arc_rad, self.arcs_rad[other])',
         ),
     ),
     *_in(

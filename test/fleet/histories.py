@@ -326,8 +326,9 @@ def draw_followed(seed, seconds):
     rng = np.random.default_rng([seed, 4])
     robots, anchors = (2, 0) if rng.random() < 0.3 else (int(rng.integers(1, 4)), 3)
     outliers = int(rng.choice([0, 1])) if anchors else 0
+    mounted = min(robots, int(rng.choice([0, 0, 1, 2])))
     return History.draw(
-        seed, robots, anchors, seconds, memory_s=0.8 * seconds, window_outliers=outliers
+        seed, robots, anchors, seconds, mounted, memory_s=0.8 * seconds, window_outliers=outliers
     )
 
 

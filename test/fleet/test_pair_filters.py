@@ -12,11 +12,18 @@ import numpy as np
 import pytest
 
 from dg_localization import Verdict
-from dg_localization.fleet import estimation, localizer as localizer_room
+from dg_localization.fleet import (
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+    estimation,
+    localizer as localizer_room,
+)
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.window import pair_filters
 from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.fleet.window.pair_filters import FILTERS, PairFilters
+from dg_localization.fleet.window.pair_filters import FILTERS, Directions, PairFilters
 from dg_localization.interval.kernels import COMPILED
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason='without numba no pairs are followed')
@@ -33,7 +40,8 @@ def draw(seed, seconds, **settings):
         localizer = localizer_of(history)
         for _time_s, estimate in history.play(localizer, [0.9 * seconds]):
             snapshot = localizer.snapshot(estimate.stamp_s)
-        if len(snapshot.motion.odometry) == 2 and snapshot.distances and not snapshot.rays:
+        tracked = snapshot.motion.odometry.keys() >= {'r0', 'r1'}
+        if tracked and snapshot.distances and not snapshot.rays:
             return history
     raise AssertionError(seed)
 
@@ -47,9 +55,9 @@ def widths(estimate):
     return np.minimum(2.0 * estimate.placements[0].heading_half_width_rad, 2.0 * math.pi)
 
 
-@pytest.mark.parametrize('seed', range(12))
-def test_no_truth_is_lost_while_filters_follow_each_other(seed):
-    history = draw(seed, 16.0)
+@pytest.mark.parametrize('seed, mounted', [*((seed, 0) for seed in range(12)), (12, 1), (13, 2)])
+def test_no_truth_is_lost_while_filters_follow_each_other(seed, mounted):
+    history = draw(seed, 16.0, mounted=mounted)
     localizer = localizer_of(history)
     starts = set()
     for time_s, estimate in history.play(localizer, np.arange(0.9, 16.0, 0.35)):
@@ -234,13 +242,66 @@ def test_where_a_filter_cannot_go_on_the_next_starts_later(monkeypatch):
     assert lost and filters_of(localizer)
 
 
-def test_in_a_frame_of_headings_directions_say_nothing():
+def test_in_the_frame_of_one_robot_directions_tell_the_pose_of_the_other():
+    place_m, yaw_rad = np.array([3.0, 2.0]), 1.0
+    away_m, line_rad = np.linalg.norm(place_m), math.atan2(2.0, 3.0)
+    seen_rad = np.array([line_rad, line_rad + math.pi - yaw_rad])
+    found = Directions(seen_rad[:, None] + [-0.1, 0.1], away_m - 0.2, away_m + 0.2)
+    bounds = found._seen_from(0)
+    low_m, high_m = bounds.enclosure_m[1]
+    assert np.all((low_m < place_m) & (place_m < high_m)) and np.all(high_m - low_m < 1.2)
+    low_rad, high_rad = bounds.arcs_rad[1] - yaw_rad
+    assert math.remainder(low_rad + 0.2, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+    assert high_rad - low_rad == pytest.approx(0.4)
+
+
+def test_what_contradicts_itself_leaves_no_placement_in_any_frame():
     history = draw(2, 4.0)
-    localizer = localizer_of(history)
-    *_, (_time_s, estimate) = history.play(localizer, np.arange(1.0, 4.0, 0.5))
-    frame = replace(estimate.frame, kind=pair_filters.FrameKind.HEADING, points=('r0',))
-    found = PairFilters().follow(localizer.snapshot(estimate.stamp_s), lambda: False)
-    robots = history.config.robots
-    assert found.leave(estimate.placements, frame, robots) == estimate.placements
-    assert not found.tell(frame, robots)
-    assert not pair_filters.NOWHERE.leave(estimate.placements, frame, robots)
+    *_, (_time_s, estimate) = history.play(localizer_of(history), np.arange(1.0, 4.0, 0.5))
+    assert not pair_filters.NOWHERE.leave(
+        estimate.placements, estimate.frame, history.config.robots
+    )
+
+
+def test_two_robots_whose_tags_are_away_from_their_centers_learn_their_headings():
+    """They range from tag to tag alone, and drive in circles for 15 s."""
+    arms_m = {'a': (0.4, 0.1), 'b': (-0.3, 0.2)}
+    error = OdometryErrorModel(
+        translation_per_m=0.05, rotation_per_rad=0.05, constant_m=0.01, constant_rad=0.01
+    )
+    localizer = Localizer(
+        FleetConfig(
+            robots=('a', 'b'),
+            mounts={name: {'tag': arm_m} for name, arm_m in arms_m.items()},
+            range_error=RangeErrorModel(0.0, 0.0, -0.03, 0.03),
+            odometry_error=error,
+            max_turn_rate_rad_s=1.3,
+            memory_max_seconds=math.inf,
+        )
+    )
+    for tick in range(151):
+        now_s, tags_m = 100.0 + 0.1 * tick, []
+        for name, (along, across) in arms_m.items():
+            x, y, yaw = circling(name, 0.1 * tick)
+            turn = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
+            localizer.add_odometry(name, [x, y, 0.0], turn, now_s, now_s)
+            c, s = math.cos(yaw), math.sin(yaw)
+            tags_m.append((x + c * along - s * across, y + s * along + c * across))
+        if tick % 3 == 0:
+            localizer.add_range('a/tag', 'b/tag', math.dist(*tags_m), now_s, now_s)
+        if tick % 15 == 0 and tick:
+            estimate = localizer.step(now_s)
+            assert estimate.verdict is not Verdict.INFEASIBLE and not estimate.forgotten
+    (placement,) = estimate.placements
+    first, second = 2.0 * np.arctan2(*placement.orientations_xyzw[:, 2:].T)
+    true = circling('b', 15.0)[2] - circling('a', 15.0)[2]
+    off_rad = abs(math.remainder(second - first - true, 2.0 * math.pi))
+    assert off_rad <= placement.heading_half_width_rad.sum() < 1.5
+
+
+def circling(name, time_s):
+    """Return the pose (x, y, yaw) of a robot that drives in a circle, each its own way round."""
+    middle, radius, rate = {'a': (0.0, 0.8, 0.7), 'b': (3.5, 1.5, -0.35)}[name]
+    angle = rate * time_s
+    yaw = angle + math.copysign(0.5 * math.pi, rate)
+    return middle + radius * math.cos(angle), radius * math.sin(angle), yaw

@@ -170,12 +170,7 @@ class _PairOracle:
         carried = snapshot.carried
         sources = carried.sources(pair)[:MOST_EXPLAINED]
         self.rows = {_suspect(*source): row for row, source in enumerate(sources)}
-        # A walk is that of the origins of both.
-        self._walked = {
-            row: observation
-            for row, (*ends, observation) in enumerate(sources)
-            if snapshot.config.sensors.keys().isdisjoint(ends)
-        }
+        self._distances = carried.distances(pair)
         self._readings = carried.readings_on_tracks(pair)
         self._paths = carried.path(pair[0]), carried.path(pair[1])
         self._memory_s, self._stopped = snapshot.config.memory_s, stopped
@@ -187,7 +182,7 @@ class _PairOracle:
             readings = self._readings[np.array(rows, np.intp)]
             return cover_poses(readings, GLANCE, stopped=self._stopped).empty
         if effort is Effort.BRIEF:
-            seen = [self._walked[row] for row in rows if row in self._walked]
+            seen = [self._distances[row] for row in rows]
             return MutualWalk(self._paths, seen, self._memory_s).contradicts(self._stopped)
         # Nothing shows more than that.
         return False

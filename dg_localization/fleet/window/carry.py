@@ -28,7 +28,7 @@ from dg_localization.fleet.track_poses import TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.fleet.window.paths import Tilt, path_of
-from dg_localization.fleet.window.rows import Row, Table
+from dg_localization.fleet.window.rows import BodyDistance, Row, Table
 from dg_localization.interval.arrays import Interval
 from dg_localization.pairs import PairReadings, PastPoses
 
@@ -161,9 +161,13 @@ class CarriedWindow:
         """Return the times of the observations of a pair, newest first."""
         return self._stamps_of(pair)
 
-    def between_origins(self, pair: Pair) -> tuple[Observation, ...]:
-        """Return what two robots observed from origin to origin, newest first."""
-        return tuple(row.observation for row in self._rows[pair] if row.points == pair)
+    def distances(self, pair: Pair) -> tuple[BodyDistance, ...]:
+        """Return the distances that two robots observed of each other, as `sources` has them."""
+        arms_m = places_on_body(self._config, self._config.points)
+        return tuple(
+            BodyDistance(seen.stamp_s, seen.lower_m, seen.upper_m, arms_m[list(points)])
+            for seen, _, points in self._rows[pair]
+        )
 
     def sources(self, pair: Pair) -> tuple[tuple[str, str, Observation], ...]:
         """Return the observations of a pair with observer and target, newest first."""

@@ -14,9 +14,10 @@ import numpy as np
 
 from dg_localization.fleet.odometry import OdometryPath
 from dg_localization.fleet.window.carry import CarriedWindow, Pair
-from dg_localization.fleet.window.memory import Observation
+from dg_localization.fleet.window.rows import BodyDistance
+from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import sum_up
-from dg_localization.pairs import MutualCover, Ranges, Ways
+from dg_localization.pairs import MutualCover, PastPoses, Ranges, Ways
 
 KNOTS = 75
 """In a memory: seen from farther away than from the next knot, readings tell less."""
@@ -63,8 +64,8 @@ class MutualWalk:
     ----------
     paths : tuple of OdometryPath
         Of both.
-    seen : iterable of Observation
-        What one observed of the other; those without a distance do not count.
+    seen : iterable of BodyDistance
+        What one observed of the other; those that are not known do not count.
     memory_s : float
         It has so many knots.
 
@@ -73,25 +74,25 @@ class MutualWalk:
     def __init__(
         self,
         paths: tuple[OdometryPath, OdometryPath],
-        seen: Iterable[Observation],
+        seen: Iterable[BodyDistance],
         memory_s: float,
     ) -> None:
         self.paths = paths
-        self.seen = sorted((one for one in seen if one.has_distance), key=lambda one: one.stamp_s)
+        self.seen = sorted((one for one in seen if one.is_known), key=lambda one: one.stamp_s)
         self._between_s = memory_s / KNOTS
 
     @classmethod
     def of(cls, carried: CarriedWindow, pair: Pair, memory_s: float) -> Self:
         """Return the way of two robots with all ranges of a window."""
         paths = carried.path(pair[0]), carried.path(pair[1])
-        return cls(paths, carried.between_origins(pair), memory_s)
+        return cls(paths, carried.distances(pair), memory_s)
 
     @property
     def known_s(self) -> float:
         """Since when both odometries are known."""
         return max(float(path.stamps_s[0]) for path in self.paths)
 
-    def started(self, observation: Observation) -> PairFilter | None:
+    def started(self, observation: BodyDistance) -> PairFilter | None:
         """Return a filter that starts with a range; None where it is not bounded."""
         stamp_s = observation.stamp_s
         lower_m, upper_m = self._ranges([observation], stamp_s).at_end_m
@@ -155,7 +156,7 @@ class MutualWalk:
                     math.dist(path.stated(known_s)[:2], path.stated(stamp_s)[:2])
                     for path, known_s in zip(self.paths, known.samples_s, strict=True)
                 )
-                if observation.lower_m >= way_m:
+                if observation.lower_m - observation.reach_m >= way_m:
                     return stamp_s
         return last_s if last_s <= until_s else math.inf
 
@@ -186,13 +187,26 @@ class MutualWalk:
         )
         return first, second
 
-    def _ranges(self, seen: list[Observation], until_s: float) -> Ranges:
+    def _ranges(self, seen: list[BodyDistance], until_s: float) -> Ranges:
         """Return observations up to a time, seen from the tracks at the samples nearest to it."""
         stamps_s = np.array([one.stamp_s for one in seen])
-        first, second = (path.past_poses_on_track(stamps_s, until_s).past for path in self.paths)
+        first, second = (
+            _points(
+                path.past_poses_on_track(stamps_s, until_s).past,
+                Interval.stack([one.arms_m[end] for one in seen], axis=0),
+            )
+            for end, path in enumerate(self.paths)
+        )
         yaws_rad = [path.stated(until_s)[2] for path in self.paths]
         return Ranges(
             Ways.of(first, second, yaws_rad[0], yaws_rad[1]),
             np.array([one.lower_m for one in seen]),
             np.array([one.upper_m for one in seen]),
         )
+
+
+def _points(poses: PastPoses, arms_m: Interval) -> PastPoses:
+    """Return poses of points on a body that was in some poses; at its origin they are these."""
+    if not (arms_m.lower.any() or arms_m.upper.any()):
+        return poses
+    return PastPoses(poses.points_now(arms_m), poses.yaw_rad)

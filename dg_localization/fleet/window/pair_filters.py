@@ -28,7 +28,8 @@ from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.mutual_walk import MutualWalk, PairFilter
 from dg_localization.fleet.window.proved import PoseBounds, heading_arcs, intersect_arcs
 from dg_localization.fleet.window.shape_headings import within_bounds
-from dg_localization.interval.angles import angle_down, angle_up
+from dg_localization.interval.angles import angle_down, angle_up, cosine_and_sine
+from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import sum_up
 from dg_localization.interval.kernels import COMPILED
 from dg_localization.pairs import MutualCover, Ways
@@ -70,26 +71,56 @@ class Directions:
         """Return what is left of placements of the two robots."""
         if self.lower_m > self.upper_m:
             return ()
-        if not self.tell(frame, robots):
+        if self.tell(frame, robots):
+            bounds = self._on_x_axis(robots.index(frame.points[1]))
+        elif frame.kind is FrameKind.HEADING:
+            bounds = self._seen_from(robots.index(frame.points[0]))
+        else:
             return tuple(placements)
-        other = robots.index(frame.points[1])
-        left = (self._around(placement, other) for placement in placements)
+        left = (_within(placement, bounds) for placement in placements)
         return tuple(placement for placement in left if placement is not None)
 
-    def _around(self, placement: Placement, other: int) -> Placement | None:
-        """Return what is left of a placement, of which one robot is on the x axis."""
-        enclosure = placement.enclosure_m.copy()
-        enclosure[other, 0, 0] = max(enclosure[other, 0, 0], self.lower_m)
-        enclosure[other, 1, 0] = min(enclosure[other, 1, 0], self.upper_m)
+    def _on_x_axis(self, other: int) -> PoseBounds:
+        """Return bounds in a frame that has one robot at its origin, and the other ahead on x."""
+        enclosure_m = np.tile([[-math.inf], [math.inf]], (2, 1, 2))
+        enclosure_m[other, :, 0] = self.lower_m, self.upper_m
         # The line of sight points along x, and back.
-        back = np.zeros(2)
-        back[other] = math.pi
-        headings = np.stack([back - self.arcs_rad[:, 1], back - self.arcs_rad[:, 0]], axis=-1)
-        headings = np.stack([angle_down(headings[:, 0]), angle_up(headings[:, 1])], axis=-1)
-        arcs, met = intersect_arcs(heading_arcs(placement), headings)
-        if not np.all(met) or enclosure[other, 0, 0] > enclosure[other, 1, 0]:
-            return None
-        return within_bounds(placement, PoseBounds(enclosure, arcs))
+        back_rad = np.zeros(2)
+        back_rad[other] = math.pi
+        return PoseBounds(enclosure_m, _less(np.stack([back_rad] * 2, axis=-1), self.arcs_rad))
+
+    def _seen_from(self, reference: int) -> PoseBounds:
+        """Return bounds in the body frame of one robot."""
+        other, arc_rad = 1 - reference, self.arcs_rad[reference]
+        axes = cosine_and_sine(Interval(arc_rad[0], arc_rad[1]))
+        place_m = Interval(np.array(self.lower_m), np.array(self.upper_m)) * axes
+        enclosure_m = np.tile([[-math.inf], [math.inf]], (2, 1, 2))
+        enclosure_m[other] = place_m.lower, place_m.upper
+        arcs_rad = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (2, 1))
+        # The line of sight points back to the reference.
+        arcs_rad[other] = _less(arc_rad + math.pi, self.arcs_rad[other])
+        return PoseBounds(enclosure_m, arcs_rad)
+
+
+def _less(first_rad: NDArray[np.float64], second_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return arcs less others, shape (..., 2)."""
+    low, high = first_rad[..., 0] - second_rad[..., 1], first_rad[..., 1] - second_rad[..., 0]
+    return np.stack([angle_down(low), angle_up(high)], axis=-1)
+
+
+def _within(placement: Placement, bounds: PoseBounds) -> Placement | None:
+    """Return what bounds leave of a placement."""
+    enclosure_m = np.stack(
+        [
+            np.maximum(placement.enclosure_m[:, 0], bounds.enclosure_m[:, 0]),
+            np.minimum(placement.enclosure_m[:, 1], bounds.enclosure_m[:, 1]),
+        ],
+        axis=1,
+    )
+    arcs_rad, met = intersect_arcs(heading_arcs(placement), bounds.arcs_rad)
+    if not np.all(met) or np.any(enclosure_m[:, 0] > enclosure_m[:, 1]):
+        return None
+    return within_bounds(placement, PoseBounds(enclosure_m, arcs_rad))
 
 
 NOWHERE = Directions(np.tile([-HALF_TURN_UP, HALF_TURN_UP], (2, 1)), math.inf, -math.inf)
@@ -140,7 +171,7 @@ class PairFilters:
     def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:
         """Drop the filters that know of observations that are forgotten."""
         for item in forgotten:
-            if any({*ends} == {*config.robots} for ends in item.ends):
+            if any({*map(config.robot_of, ends)} == {*config.robots} for ends in item.ends):
                 self._filters = tuple(
                     known
                     for known in self._filters
