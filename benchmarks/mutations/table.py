@@ -1165,6 +1165,18 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'contradictions/explanation',
+        (
+            'test/fleet/test_contradictions.py::test_settings_that_contradict_each_other_are_no_fault_of_measurements',
+        ),
+        (
+            'measurements are blamed for the settings',
+            'if frozenset() in explanation.conflicts:',
+            'if False:',
+        ),
+    ),
+    *_in(
+        'fleet',
         'best_point/best_point',
         (
             'test/fleet/test_best_point.py::test_robots_that_hardly_anything_ties_to_the_rest_have_points',

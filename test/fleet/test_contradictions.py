@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from dg_localization import SolverOptions, Verdict
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RangeErrorModel
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    RangeErrorModel,
+)
 from dg_localization.fleet.answers import LEAST_S, shared_time
 
 ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
@@ -160,6 +167,19 @@ def test_a_range_no_distance_can_give_is_a_contradiction():
     estimate = localizer.step(NOW_S)
     assert estimate.verdict is Verdict.INFEASIBLE
     assert estimate.conflicts == ((WRONG,),)
+
+
+@pytest.mark.parametrize('max_outliers', [0, 2])
+def test_settings_that_contradict_each_other_are_no_fault_of_measurements(max_outliers):
+    anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((1.0, 0.0))}
+    localizer = make_localizer(anchors=anchors, min_separation_m=2.0, max_outliers=max_outliers)
+    for anchor in anchors:
+        assert localizer.add_range('c', anchor, 3.0, NOW_S, NOW_S) is None
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE
+    assert estimate.reason.startswith('the settings contradict each other')
+    assert estimate.conflicts == estimate.suspects == ()
+    assert not any(link.contradicts for link in estimate.links)
 
 
 def test_a_contradiction_away_from_the_reference_robot_is_found():

@@ -347,8 +347,9 @@ def _covariances(fit: Fit, bodies: Bodies, information: FloatArray, n_points: in
     variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
     equations = UNIFORM * information + np.diag(1.0 / variances)
     size = int(bodies.free[:n_points].sum())
+    eliminate(equations, size)
     everything = np.zeros((size + 1, size + 1))
-    inverse = _inverse(equations, variances, size)
+    inverse = _inverse(equations[:size, :size], variances[:size])
     everything[:size, :size] = 0.5 * (inverse + inverse.T)
     # The last row stands for what is left out.
     columns = fit.columns[:n_points]
@@ -356,21 +357,20 @@ def _covariances(fit: Fit, bodies: Bodies, information: FloatArray, n_points: in
     return np.asarray(everything[rows[:, :, None], rows[:, None, :]])
 
 
-def _inverse(equations: FloatArray, variances: FloatArray, size: int) -> FloatArray:
+def _inverse(equations: FloatArray, variances: FloatArray) -> FloatArray:
     """
-    Return the first block of the inverse of normal equations that hold some variances.
+    Return the inverse of normal equations that hold some variances.
 
     These alone are what is left of information that rounding hides: of points that are known well
     from each other, and hardly at all from the rest.
     """
     spread = float(np.max(equations.diagonal() * variances, initial=1.0))
     if spread <= MOST_SPREAD:
-        eliminate(equations, size)
-        return np.asarray(np.linalg.inv(equations[:size, :size]))
-    if not math.isfinite(spread):
-        return np.diag(variances[:size])
+        return np.asarray(np.linalg.inv(equations))
+    if not np.isfinite(equations).all():
+        return np.diag(variances)
     scales = np.sqrt(variances)
     values, vectors = np.linalg.eigh(scales[:, None] * equations * scales)
-    values = np.where(values > spread / MOST_SPREAD, values, 1.0)
-    deviations = scales[:size, None] * vectors[:size] / np.sqrt(values)
+    deviations = scales[:, None] * vectors
+    deviations /= np.sqrt(np.where(values > spread / MOST_SPREAD, values, 1.0))
     return np.asarray(deviations @ deviations.T)

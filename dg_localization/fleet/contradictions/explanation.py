@@ -19,6 +19,11 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict
 from dg_localization.solver.options import Cancel
 
+OF_SETTINGS = (
+    'the settings contradict each other, whatever is measured: anchors, mounts, elevations or '
+    'min_separation'
+)
+
 
 def lineup_of(snapshot: Snapshot) -> Lineup:
     """Return who can be wrong in a snapshot."""
@@ -54,8 +59,9 @@ def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]
 
 
 def links_of_conflicts(lineup: Lineup, explanation: Explanation) -> tuple[Conflict, ...]:
-    """Return the conflicts of an explanation as links."""
-    return tuple(tuple(sorted(lineup.links_of(conflict))) for conflict in explanation.conflicts)
+    """Return the conflicts of an explanation as links, without those that need none."""
+    links = (lineup.links_of(conflict) for conflict in explanation.conflicts if conflict)
+    return tuple(tuple(sorted(keys)) for keys in links)
 
 
 def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
@@ -70,6 +76,8 @@ def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
         Why there is no frame for what is left without the corrections; empty if there is one.
 
     """
+    if frozenset() in explanation.conflicts:
+        return OF_SETTINGS
     text = 'the measurements contradict each other'
     conflicts = [', '.join(map(str, sorted(conflict))) for conflict in explanation.conflicts]
     if explanation.among:
