@@ -57,7 +57,7 @@ class Encloser:
         self._rows = rows
         self._cosines = solved.angles.cosines()
         self._registration = registration
-        self._poses = {core: registration.pose_of(core) for core in registration.cores}
+        self._poses = registration.poses()
 
     def enclose(
         self, hypothesis: Hypothesis, choices: Sequence[ChiralityChoice | None]
