@@ -801,8 +801,8 @@ FLEET = [
         ('test/fleet/test_memory_in_space.py',),
         (
             'rays of a robot that is tilted count as level',
-            'return self.path(robot).leveled_rays(stamps_s, rays, errors_rad)',
-            'return rays, errors_rad',
+            'return self.path(robot).leveled_rays(seen.stamps_s, seen.rays, seen.errors_rad)',
+            'return seen.rays, seen.errors_rad',
         ),
     ),
     *_in(
@@ -1149,8 +1149,8 @@ FLEET = [
         ('test/fleet/test_stamp_error.py',),
         (
             'stamps of odometry are right',
-            'return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))',
-            'return error',
+            'replace(error, latency_s=latency_s) if self.stamp_error_s else error',
+            'error',
         ),
     ),
     *_in(
@@ -1161,6 +1161,18 @@ FLEET = [
             'equal stamps of a robot and of an answer are one time',
             'replace(ray, half_width_rad=sum_up(ray.half_width_rad, error_rad))',
             'ray',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'best_point/best_point',
+        (
+            'test/fleet/test_best_point.py::test_robots_that_hardly_anything_ties_to_the_rest_have_points',
+        ),
+        (
+            'a covariance is made of rounding errors',
+            'np.where(values > spread / MOST_SPREAD, values, 1.0)',
+            'np.abs(values)',
         ),
     ),
     *_in(

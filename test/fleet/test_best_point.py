@@ -4,7 +4,7 @@
 """The best point: least squares over the readings, inside the hypothesis."""
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 import math
 
 import numpy as np
@@ -489,6 +489,24 @@ def test_the_covariance_is_that_of_uniform_errors_and_not_wider_than_the_enclosu
     assert (best.covariances[1:] == 0.0).all()
     unmeasured = BestPointFinder(triangle(0.0, 9.0), [], ()).find(places, box)
     assert np.diagonal(unmeasured.covariances[0])[:2] == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize('near_m', [0.1, 0.3])
+@pytest.mark.parametrize('far_m', [1e6, 3e7, 1e8, 1e10, 1e15])
+def test_robots_that_hardly_anything_ties_to_the_rest_have_points(far_m, near_m):
+    """Rounding hides from the equations what one absurd range tells."""
+    for robots in ('abc', 'abcd'):
+        localizer = Localizer(FleetConfig(robots=tuple(robots)))
+        localizer.add_range('a', 'b', far_m, NOW_S, NOW_S)
+        for first, second in combinations(robots[1:], 2):
+            localizer.add_range(first, second, near_m, NOW_S, NOW_S)
+        estimate = localizer.step(NOW_S)
+        assert estimate.placements
+        for placement in estimate.placements:
+            sides_m = np.abs(placement.enclosure_m - placement.positions_m[:, None]).max(axis=1)
+            variances_m2 = placement.covariances[:, [0, 1], [0, 1]]
+            assert np.all(variances_m2 <= 1.02 * sides_m**2)
+            assert np.all(variances_m2[1:, 0] > 0.1 * min(0.03 * far_m, 1e6) ** 2)
 
 
 @pytest.mark.parametrize(

@@ -521,6 +521,29 @@ def test_a_table_with_a_wrong_number_names_the_line(tmp_path, learn):
     assert 'has no column stamp' in learn.errors
 
 
+@pytest.mark.parametrize(
+    ('table', 'wanted'),
+    [
+        ('stamp,robot,x,y\n1.0,a,2.0,3.0\n'.encode('utf-16'), 'no table in UTF-8'),
+        (b'stamp,robot,x,y\n1.0,a,' + b'9' * 200_000 + b',3.0\n', 'no table in UTF-8'),
+        (b'stamp,robot,x,y\n1.0,a,inf,3.0\n', 'line 2: no position'),
+        (b'stamp,robot,x,y,yaw\n1.0,a,2.0,3.0,inf\n', 'line 2: no position'),
+    ],
+)
+def test_what_is_no_table_is_a_sentence(tmp_path, table, wanted):
+    path = tmp_path / 'truth.csv'
+    path.write_bytes(table)
+    with pytest.raises(UsageError, match=wanted):
+        read_truth_file(path, ['a'], 2)
+
+
+def test_a_table_of_a_spreadsheet_is_read(tmp_path):
+    table = tmp_path / 'truth.csv'
+    table.write_bytes('stamp,robot,x,y\r\n1.0,a,2.0,nan\r\n'.encode('utf-8-sig'))
+    ((stamp_s, position_m, _),) = read_truth_file(table, ['a'], 2)['a']
+    assert stamp_s == 1.0 and position_m[0] == 2.0 and np.isnan(position_m[1])
+
+
 def test_a_table_of_truth_in_space_has_heights(tmp_path):
     table = tmp_path / 'truth.csv'
     table.write_text('stamp,robot,x,y\n1.0,a,2.0,3.0\n')

@@ -58,6 +58,9 @@ LEAST_WIDTH_M = 1e-9
 
 UNKNOWN_VARIANCE_M2 = 1e12
 
+MOST_SPREAD = 1e12
+"""Information that is smaller than the largest by so much is lost in rounding errors."""
+
 
 @dataclass(frozen=True)
 class BestPoint:
@@ -344,11 +347,30 @@ def _covariances(fit: Fit, bodies: Bodies, information: FloatArray, n_points: in
     variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
     equations = UNIFORM * information + np.diag(1.0 / variances)
     size = int(bodies.free[:n_points].sum())
-    eliminate(equations, size)
     everything = np.zeros((size + 1, size + 1))
-    inverse = np.linalg.inv(equations[:size, :size])
+    inverse = _inverse(equations, variances, size)
     everything[:size, :size] = 0.5 * (inverse + inverse.T)
     # The last row stands for what is left out.
     columns = fit.columns[:n_points]
     rows = np.where(columns == LEFT_OUT, size, columns)
     return np.asarray(everything[rows[:, :, None], rows[:, None, :]])
+
+
+def _inverse(equations: FloatArray, variances: FloatArray, size: int) -> FloatArray:
+    """
+    Return the first block of the inverse of normal equations that hold some variances.
+
+    These alone are what is left of information that rounding hides: of points that are known well
+    from each other, and hardly at all from the rest.
+    """
+    spread = float(np.max(equations.diagonal() * variances, initial=1.0))
+    if spread <= MOST_SPREAD:
+        eliminate(equations, size)
+        return np.asarray(np.linalg.inv(equations[:size, :size]))
+    if not math.isfinite(spread):
+        return np.diag(variances[:size])
+    scales = np.sqrt(variances)
+    values, vectors = np.linalg.eigh(scales[:, None] * equations * scales)
+    values = np.where(values > spread / MOST_SPREAD, values, 1.0)
+    deviations = scales[:size, None] * vectors[:size] / np.sqrt(values)
+    return np.asarray(deviations @ deviations.T)

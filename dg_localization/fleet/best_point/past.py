@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.stated_way import StatedWay, seen_from
 from dg_localization.fleet.best_point.terms import (
+    AT_ORIGIN,
     LEAST_HALF_WIDTH,
     RANGE,
     RAY,
@@ -143,19 +144,24 @@ def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = (
 def _moving(snapshot: Snapshot, solved: Constraints, headed: Collection[str]) -> list[str]:
     """Return the robots with odometry up to now that have seen others: their rotation is known."""
     config, odometry = snapshot.config, snapshot.motion.odometry
-    since_s = snapshot.stamp_s - min(LONGEST_S, config.memory_s)
-    cameras = {
-        observer
-        for (observer, _), seen in snapshot.window.observations.items()
-        if any(one.direction is not None and one.stamp_s >= since_s for one in seen)
-    }
+    turning = robots_that_saw(snapshot).union(headed)
     return [
         robot
         for robot in config.robots
-        if robot in cameras.union(headed) & odometry.keys() & solved.rows.keys()
+        if robot in turning & odometry.keys() & solved.rows.keys()
         and robot not in config.anchors
         and odometry[robot][-1].stamp_s >= snapshot.stamp_s - config.max_age_s
     ]
+
+
+def robots_that_saw(snapshot: Snapshot) -> frozenset[str]:
+    """Return the robots whose cameras saw others in a window."""
+    since_s = snapshot.stamp_s - min(LONGEST_S, snapshot.config.memory_s)
+    return frozenset(
+        snapshot.config.robot_of(observer)
+        for (observer, _), seen in snapshot.window.observations.items()
+        if any(one.direction is not None and one.stamp_s >= since_s for one in seen)
+    )
 
 
 def _times_s(snapshot: Snapshot, robots: int) -> FloatArray:
@@ -168,7 +174,11 @@ def _times_s(snapshot: Snapshot, robots: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Observations; observers and targets are rows of points, and NaN is what was not measured."""
+    """
+    Observations; observers and targets are rows of bodies, and NaN is what was not measured.
+
+    Arms are where on its body each of them is.
+    """
 
     observers: IntArray
     targets: IntArray
@@ -177,6 +187,8 @@ class _Seen:
     half_widths_m: FloatArray
     bearings_rad: FloatArray
     errors_rad: FloatArray
+    observer_arms_m: FloatArray
+    target_arms_m: FloatArray
 
     def chosen(self, kept: NDArray[np.bool_]) -> _Seen:
         """Return some of them."""
@@ -187,29 +199,37 @@ def _seen(
     snapshot: Snapshot, solved: Constraints, ways: Mapping[str, _Poses], oldest_s: float
 ) -> tuple[_Seen, frozenset[Ends]]:
     """Return what robots on their ways and landmarks observed of each other, and who did."""
-    config = snapshot.config
+    config, arms = snapshot.config, snapshot.mounts.arms_m
     fixed = config.anchors.keys() & solved.rows.keys()
+    # How a parked robot is turned, and so where its sensors are, is not known.
+    sensors_at_rest = {end for end in config.sensors if config.robot_of(end) in fixed}
     rows, ends = [], set()
     for (observer, target), seen in snapshot.window.observations.items():
-        both = {observer, target}
+        on_bodies = [config.robot_of(end) for end in (observer, target)]
+        both = {*on_bodies}
         if not both <= ways.keys() | fixed or both <= fixed:
             continue
+        if not sensors_at_rest.isdisjoint((observer, target)):
+            continue
+        arms_m = [arms.get(end, AT_ORIGIN)[axis] for end in (observer, target) for axis in (0, 1)]
         ends.add((observer, target))
         since_s = max([oldest_s, *(ways[end].since_s for end in both & ways.keys())])
         error_rad = config.bearing_expected_error_of(observer, target)
         rows += [
             (
-                solved.rows[observer],
-                solved.rows[target],
+                *(solved.rows[body] for body in on_bodies),
                 one.stamp_s,
                 one.likeliest_m,
                 0.5 * (one.upper_m - one.lower_m),
                 _bearing_rad(one) - error_rad,
                 one.half_width_rad,
+                *arms_m,
             )
             for one in seen[bisect_left(seen, since_s, key=STAMP_S) :]
         ]
-    observers, targets, *columns = np.array(rows).reshape(-1, 7).T.copy()
+    table = np.array(rows).reshape(-1, 11)
+    observers, targets, *columns = table[:, :7].T.copy()
+    columns += [table[:, 7:9], table[:, 9:]]
     return _Seen(observers.astype(int), targets.astype(int), *columns), frozenset(ends)
 
 
@@ -261,10 +281,9 @@ class _Poses:
 
     def points_now(self, seen: _Seen) -> FloatArray:
         """Return where the observations have their target, in the body frame of now."""
-        x, y, yaw = seen_from(self._stated[0], self.way.poses(seen.stamps_s)).T
-        angles = yaw + seen.bearings_rad
-        away = seen.distances_m * np.stack([np.cos(angles), np.sin(angles)])
-        return np.asarray((np.stack([x, y]) + away).T)
+        poses = seen_from(self._stated[0], self.way.poses(seen.stamps_s))
+        away = _directions(poses[:, 2] + seen.bearings_rad)[:, :2]
+        return _with_arms(poses, seen.observer_arms_m)[:, :2] + seen.distances_m[:, None] * away
 
     def steps(self, error: OdometryErrorModel) -> Iterator[PackedTerms]:
         """Yield the terms that odometry makes of the bodies."""
@@ -281,10 +300,10 @@ class _Poses:
 
 
 def _ends(
-    rows: IntArray, stamps_s: FloatArray, ways: Iterable[_Poses]
+    rows: IntArray, arms_m: FloatArray, stamps_s: FloatArray, ways: Iterable[_Poses]
 ) -> tuple[IntArray, FloatArray]:
     """
-    Return the bodies that points were at some times, and their poses then in the frames of these.
+    Return the bodies that points were on at some times, and their poses in the frames of these.
 
     What is fixed has always been the same body.
     """
@@ -292,13 +311,20 @@ def _ends(
     for way in ways:
         own = rows == way.row
         bodies[own], poses[own] = way.ends(stamps_s[own])
-    return bodies, poses
+    return bodies, _with_arms(poses, arms_m)
+
+
+def _with_arms(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
+    """Return the poses (x, y, yaw) of points on bodies with some poses, shape (m, 3)."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x, y = arms_m.T
+    return poses + np.stack([c * x - s * y, s * x + c * y, np.zeros(len(poses))], axis=-1)
 
 
 def _terms_of(seen: _Seen, ways: Collection[_Poses]) -> list[PackedTerms]:
     """Return the ranges and the rays of observations."""
-    first_bodies, first_poses = _ends(seen.observers, seen.stamps_s, ways)
-    second_bodies, second_poses = _ends(seen.targets, seen.stamps_s, ways)
+    first_bodies, first_poses = _ends(seen.observers, seen.observer_arms_m, seen.stamps_s, ways)
+    second_bodies, second_poses = _ends(seen.targets, seen.target_arms_m, seen.stamps_s, ways)
     bodies = np.stack([first_bodies, second_bodies], axis=-1)
     arms_m = np.zeros((len(bodies), 2, 3))
     arms_m[:, 0, :2], arms_m[:, 1, :2] = first_poses[:, :2], second_poses[:, :2]

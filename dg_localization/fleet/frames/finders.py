@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
-from dg_localization.fleet.best_point.past import Past, past_of
+from dg_localization.fleet.best_point.past import Past, past_of, robots_that_saw
 from dg_localization.fleet.best_point.readings import terms_of
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
@@ -113,11 +113,10 @@ def fit_headed(
     robots, n_robots = snapshot.config.robots, len(snapshot.config.robots)
     headed = [
         robot
-        for robot in _headed_by_window(placement)
+        for robot in _headed_by_window(snapshot, placement)
         if robot in points and points.index(robot) not in plan.held
     ]
-    # Points beyond robots and landmarks are sensors, whose places go with those of their robots.
-    if not headed or max(points) >= n_robots + len(placement.landmarks_m):
+    if not headed:
         return FittedPlacement(placement)
     past = past_of(snapshot, solved, [robots[robot] for robot in headed])
     if past is None:
@@ -130,8 +129,8 @@ def fit_headed(
     bounds_m2 = _squared_bounds(solved.problem(), points, placement)
     if not yaws_rad or np.any(bounds_m2[0] > bounds_m2[1]):
         return FittedPlacement(placement)
-    places_m = np.concatenate([placement.positions_m, placement.landmarks_m])
-    boxes_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])[points]
+    places_m, boxes_m = _places_of_all(snapshot, placement)
+    boxes_m = boxes_m[points]
     finder = finder_of(snapshot, solved, plan, past, yaws_rad=yaws_rad)
     best = finder.find(places_m[points], Interval(boxes_m[:, 0], boxes_m[:, 1]), bounds_m2)
     # The enclosure of a hypothesis may hold points of another one.
@@ -145,7 +144,7 @@ def fit_headed(
     fitted = replace(
         placement,
         positions_m=places_m[:n_robots],
-        landmarks_m=places_m[n_robots:],
+        landmarks_m=places_m[n_robots : n_robots + len(placement.landmarks_m)],
         proved=best.proved,
         covariances=_with_unfitted(covariances[:n_robots], fitted_yaws_rad, placement),
         fitted_yaws_rad=fitted_yaws_rad[:n_robots],
@@ -153,12 +152,29 @@ def fit_headed(
     return FittedPlacement(fitted, best.cost)
 
 
-def _headed_by_window(placement: Placement) -> list[int]:
-    """Return the robots whose headings are known, and were not fitted."""
-    known = placement.heading_known
+def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray, FloatArray]:
+    """Return places (n, 2) and enclosures (n, 2, 2) of all points, sensors with their robots."""
+    config = snapshot.config
+    places_m = [*placement.positions_m, *placement.landmarks_m]
+    boxes_m = [*placement.enclosure_m, *placement.landmark_enclosure_m]
+    for name, sensor in config.sensors.items():
+        robot = config.robots.index(config.robot_of(name))
+        yaw_rad = yaw_of(placement.orientations_xyzw[robot])
+        x, y = sensor.position_m
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        places_m.append(places_m[robot] + [c * x - s * y, s * x + c * y])
+        reach_m = math.hypot(x, y) + sensor.bound_m
+        boxes_m.append(boxes_m[robot] + np.array([[-reach_m], [reach_m]]))
+    return np.array(places_m), np.array(boxes_m)
+
+
+def _headed_by_window(snapshot: Snapshot, placement: Placement) -> list[int]:
+    """Return the robots whose headings are known, and were not fitted to what is remembered."""
+    seeing = robots_that_saw(snapshot)
+    fitted = np.array([robot in seeing for robot in snapshot.config.robots])
     if placement.fitted_yaws_rad is not None:
-        known = known & np.isnan(placement.fitted_yaws_rad)
-    return np.flatnonzero(known).tolist()
+        fitted &= np.isfinite(placement.fitted_yaws_rad)
+    return np.flatnonzero(placement.heading_known & ~fitted).tolist()
 
 
 def _with_unfitted(

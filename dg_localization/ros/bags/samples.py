@@ -283,7 +283,7 @@ def read_truth_file(
     ----------
     path : Path
         A .csv with the columns stamp (s), robot, x, y (m), and z (m) and yaw (rad) where they are
-        known; in space z has to be.
+        known; in space z has to be. NaN stands for what is not known.
     robots : sequence of str
         Other names are passed over.
     dimension : {2, 3}
@@ -296,30 +296,41 @@ def read_truth_file(
     Raises
     ------
     UsageError
-        If a column is missing or a value is no number, or a stamp is not finite; the message
-        names the line.
+        If the file is no such table, or a value is no number or infinite, or a stamp is not
+        known; the message names the line.
 
     """
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            return _truth_of(path, csv.DictReader(file), robots, dimension)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UsageError(f'{path} is no table in UTF-8: {error}') from None
+
+
+def _truth_of(
+    path: Path, rows: 'csv.DictReader[str]', robots: Sequence[str], dimension: int
+) -> dict[str, list[tuple[float, Any, Any]]]:
+    """Return the ground truth in the rows of a table."""
     truth: dict[str, list[tuple[float, Any, Any]]] = defaultdict(list)
-    with path.open(newline='', encoding='utf-8') as file:
-        rows = csv.DictReader(file)
-        wanted = COLUMNS if dimension == 2 else (*COLUMNS, 'z')
-        missing = [name for name in wanted if name not in (rows.fieldnames or ())]
-        if missing:
-            raise UsageError(
-                f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
-                'robot, x, y, in space z, and z and yaw where they are known'
-            )
-        flat = '0' if dimension == 2 else ''
-        for row in rows:
-            try:
-                stamp_s, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
-                z, half = float(row.get('z') or flat), float(row.get('yaw') or math.nan) / 2.0
-                if not math.isfinite(stamp_s):
-                    raise ValueError(f'stamp {stamp_s} is not a finite number')
-            except (TypeError, ValueError) as error:
-                raise UsageError(f'{path}, line {rows.line_num}: {error}') from None
-            if row['robot'] in robots:
-                turn = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
-                truth[row['robot']].append((stamp_s, np.array([x, y, z]), turn))
+    wanted = COLUMNS if dimension == 2 else (*COLUMNS, 'z')
+    missing = [name for name in wanted if name not in (rows.fieldnames or ())]
+    if missing:
+        raise UsageError(
+            f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
+            'robot, x, y, in space z, and z and yaw where they are known'
+        )
+    flat = '0' if dimension == 2 else ''
+    for row in rows:
+        try:
+            stamp_s, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
+            z, half = float(row.get('z') or flat), float(row.get('yaw') or math.nan) / 2.0
+            if not math.isfinite(stamp_s):
+                raise ValueError(f'stamp {stamp_s} is not a finite number')
+            if any(map(math.isinf, (x, y, z, half))):
+                raise ValueError('no position and no yaw is infinite')
+        except (TypeError, ValueError) as error:
+            raise UsageError(f'{path}, line {rows.line_num}: {error}') from None
+        if row['robot'] in robots:
+            turn = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
+            truth[row['robot']].append((stamp_s, np.array([x, y, z]), turn))
     return truth
