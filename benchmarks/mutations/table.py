@@ -1079,8 +1079,8 @@ FLEET = [
         ),
         (
             'the latency of the odometry is ignored',
-            'reach = up(_elapsed_up(time, stamps[nearest]) + latency)',
-            'reach = _elapsed_up(time, stamps[nearest])',
+            'reach = up(elapsed_up(time, stamps[nearest]) + latency)',
+            'reach = elapsed_up(time, stamps[nearest])',
         ),
     ),
     *_in(

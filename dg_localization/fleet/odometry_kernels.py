@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from dg_localization.interval.angles import ANGLE_ROUNDING
 from dg_localization.interval.kernels import kernel
-from dg_localization.interval.rounding import rounding_error, up
+from dg_localization.interval.rounding import elapsed_up, rounding_error, up
+from dg_localization.interval.trigonometry import angle_up
 
 _STEP_OPERATIONS = 16.0
 """More than a step of `walk_back` takes."""
@@ -127,12 +127,6 @@ def _differences(
 
 
 @kernel(borrows=True)
-def _elapsed_up(first: float, second: float) -> float:
-    """Return an upper bound of the time between two stamps; see `interval.bounds.elapsed_up`."""
-    return up(up(abs(first - second)) + np.spacing(max(abs(first), abs(second))))
-
-
-@kernel(borrows=True)
 def _within(span: float, limit: float, reach: float, place: int) -> float:
     """Return how far a robot may be from a sample: no farther than its limit lets it."""
     limited = up(limit * reach)
@@ -187,11 +181,11 @@ def find_nearest(
     speed, turn_rate, latency = limits
     slack = 0.0
     if latency > 0.0 or (speed < math.inf and turn_rate < math.inf):
-        # Equal numbers need not be equal times (`_elapsed_up`).
+        # Equal numbers need not be equal times (`elapsed_up`).
         largest = max(abs(stamps[0]), abs(stamps[-1]))
         for number in range(times.shape[0]):
             largest = max(largest, abs(times[number]))
-        slack = 4.0 * _elapsed_up(largest, largest)
+        slack = 4.0 * elapsed_up(largest, largest)
     around = up(latency + slack) if slack > 0.0 else latency
     for number in range(times.shape[0]):
         time = times[number]
@@ -203,7 +197,7 @@ def find_nearest(
                 nearest = sample
         index[number] = nearest
         _spans_around(positions, yaws, rotations, steps, (nearest, low, high), offsets[:, number])
-        reach = up(_elapsed_up(time, stamps[nearest]) + latency)
+        reach = up(elapsed_up(time, stamps[nearest]) + latency)
         place = _AMONG
         if time - latency < stamps[0] or time + latency > stamps[-1]:
             place = _BEYOND
@@ -244,7 +238,7 @@ def _spans_around(
         spans[0] = up(up(spans[0] + off_m) + up(off_rad * spans[0]))
     for kind in range(1, 3):
         if spans[kind] > 0.0:
-            spans[kind] += ANGLE_ROUNDING
+            spans[kind] = angle_up(spans[kind])
         if off_rad > 0.0:
             spans[kind] = up(spans[kind] + off_rad)
     if missing:

@@ -22,6 +22,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from dg_localization.interval.kernels import kernel
 
 UNIT = 2.0**-52
@@ -88,6 +90,12 @@ def rounding_error(magnitude: float, operations: float) -> float:
 
     """
     return operations * (magnitude * UNIT + TINIEST)
+
+
+@kernel
+def elapsed_up(first: float, second: float) -> float:
+    """Return an upper bound of the time between two stamps, as `arrays.elapsed_up` does."""
+    return up(up(abs(first - second)) + np.spacing(max(abs(first), abs(second))))
 
 
 @kernel

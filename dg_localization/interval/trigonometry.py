@@ -12,12 +12,16 @@ from __future__ import annotations
 
 import math
 
+from dg_localization.interval import angles
 from dg_localization.interval.angles import ANGLE_ROUNDING
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, square_up
 
 SMALLEST_PRODUCT = 1e-280
 """Products of coordinates below this may have lost bits."""
+
+# Plain Python calls the function, which never waits for a compiler.
+angle_up = kernel(angles.angle_up)
 
 
 @kernel

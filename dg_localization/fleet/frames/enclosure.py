@@ -36,6 +36,23 @@ SWEEPS = 20
 """Most passes of the contraction of coordinate boxes."""
 
 
+class _Box:
+    """
+    One box of squared distances.
+
+    Attributes
+    ----------
+    lower, upper : numpy.ndarray, shape (n, n)
+    locally : callable
+        Returns the coordinates in the frame of some points; mirror images share them.
+
+    """
+
+    def __init__(self, lower: FloatArray, upper: FloatArray, dimension: int) -> None:
+        self.lower, self.upper = lower, upper
+        self.locally = cache(lambda frame: enclose_locally(lower, upper, frame, dimension))
+
+
 class Encloser:
     """
     Encloses the solved points of a plan in the fixed frame.
@@ -57,7 +74,7 @@ class Encloser:
         self._rows = rows
         self._cosines = solved.angles.cosines()
         self._registration = registration
-        self._poses = {core: registration.pose_of(core) for core in registration.cores}
+        self._poses = registration.poses()
 
     def enclose(
         self, hypothesis: Hypothesis, choices: Sequence[ChiralityChoice | None]
@@ -86,57 +103,55 @@ class Encloser:
             others = [row for row in self._rows if row not in core]
             return best_apexes(hypothesis, core, others)
 
+        contracted = [self._contracted_by_angles(lower, upper) for lower, upper in boxes]
         images = []
         for choice in choices:
             parts = [
-                self._enclose_box(np.array(lower), np.array(upper), choice, apexes_of)
-                for lower, upper in boxes
+                self._enclose_box(box, choice, apexes_of) for box in contracted if box is not None
             ]
             enclosures = [part for part in parts if part is not None]
             if enclosures:
                 images.append((choice, reduce(Interval.hull, enclosures)))
         return images
 
-    def _enclose_box(
-        self,
-        lower: FloatArray,
-        upper: FloatArray,
-        choice: ChiralityChoice | None,
-        apexes_of: Callable[[Core], list[int]],
-    ) -> Interval | None:
-        """Return the coordinates that one box of squared distances allows."""
+    def _contracted_by_angles(self, lower: FloatArray, upper: FloatArray) -> _Box | None:
+        """Return what the angles leave of a box of squared distances."""
+        lower, upper = np.array(lower), np.array(upper)
         corners = self._solved.angles.corners
         contract_by_angles(lower, upper, corners, self._cosines, ANGLE_SWEEPS)
         if (lower > upper).any():
             return None
-        fixed = self._enclose_by_core(lower, upper, choice)
+        return _Box(lower, upper, self._solved.dimension)
+
+    def _enclose_box(
+        self, box: _Box, choice: ChiralityChoice | None, apexes_of: Callable[[Core], list[int]]
+    ) -> Interval | None:
+        """Return the coordinates that one box of squared distances allows."""
+        fixed = self._enclose_by_core(box, choice)
         if fixed is None or choice is None:
             return fixed
-        fixed = self._intersect_cores(fixed, lower, upper, choice, apexes_of)
+        fixed = self._intersect_cores(fixed, box, choice, apexes_of)
         if fixed is None:
             return None
-        fixed = self._contract(fixed, lower, upper)
+        fixed = self._contract(fixed, box)
         if fixed is None or self._contradicts_chirality(fixed):
             return None
         return fixed
 
-    def _enclose_by_core(
-        self, lower: FloatArray, upper: FloatArray, choice: ChiralityChoice | None
-    ) -> Interval | None:
+    def _enclose_by_core(self, box: _Box, choice: ChiralityChoice | None) -> Interval | None:
         """Return the coordinates by the first core."""
         core = self._registration.cores[0]
         frame, sign = (core, 1) if choice is None else ((*core, choice.apex), choice.sign)
-        local = enclose_locally(lower, upper, frame, self._solved.dimension)
+        local = box.locally(frame)
         if local is None:
             return None
         fixed = self._poses[core].to_fixed(mirrored(local, sign))
-        return self._contract(fixed, lower, upper)
+        return self._contract(fixed, box)
 
     def _intersect_cores(
         self,
         fixed: Interval,
-        lower: FloatArray,
-        upper: FloatArray,
+        box: _Box,
         choice: ChiralityChoice,
         apexes_of: Callable[[Core], list[int]],
     ) -> Interval | None:
@@ -148,7 +163,7 @@ class Encloser:
                 sign = _chirality_of(fixed, (*core, apex))
                 if sign == 0:
                     continue
-                local = enclose_locally(lower, upper, (*core, apex), self._solved.dimension)
+                local = box.locally((*core, apex))
                 if local is None:
                     return None
                 fixed = fixed.intersect(pose.to_fixed(mirrored(local, sign)))
@@ -156,16 +171,16 @@ class Encloser:
                     return None
         return fixed
 
-    def _contract(self, fixed: Interval, lower: FloatArray, upper: FloatArray) -> Interval | None:
+    def _contract(self, fixed: Interval, box: _Box) -> Interval | None:
         """Return the part that the distances and the coordinates of the anchors allow."""
         low, high = np.array(fixed.lower), np.array(fixed.upper)
         if self._registration.kind == FrameKind.ANCHORS:
-            for point, box in self._registration.anchors.items():
-                low[point] = np.maximum(low[point], box.lower)
-                high[point] = np.minimum(high[point], box.upper)
+            for point, place in self._registration.anchors.items():
+                low[point] = np.maximum(low[point], place.lower)
+                high[point] = np.minimum(high[point], place.upper)
         if (low > high).any():
             return None
-        if not contract_coordinate_boxes(low, high, lower, upper, SWEEPS):
+        if not contract_coordinate_boxes(low, high, box.lower, box.upper, SWEEPS):
             return None
         return Interval(low, high)
 

@@ -80,14 +80,22 @@ class Registration:
         # Only a heading needs them.
         self._rays = solved.rays.get(solved.points[cores[0][0]], ())
 
-    def pose_of(self, core: tuple[int, ...]) -> CorePose:
-        """Return what is known of the axes of a core."""
+    def poses(self) -> dict[tuple[int, ...], CorePose]:
+        """Return what is known of the axes of each core."""
+        if self.kind != FrameKind.ANCHORS:
+            return {core: self._pose_of(core) for core in self.cores}
+        # All at once: most fleets have several.
+        points = [
+            Interval.stack([self.anchors[core[place]] for core in self.cores], axis=0)
+            for place in range(self._dimension)
+        ]
+        axes = _axes_along([point - points[0] for point in points[1:]])
+        return {core: CorePose(axes[k], points[0][k]) for k, core in enumerate(self.cores)}
+
+    def _pose_of(self, core: tuple[int, ...]) -> CorePose:
+        """Return what is known of the axes of a core of robots."""
         if self.kind == FrameKind.ROBOTS:
             return CorePose()
-        if self.kind == FrameKind.ANCHORS:
-            origin = self.anchors[core[0]]
-            edges = [self.anchors[point] - origin for point in core[1:]]
-            return CorePose(_axes_along(edges), origin)
         rays = {self._rows[ray.key.target]: ray for ray in self._rays}
         chosen = [rays[point] for point in core[1:]]
         if self._dimension == 2:
@@ -137,11 +145,11 @@ class Registration:
 
 
 def _axes_along(edges: list[Interval]) -> Interval:
-    """Return the matrix whose columns are the axes that q - 1 edges from the origin make."""
+    """Return the matrices whose columns are the axes that q - 1 edges from the origin make."""
     first = normalized(edges[0])
     if len(edges) == 1:
-        x, y = first[0], first[1]
-        return Interval.stack([Interval.stack([x, -y]), Interval.stack([y, x])], axis=0)
+        x, y = first[..., 0], first[..., 1]
+        return Interval.stack([Interval.stack([x, -y]), Interval.stack([y, x])], axis=-2)
     third = normalized(cross(first, edges[1]))
     return Interval.stack([first, cross(third, first), third])
 
