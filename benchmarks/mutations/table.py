@@ -732,6 +732,16 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'snapshot',
+        ('test/fleet/test_mounts.py',),
+        (
+            'parked robots do not turn',
+            'if point not in mounts.reach_m:',
+            'if point not in mounts.reach_m or robot_of[point] in config.anchors:',
+        ),
+    ),
+    *_in(
+        'fleet',
         'elevations',
         ('test/fleet/test_elevations.py',),
         (

@@ -162,7 +162,7 @@ def take_snapshot(
     @cache
     def displacement_m(point: str, stamp_s: float) -> float:
         origin_m = motion.displacement_m(point, stamp_s, now_s)
-        if point not in mounts.reach_m or robot_of[point] in config.anchors:
+        if point not in mounts.reach_m:
             return origin_m
         turn_rad = motion.turn_up_rad(point, stamp_s, now_s)
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))

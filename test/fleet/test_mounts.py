@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization import SolverOptions
+from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
     Anchor,
     ConfigError,
@@ -318,6 +318,31 @@ def test_a_robot_that_climbs_within_its_elevations_is_not_lost(sensor):
     (placement,) = localizer.step(NOW_S + 0.8).placements
     low, high = placement.enclosure_m[0]
     assert (low <= [2.0, 3.0]).all() and (high >= [2.0, 3.0]).all()
+
+
+def test_sensors_of_a_parked_robot_turn_with_it():
+    """It turns by half a radian between two ranges that are right."""
+    places = {'parked': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
+    localizer = Localizer(
+        FleetConfig(
+            ['parked', 'r'],
+            anchors={name: Anchor(place) for name, place in places.items()},
+            mounts={'parked': {'left': (0.0, 0.5)}},
+            range_error=RangeErrorModel(0.0, 0.0, -1e-3, 1e-3),
+            max_speed_m_s=0.0,
+        )
+    )
+    place = (3.0, 4.0)
+    for name in 'bc':
+        localizer.add_range('r', name, math.dist(place, places[name]), NOW_S, NOW_S)
+    for stamp_s, yaw in ((NOW_S - 0.5, 0.0), (NOW_S, 0.5)):
+        left = (-0.5 * math.sin(yaw), 0.5 * math.cos(yaw))
+        localizer.add_range('parked/left', 'r', math.dist(place, left), stamp_s, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
+    (placement,) = estimate.placements
+    low, high = placement.enclosure_m[1]
+    assert (low <= place).all() and (place <= high).all()
 
 
 SITES = [1, 2, 3, 4, 5]
