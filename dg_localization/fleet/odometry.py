@@ -75,7 +75,7 @@ class OdometryPath:
     error : OdometryErrorModel
     limits : MotionLimits, optional
     dimension : {2, 3}, optional
-        In the plane heights, roll, pitch and their errors do not count.
+        In the plane roll, pitch and their errors do not count; heights are part of the way.
 
     Raises
     ------
@@ -109,7 +109,6 @@ class OdometryPath:
         self._level = dimension == 2
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
         if self._level:
-            self._positions_m[:, 2] = 0.0
             self._rotations = level_rotations(self._rotations)
             self._error = replace(error, tilt_rad=None)
         self._missing = steps_s > self._error.max_gap_s
