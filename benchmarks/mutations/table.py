@@ -107,7 +107,7 @@ INTERVAL = [
         ('test/interval/test_bounds.py',),
         (
             'stamps count as exact',
-            'sum_up(step_up(abs(first_s - second_s)), unit_s)',
+            'step_up(step_up(abs(first_s - second_s)) + unit_s)',
             'abs(first_s - second_s)',
         ),
     ),
@@ -801,8 +801,8 @@ FLEET = [
         ('test/fleet/test_memory_in_space.py',),
         (
             'rays of a robot that is tilted count as level',
-            'return self.path(robot).leveled_rays(stamps_s, rays, errors_rad)',
-            'return rays, errors_rad',
+            'return self.path(robot).leveled_rays(seen.stamps_s, seen.rays, seen.errors_rad)',
+            'return seen.rays, seen.errors_rad',
         ),
     ),
     *_in(
@@ -1063,24 +1063,14 @@ FLEET = [
         'odometry',
         ('test/fleet/test_odometry.py',),
         (
-            'beyond the last sample a robot stands still',
-            'return np.where(by_limit, limited, np.minimum(spans, limited))',
-            'return np.minimum(spans, limited)',
-        ),
-        (
             'headings err by half of their constant on tracks',
             'up(near.offset_rad + self._error.constant_rad)',
             'up(near.offset_rad + 0.5 * self._error.constant_rad)',
         ),
         (
-            'the latency of the odometry is ignored',
-            'reach_s = up(elapsed_up(times_s, stamps[index]) + latency)',
-            'reach_s = elapsed_up(times_s, stamps[index])',
-        ),
-        (
             'in the plane what a robot rises is no way on which its odometry errs',
-            'self._rotations = level_rotations(self._rotations)',
-            'self._rotations, self._positions_m[:, 2] = level_rotations(self._rotations), 0.0',
+            'self._rotations = rotations_about_z(self._yaws_rad)',
+            'self._positions_m[:, 2] = 0.0',
         ),
     ),
     *_in(
@@ -1096,32 +1086,42 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_kernels',
+        ('test/fleet/test_odometry.py',),
+        (
+            'beyond the last sample a robot stands still',
+            'return limited if by_limit else min(span, limited)',
+            'return min(span, limited)',
+        ),
+        (
+            'the latency of the odometry is ignored',
+            'reach = up(_elapsed_up(time, stamps[nearest]) + latency)',
+            'reach = _elapsed_up(time, stamps[nearest])',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'odometry_kernels',
         ('test/fleet/test_between_samples.py',),
         (
             'between two samples a robot is as near as the nearer one',
             'span = up(min(before[kind], after[kind]) + step[kind])',
             'span = min(before[kind], after[kind])',
         ),
-    ),
-    *_in(
-        'fleet',
-        'odometry_error',
-        ('test/fleet/test_between_samples.py',),
         (
             'between two samples a robot does not err',
-            'up(sums[:, there] + step_errors[:, first[there] + step])',
-            'sums[:, there]',
+            'up(off_m + steps[0, sample]), up(off_rad + steps[1, sample])',
+            '0.0, 0.0',
+        ),
+        (
+            'where samples are missing the robot is between its neighbours',
+            'missing = missing or steps[2, sample] > 0.0',
+            'missing = False',
         ),
     ),
     *_in(
         'fleet',
         'odometry',
         ('test/fleet/test_between_samples.py',),
-        (
-            'where samples are missing the robot is between its neighbours',
-            'spans[:, missing >= 1.0] = np.inf',
-            'spans[:, missing >= 2.0] = np.inf',
-        ),
         (
             'where samples are missing the way is straight',
             'np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))',
@@ -1164,8 +1164,8 @@ FLEET = [
         ('test/fleet/test_stamp_error.py',),
         (
             'stamps of odometry are right',
-            'return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))',
-            'return error',
+            'replace(error, latency_s=latency_s) if self.stamp_error_s else error',
+            'error',
         ),
     ),
     *_in(

@@ -339,10 +339,17 @@ class FleetConfig:
 
     def odometry_error_of(self, robot: str) -> OdometryErrorModel:
         """Return the greatest errors of the odometry of a robot."""
-        error = self.robot_odometry_error.get(robot, self.odometry_error)
-        if self.stamp_error_s == 0.0:
-            return error
-        return replace(error, latency_s=sum_up(error.latency_s, self.between_stamps_s))
+        return self._odometry_errors[robot]
+
+    @cached_property
+    def _odometry_errors(self) -> dict[str, OdometryErrorModel]:
+        """The greatest errors of odometry by robot and landmark; clocks that differ delay it."""
+        errors = {}
+        for robot in (*self.robots, *self.landmarks):
+            error = self.robot_odometry_error.get(robot, self.odometry_error)
+            latency_s = sum_up(error.latency_s, self.between_stamps_s)
+            errors[robot] = replace(error, latency_s=latency_s) if self.stamp_error_s else error
+        return errors
 
     @property
     def between_stamps_s(self) -> float:
@@ -382,14 +389,12 @@ def _frozen_mounts(
     mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]],
 ) -> Mapping[str, Mapping[str, Mount | tuple[float, ...]]]:
     """Return a copy of the sensors of each robot that nobody can change."""
-    return MappingProxyType(
-        {
-            robot: MappingProxyType(
-                {
-                    name: mount if isinstance(mount, Mount) else tuple(mount)
-                    for name, mount in sensors.items()
-                }
-            )
-            for robot, sensors in mounts.items()
-        }
-    )
+    frozen = {}
+    for robot, sensors in mounts.items():
+        frozen[robot] = MappingProxyType(
+            {
+                name: mount if isinstance(mount, Mount) else tuple(mount)
+                for name, mount in sensors.items()
+            }
+        )
+    return MappingProxyType(frozen)

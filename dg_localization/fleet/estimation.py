@@ -244,8 +244,7 @@ def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[
     """Return the links of a snapshot, those in a conflict marked."""
     guilty = {key for conflict in conflicts for key in conflict}
     return tuple(
-        replace(link, contradicts=link.contradicts or link.key in guilty)
-        for link in snapshot.links
+        replace(link, contradicts=True) if link.key in guilty else link for link in snapshot.links
     )
 
 

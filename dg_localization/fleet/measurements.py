@@ -204,7 +204,7 @@ class MeasurementStore:
         rejection = self._check_order(key, stamp_s)
         if rejection:
             return self._reject(key, rejection)
-        rotation = rotation_of_quaternion(quaternion / np.linalg.norm(quaternion))
+        rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
         reading = OdometryReading(stamp_s, scaled, rotation, frame, reported_m=position)
         self._track(key.observer).append(reading)
         self._input(key).count_accepted(stamp_s)
@@ -376,9 +376,10 @@ class MeasurementStore:
 
 def is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
     """Return whether numbers are a position and a unit quaternion."""
-    values_ok = position.shape == (3,) and quaternion.shape == (4,)
-    values_ok = values_ok and bool(np.isfinite(position).all() and (abs(quaternion) < 2.0).all())
-    return values_ok and abs(float(np.linalg.norm(quaternion)) - 1.0) < 0.01
+    if position.shape != (3,) or quaternion.shape != (4,):
+        return False
+    values_ok = all(map(math.isfinite, (*position.tolist(), *quaternion.tolist())))
+    return values_ok and abs(math.hypot(*quaternion.tolist()) - 1.0) < 0.01
 
 
 def _written(numbers: np.ndarray | None, given: ArrayLike) -> str:

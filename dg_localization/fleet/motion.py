@@ -23,6 +23,9 @@ from dg_localization.interval.rounding import rounding_error, step_up
 ROUNDING = 1.0 + 1e-9
 """A robot at its limits is not a restart of its odometry."""
 
+NOT_TURNED = np.eye(3)
+NOT_TURNED.flags.writeable = False
+
 ROUNDED = 12
 """So many coordinates, of two positions: they are rounded when reported, and when scaled."""
 
@@ -78,6 +81,7 @@ class OdometryTrack:
         is another frame. It says nothing about the motion before it, so the older readings are
         forgotten.
         """
+        way_m, turned_rad = reading.way_m, reading.turned_rad
         if self._readings:
             last = self._readings[-1]
             step_m = _distance_up_m(reading.position_m, last.position_m)
@@ -92,8 +96,9 @@ class OdometryTrack:
                 if reading.stamp_s - last.stamp_s > self._error.max_gap_s:
                     step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)
                 way_m, turned_rad = sum_up(last.way_m, step_m), sum_up(last.turned_rad, turn_rad)
-                reading = replace(reading, way_m=way_m, turned_rad=turned_rad)
-        self._readings.append(replace(reading, restarted_s=self._restarted_s))
+        self._readings.append(
+            replace(reading, way_m=way_m, turned_rad=turned_rad, restarted_s=self._restarted_s)
+        )
         self._forget_before(reading.stamp_s - self._keep_s)
 
     def _turn_up_rad(self, before: np.ndarray, after: np.ndarray) -> float:
@@ -217,7 +222,7 @@ class Motion:
                     # A ray in the plane turns with the heading; roll and pitch would bend it.
                     before, after = level_rotations(np.array([before, after]))
                 return after.T @ before, error_rad
-        return np.eye(3), by_rate_rad
+        return NOT_TURNED, by_rate_rad
 
     def turn_up_rad(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of the angle by which `point` turned between two times."""
@@ -253,8 +258,7 @@ def greatest_errors(
 
 def _rounding_up_m(first_m: np.ndarray, second_m: np.ndarray) -> float:
     """Return an upper bound of how far the rounding of two positions changes their distance."""
-    largest_m = np.maximum(np.abs(first_m), np.abs(second_m)).max()
-    return rounding_error(float(largest_m), ROUNDED)
+    return rounding_error(max(map(abs, (*first_m.tolist(), *second_m.tolist()))), ROUNDED)
 
 
 def _beyond_up_s(
@@ -276,7 +280,7 @@ def _way_between(first: OdometryReading, second: OdometryReading) -> tuple[float
     """Return upper bounds of the way and of the turns between two readings of one track."""
     if first is second:
         return 0.0, 0.0
-    start, end = sorted((first, second), key=lambda reading: reading.stamp_s)
+    start, end = (first, second) if first.stamp_s <= second.stamp_s else (second, first)
     return sum_up(end.way_m, -start.way_m), sum_up(end.turned_rad, -start.turned_rad)
 
 

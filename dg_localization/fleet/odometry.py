@@ -15,7 +15,7 @@ the steps and E_i the error of the turn from step i to now,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -23,12 +23,16 @@ from numpy.typing import ArrayLike
 
 from dg_localization.fleet.odometry_error import (
     OdometryErrorModel,
-    errors_around,
     most_up,
     step_errors,
 )
-from dg_localization.fleet.odometry_kernels import find_nearest, step_angles, walk_back
-from dg_localization.fleet.rotations import level_rotations, rotations_about_z, steepness
+from dg_localization.fleet.odometry_kernels import (
+    find_nearest,
+    limit_yaws,
+    step_angles,
+    walk_back,
+)
+from dg_localization.fleet.rotations import rotations_about_z, steepness
 from dg_localization.fleet.track_poses import TrackPoses, TrackStep
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
@@ -108,11 +112,11 @@ class OdometryPath:
             )
         self._level = dimension == 2
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
+        self._tilt_rad = 0.0 if self._level else error.least_tilt_rad
         if self._level:
-            self._rotations = level_rotations(self._rotations)
-            self._error = replace(error, tilt_rad=None)
-        self._missing = steps_s > self._error.max_gap_s
-        self._step_errors_m, self._step_errors_rad = self._step_errors()
+            self._rotations = rotations_about_z(self._yaws_rad)
+        # Errors in m and in rad, and where samples are missing.
+        self._steps = self._steps_between(steps_s > error.max_gap_s)
 
     def past_poses(self, times_s: ArrayLike, now_s: float) -> PastPoses:
         """
@@ -236,8 +240,8 @@ class OdometryPath:
         then, now = self._nearest(times), self._nearest(np.array([now_s]))
         return then, now, *self._walk_back(np.minimum(then.index, now.index), int(now.index[0]))
 
-    def _step_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the greatest errors of every step, in m and in rad."""
+    def _steps_between(self, missing: np.ndarray) -> np.ndarray:
+        """Return the greatest errors of every step, and where samples are missing."""
         ends = Interval.point(self._positions_m)
         squares = (ends[1:] - ends[:-1]).square()
         lengths = (squares[:, 0] + squares[:, 1] + squares[:, 2]).sqrt().upper
@@ -246,10 +250,10 @@ class OdometryPath:
         angles = np.where(angles > 0.0, angle_up(angles), 0.0)
         # Where samples are missing the way may be a longer one.
         steps_s = elapsed_up(self._stamps_s[:-1], self._stamps_s[1:])
-        missing_s = np.where(self._missing, up(steps_s + 2.0 * self._error.latency_s), 0.0)
+        missing_s = np.where(missing, up(steps_s + 2.0 * self._error.latency_s), 0.0)
         lengths = np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))
         angles = np.maximum(angles, most_up(self._limits.turn_rate_rad_s, missing_s))
-        return step_errors(self._error, lengths, angles)
+        return np.stack([*step_errors(self._error, lengths, angles), missing])
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""
@@ -257,58 +261,28 @@ class OdometryPath:
 
     def _nearest(self, times_s: np.ndarray) -> _Nearest:
         """Return the samples nearest to some times."""
-        stamps, latency = self._stamps_s, self._error.latency_s
-        slack_s = 0.0
-        limits = self._limits.speed_m_s, self._limits.turn_rate_rad_s
-        if latency > 0.0 or all(map(math.isfinite, limits)):
-            # Equal numbers need not be equal times (`elapsed_up`).
-            largest_s = max(np.abs(stamps).max(), np.abs(times_s).max(initial=0.0))
-            slack_s = 4.0 * float(elapsed_up(largest_s, largest_s))
-        index = np.empty(len(times_s), np.int64)
-        spans = np.empty((3, len(times_s)))
-        around_s = float(up(latency + slack_s)) if slack_s else latency
+        count, limits = len(times_s), self._limits
+        index, places = np.empty(count, np.int64), np.empty(count, np.int64)
+        offsets, reaches_s = np.empty((3, count)), np.empty(count)
         find_nearest(
             times_s,
-            stamps,
+            self._stamps_s,
             self._positions_m,
             self._yaws_rad,
             self._rotations,
-            around_s,
+            self._steps,
+            (float(limits.speed_m_s), float(limits.turn_rate_rad_s), float(self._error.latency_s)),
             index,
-            spans,
+            offsets,
+            reaches_s,
+            places,
         )
-        spans[1:] = np.where(spans[1:] > 0.0, angle_up(spans[1:]), 0.0)
-        # The true samples are farther apart than the stated ones by what the steps err.
-        steps = np.stack([self._step_errors_m, self._step_errors_rad, self._missing])
-        off_m, off_rad, missing = errors_around(stamps, steps, times_s, around_s)
-        spans[0] = np.where(
-            off_m > 0.0, up(up(spans[0] + off_m) + up(off_rad * spans[0])), spans[0]
-        )
-        spans[1:] = np.where(off_rad > 0.0, up(spans[1:] + off_rad), spans[1:])
-        spans[:, missing >= 1.0] = np.inf
-        reach_s = up(elapsed_up(times_s, stamps[index]) + latency)
-        beyond = (times_s - latency < stamps[0]) | (times_s + latency > stamps[-1])
-        at_end = (times_s - latency <= stamps[0] + slack_s) | (
-            times_s + latency >= stamps[-1] - slack_s
-        )
-
-        def offset(spans: np.ndarray, limit: float | np.ndarray) -> np.ndarray:
-            limited = up(limit * reach_s)
-            by_limit = beyond | (at_end & np.isfinite(limited))
-            return np.where(by_limit, limited, np.minimum(spans, limited))
-
-        turn_rate = self._limits.turn_rate_rad_s
-        rotation_rad = offset(spans[2], turn_rate)
-        within_rad = up(rotation_rad + self._error.least_tilt_rad)
-        level = np.ones(len(index))
-        steep = level if self._level else steepness(self._rotations[index], within_rad)
-        return _Nearest(
-            index,
-            offset(spans[0], self._limits.speed_m_s),
-            offset(spans[1], up(turn_rate * steep)),
-            rotation_rad,
-            steep,
-        )
+        steep = np.ones(count)
+        if not self._level:
+            within_rad = up(offsets[2] + self._tilt_rad)
+            steep = steepness(self._rotations[index], within_rad)
+        limit_yaws(offsets[1], float(limits.turn_rate_rad_s), steep, reaches_s, places)
+        return _Nearest(index, offsets[0], offsets[1], offsets[2], steep)
 
     def _off_track(self, near: _Nearest) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the robot is from its track at some times at most, in m and rad."""
@@ -323,8 +297,8 @@ class OdometryPath:
         walk_back(
             self._positions_m,
             self._yaws_rad[last],
-            self._step_errors_m,
-            self._step_errors_rad,
+            self._steps[0],
+            self._steps[1],
             then,
             last,
             center,
@@ -342,7 +316,7 @@ class OdometryPath:
         what lies after the end of the step: there it belongs to the step before.
         """
         positions = np.ascontiguousarray(self._positions_m[first : last + 1][::-1])
-        errors_rad = np.ascontiguousarray(self._step_errors_rad[first:last][::-1])
+        errors_rad = np.ascontiguousarray(self._steps[1, first:last][::-1])
         center, half, turns = np.empty((1, 3)), np.empty((1, 3)), np.empty(1)
         walk_back(
             positions,
@@ -357,7 +331,7 @@ class OdometryPath:
         )
         turn_rad = angle_up(up(turns + errors_rad[:1].sum()))
         yaw = Interval.around(self._yaws_rad[[last]] - self._yaws_rad[first], turn_rad)
-        ball_m = float(up(math.fsum(self._step_errors_m[first:last])))
+        ball_m = float(up(math.fsum(self._steps[0, first:last])))
         return TrackStep(PastPoses(self._bounded(center, half), yaw), ball_m)
 
     def _bounded(self, center: np.ndarray, half: np.ndarray) -> Interval:
@@ -387,7 +361,7 @@ class OdometryPath:
         near = self._nearest(np.asarray(times_s, dtype=float))
         yaws = self._yaws_rad[near.index]
         moved_rad = up(near.steepness * near.rotation_rad)
-        errors_rad = angle_up(up(moved_rad + self._error.least_tilt_rad))
+        errors_rad = angle_up(up(moved_rad + self._tilt_rad))
         return rotations_about_z(-yaws) @ self._rotations[near.index], np.minimum(
             errors_rad, math.pi
         )

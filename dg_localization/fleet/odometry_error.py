@@ -18,6 +18,7 @@ import numpy as np
 from dg_localization.fleet.checks import require_number
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import up
+from dg_localization.interval.rounding import step_up
 
 LEAST_SCALE, MOST_SCALE = 0.01, 100.0
 """More than what another unit of length explains is a mistake."""
@@ -100,7 +101,7 @@ class OdometryErrorModel:
     @property
     def centered_m(self) -> float:
         """How far any stated position is from one track at most: a shifted track is a track."""
-        return float(up(CENTERED * self.constant_m))
+        return step_up(CENTERED * self.constant_m)
 
     @property
     def least_tilt_rad(self) -> float:
@@ -139,33 +140,3 @@ def step_errors(
     turn_rad = np.minimum(turn_rad, HALF_TURN_RAD)
     # The constant error of a pose turns with the track.
     return up(way_m + most_up(error.centered_m, turn_rad)), turn_rad
-
-
-def errors_around(
-    stamps_s: np.ndarray, step_errors: np.ndarray, times_s: np.ndarray, around_s: float
-) -> np.ndarray:
-    """
-    Return what the steps err by between the samples around some times.
-
-    Parameters
-    ----------
-    stamps_s : numpy.ndarray, shape (n,)
-    step_errors : numpy.ndarray, shape (k, n - 1)
-    times_s : numpy.ndarray, shape (m,)
-    around_s : float
-        The samples reach from the last one this much before a time to the first one this much
-        after it.
-
-    Returns
-    -------
-    numpy.ndarray, shape (k, m)
-
-    """
-    first = np.maximum(np.searchsorted(stamps_s, times_s - around_s, side='right') - 1, 0)
-    last = np.searchsorted(stamps_s, times_s + around_s, side='left')
-    steps = np.minimum(last, step_errors.shape[1]) - first
-    sums = np.zeros((len(step_errors), len(times_s)))
-    for step in range(np.max(steps, initial=0)):
-        there = step < steps
-        sums[:, there] = up(sums[:, there] + step_errors[:, first[there] + step])
-    return sums

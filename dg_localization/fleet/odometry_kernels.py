@@ -9,11 +9,15 @@ import math
 
 import numpy as np
 
+from dg_localization.interval.angles import ANGLE_ROUNDING
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import rounding_error, up
 
 _STEP_OPERATIONS = 16.0
 """More than a step of `walk_back` takes."""
+
+_AMONG, _AT_END, _BEYOND = range(3)
+"""Where a time is: among the samples, at the first or the last of them, or beyond."""
 
 
 @kernel(borrows=True)
@@ -123,20 +127,38 @@ def _differences(
 
 
 @kernel(borrows=True)
+def _elapsed_up(first: float, second: float) -> float:
+    """Return an upper bound of the time between two stamps; see `interval.bounds.elapsed_up`."""
+    return up(up(abs(first - second)) + np.spacing(max(abs(first), abs(second))))
+
+
+@kernel(borrows=True)
+def _within(span: float, limit: float, reach: float, place: int) -> float:
+    """Return how far a robot may be from a sample: no farther than its limit lets it."""
+    limited = up(limit * reach)
+    by_limit = place == _BEYOND or (place == _AT_END and limited < math.inf)
+    return limited if by_limit else min(span, limited)
+
+
+@kernel(borrows=True)
 def find_nearest(
     times: np.ndarray,
     stamps: np.ndarray,
     positions: np.ndarray,
     yaws: np.ndarray,
     rotations: np.ndarray,
-    latency: float,
+    steps: np.ndarray,
+    limits: tuple[float, float, float],
     index: np.ndarray,
-    spans: np.ndarray,
+    offsets: np.ndarray,
+    reaches: np.ndarray,
+    places: np.ndarray,
 ) -> None:
     """
     Find the samples nearest to some times, and how far from them the robot may have been.
 
-    Between two samples it is no farther from either than they are apart.
+    Between two samples it is no farther from either than they are apart, and these are no farther
+    apart than stated and what the steps err.
 
     Parameters
     ----------
@@ -145,32 +167,112 @@ def find_nearest(
         Yaws from -pi to pi.
     positions : numpy.ndarray, shape (n, 3)
     rotations : numpy.ndarray, shape (n, 3, 3)
-    latency : float
-        In s: samples around a time reach from the last one this much before it to the first one
-        this much after it.
+    steps : numpy.ndarray, shape (3, n - 1)
+        The greatest errors of every step in m and in rad, and 1 where samples are missing.
+    limits : tuple of float
+        Speed in m/s, turn rate in rad/s, and latency in s: samples around a time reach from the
+        last one this much before it to the first one this much after it.
     index : numpy.ndarray of int, shape (m,)
         Receives the nearest samples.
-    spans : numpy.ndarray, shape (3, m)
-        Receives the greatest differences from them: distance, yaw, angle of the rotation.
+    offsets : numpy.ndarray, shape (3, m)
+        Receives the greatest differences from them: distance, yaw, angle of the rotation. What
+        the limits say of yaws counts in `limit_yaws`.
+    reaches : numpy.ndarray, shape (m,)
+        Receives how long the robot may have moved from them, in s.
+    places : numpy.ndarray of int, shape (m,)
+        Receives whether a time is among the samples, at an end of them, or beyond.
 
     """
     count = stamps.shape[0]
+    speed, turn_rate, latency = limits
+    slack = 0.0
+    if latency > 0.0 or (speed < math.inf and turn_rate < math.inf):
+        # Equal numbers need not be equal times (`_elapsed_up`).
+        largest = max(abs(stamps[0]), abs(stamps[-1]))
+        for number in range(times.shape[0]):
+            largest = max(largest, abs(times[number]))
+        slack = 4.0 * _elapsed_up(largest, largest)
+    around = up(latency + slack) if slack > 0.0 else latency
     for number in range(times.shape[0]):
         time = times[number]
-        low = max(0, np.searchsorted(stamps, time - latency, side='right') - 1)
-        high = min(count - 1, np.searchsorted(stamps, time + latency, side='left'))
+        low = max(0, np.searchsorted(stamps, time - around, side='right') - 1)
+        high = min(count - 1, np.searchsorted(stamps, time + around, side='left'))
         nearest = low
         for sample in range(low, high + 1):
             if abs(stamps[sample] - time) < abs(stamps[nearest] - time):
                 nearest = sample
         index[number] = nearest
-        spans[0, number] = spans[1, number] = spans[2, number] = 0.0
-        for sample in range(low, high):
-            before = _differences(positions, yaws, rotations, nearest, sample)
-            after = _differences(positions, yaws, rotations, nearest, sample + 1)
-            step = _differences(positions, yaws, rotations, sample, sample + 1)
-            for kind in range(3):
-                span = up(min(before[kind], after[kind]) + step[kind])
-                if sample == nearest or sample + 1 == nearest:
-                    span = step[kind]
-                spans[kind, number] = max(spans[kind, number], span)
+        _spans_around(positions, yaws, rotations, steps, (nearest, low, high), offsets[:, number])
+        reach = up(_elapsed_up(time, stamps[nearest]) + latency)
+        place = _AMONG
+        if time - latency < stamps[0] or time + latency > stamps[-1]:
+            place = _BEYOND
+        elif time - latency <= stamps[0] + slack or time + latency >= stamps[-1] - slack:
+            place = _AT_END
+        offsets[0, number] = _within(offsets[0, number], speed, reach, place)
+        offsets[2, number] = _within(offsets[2, number], turn_rate, reach, place)
+        reaches[number], places[number] = reach, place
+
+
+@kernel(borrows=True)
+def _spans_around(
+    positions: np.ndarray,
+    yaws: np.ndarray,
+    rotations: np.ndarray,
+    steps: np.ndarray,
+    samples: tuple[int, int, int],
+    spans: np.ndarray,
+) -> None:
+    """Write the greatest differences from one sample to all between two others."""
+    nearest, low, high = samples
+    spans[0] = spans[1] = spans[2] = 0.0
+    off_m, off_rad = 0.0, 0.0
+    missing = False
+    for sample in range(low, high):
+        before = _differences(positions, yaws, rotations, nearest, sample)
+        after = _differences(positions, yaws, rotations, nearest, sample + 1)
+        step = _differences(positions, yaws, rotations, sample, sample + 1)
+        for kind in range(3):
+            span = up(min(before[kind], after[kind]) + step[kind])
+            if sample == nearest or sample + 1 == nearest:
+                span = step[kind]
+            spans[kind] = max(spans[kind], span)
+        off_m, off_rad = up(off_m + steps[0, sample]), up(off_rad + steps[1, sample])
+        missing = missing or steps[2, sample] > 0.0
+    # The true samples are farther apart than the stated ones by what the steps err.
+    if off_m > 0.0:
+        spans[0] = up(up(spans[0] + off_m) + up(off_rad * spans[0]))
+    for kind in range(1, 3):
+        if spans[kind] > 0.0:
+            spans[kind] += ANGLE_ROUNDING
+        if off_rad > 0.0:
+            spans[kind] = up(spans[kind] + off_rad)
+    if missing:
+        spans[0] = spans[1] = spans[2] = math.inf
+
+
+@kernel(borrows=True)
+def limit_yaws(
+    spans: np.ndarray,
+    turn_rate: float,
+    steepness: np.ndarray,
+    reaches: np.ndarray,
+    places: np.ndarray,
+) -> None:
+    """
+    Bound differences of yaws by how fast yaws can change; see `find_nearest`.
+
+    Parameters
+    ----------
+    spans : numpy.ndarray, shape (m,)
+        By the samples; the result takes their place.
+    turn_rate : float
+        Of the body, in rad/s.
+    steepness : numpy.ndarray, shape (m,)
+        How many times faster yaws can change.
+    reaches, places : numpy.ndarray, shape (m,)
+
+    """
+    for number in range(spans.shape[0]):
+        limit = up(turn_rate * steepness[number])
+        spans[number] = _within(spans[number], limit, reaches[number], places[number])

@@ -70,7 +70,7 @@ def rotation_angle_rad(rotation: np.ndarray) -> float:
             rotation[1, 0] - rotation[0, 1],
         ]
     )
-    return math.atan2(float(np.linalg.norm(axis)), float(np.trace(rotation)) - 1.0)
+    return math.atan2(math.sqrt(axis @ axis), float(rotation.trace()) - 1.0)
 
 
 def yaw_of(xyzw: FloatArray) -> float:

@@ -90,10 +90,17 @@ def _holds_multiple(
         return np.asarray(next_one <= high_rad + ANGLE_ROUNDING)
 
 
+_QUARTER_TURN = Interval.around(0.5 * math.pi, ANGLE_ROUNDING)
+
+
 def sine(angle_rad: Interval) -> Interval:
     """Bound the sines of angles; see `cosine`."""
-    quarter = Interval.around(0.5 * math.pi, ANGLE_ROUNDING)
-    return cosine(angle_rad - quarter)
+    return cosine(angle_rad - _QUARTER_TURN)
+
+
+def cosine_and_sine(angle_rad: Interval) -> Interval:
+    """Bound the cosines and the sines of angles, in this order along a new first axis."""
+    return cosine(Interval.stack([angle_rad, angle_rad - _QUARTER_TURN], axis=0))
 
 
 def cosine_bounds(low_rad: float, high_rad: float) -> tuple[float, float]:

@@ -17,17 +17,21 @@ from numpy.typing import ArrayLike
 
 from dg_localization.interval.rounding import LARGEST, TINIEST, UNIT
 
+# As arrays: to make one of a Python number takes longer than a short sum.
+_UNIT, _TINIEST = np.array(UNIT), np.array(TINIEST)
+_LEAST, _MOST = np.array(-LARGEST), np.array(LARGEST)
+
 
 def up(values: ArrayLike) -> np.ndarray:
     """Return numbers above the exact values whose nearest doubles are `values`."""
-    values = np.maximum(values, -LARGEST)
-    return np.asarray(values + (np.abs(values) * UNIT + TINIEST))
+    values = np.maximum(values, _LEAST)
+    return np.asarray(values + (np.abs(values) * _UNIT + _TINIEST))
 
 
 def down(values: ArrayLike) -> np.ndarray:
     """Return numbers below the exact values whose nearest doubles are `values`."""
-    values = np.minimum(values, LARGEST)
-    return np.asarray(values - (np.abs(values) * UNIT + TINIEST))
+    values = np.minimum(values, _MOST)
+    return np.asarray(values - (np.abs(values) * _UNIT + _TINIEST))
 
 
 def total_up(values: np.ndarray) -> np.ndarray:
@@ -40,13 +44,6 @@ def elapsed_up(first_s: np.ndarray, second_s: np.ndarray) -> np.ndarray:
     """Return upper bounds of the times between stamps, as `bounds.elapsed_up` does for one."""
     units_s = np.spacing(np.maximum(np.abs(first_s), np.abs(second_s)))
     return up(up(np.abs(first_s - second_s)) + units_s)
-
-
-def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a * b where 0 times infinity is 0, as bounds need it (IEEE 1788-2015, 10.5.3)."""
-    with np.errstate(invalid='ignore'):
-        result = np.multiply(a, b)
-    return np.where(np.isnan(result), 0.0, result)
 
 
 @dataclass(frozen=True)
@@ -100,14 +97,13 @@ class Interval:
         return Interval(down(self.lower - other.upper), up(self.upper - other.lower))
 
     def __mul__(self, other: Interval) -> Interval:
-        mine = np.array((self.lower, self.upper))
-        theirs = np.array((other.lower, other.upper))
-        # The pairs of corners along two axes of their own, before those of the elements.
-        n_axes = max(mine.ndim, theirs.ndim) - 1
-        mine = mine.reshape(2, 1, *(1,) * (n_axes + 1 - mine.ndim), *mine.shape[1:])
-        theirs = theirs.reshape(1, 2, *(1,) * (n_axes + 1 - theirs.ndim), *theirs.shape[1:])
-        corners = _products(mine, theirs)
-        return Interval(down(corners.min(axis=(0, 1))), up(corners.max(axis=(0, 1))))
+        with np.errstate(invalid='ignore'):
+            corners = np.array(
+                [a * b for a in (self.lower, self.upper) for b in (other.lower, other.upper)]
+            )
+        # Zero times infinity is zero, as bounds need it (IEEE 1788-2015, 10.5.3).
+        corners[np.isnan(corners)] = 0.0
+        return Interval(down(corners.min(axis=0)), up(corners.max(axis=0)))
 
     def square(self) -> Interval:
         """Return the squares, never below zero."""

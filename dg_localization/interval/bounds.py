@@ -116,4 +116,4 @@ def elapsed_up(first_s: float, second_s: float) -> float:
 
     """
     unit_s = math.ulp(max(abs(first_s), abs(second_s)))
-    return sum_up(step_up(abs(first_s - second_s)), unit_s) if first_s != second_s else unit_s
+    return step_up(step_up(abs(first_s - second_s)) + unit_s) if first_s != second_s else unit_s

@@ -112,16 +112,20 @@ class Cover:
         """Area of the ground the positions cover, in plain arithmetic."""
         return float(covered_area(np.ascontiguousarray(self.boxes[:, :, :2])))
 
+    @property
+    def position_m(self) -> Interval:
+        """The smallest box around all positions, shape (3,); ValueError for an empty cover."""
+        if self.empty:
+            raise ValueError('an empty cover has no hull')
+        boxes = self.boxes[:, :, :YAW]
+        return Interval(boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0))
+
     @cached_property
     def hull(self) -> Hull:
         """The smallest box around all; raises ValueError for an empty cover."""
-        if self.empty:
-            raise ValueError('an empty cover has no hull')
-        return Hull(
-            self.boxes[:, LOW, :YAW].min(axis=0),
-            self.boxes[:, HIGH, :YAW].max(axis=0),
-            arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW]),
-        )
+        position_m = self.position_m
+        yaw_rad = arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW])
+        return Hull(position_m.lower, position_m.upper, yaw_rad)
 
     def moved(self, a: PastPoses, b: PastPoses) -> Cover:
         """

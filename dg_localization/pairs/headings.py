@@ -143,9 +143,10 @@ def heading_cells(lower_rad: ArrayLike, upper_rad: ArrayLike, cells: int) -> np.
     last = np.floor(np.asarray(upper_rad, dtype=float) / TURN * cells + slack)
     first, last = np.atleast_1d(first).astype(int), np.atleast_1d(last).astype(int)
     # How many arcs begin less those that end, around the turn twice.
-    changes = np.zeros(2 * cells + 1, int)
-    np.add.at(changes, first % cells, 1)
-    np.add.at(changes, first % cells + np.minimum(last - first + 1, cells), -1)
+    begins = first % cells
+    ends = begins + np.minimum(last - first + 1, cells)
+    size = 2 * cells + 1
+    changes = np.bincount(begins, minlength=size) - np.bincount(ends, minlength=size)
     met = np.cumsum(changes[:-1]) > 0
     return np.asarray(met[:cells] | met[cells:])
 

@@ -246,27 +246,26 @@ class PairReadings:
         return table
 
     def _write_rays(self, table: np.ndarray) -> None:
-        """Fill in the columns of the rays that say anything."""
+        """Fill in the columns of the rays that say anything; `NOBODY` saw the others."""
         error = angle_up(angle_up(self.ray_errors_rad))
         longest = np.max(np.abs(self.rays), axis=-1)
-        told = (error < 0.5 * math.pi) & (longest > 0.0) & (longest < math.inf)
-        error = np.where(told, error, 0.0)
-        rays = np.where(told[:, None], self.rays, [1.0, 0.0, 0.0])
-        rays = rays / np.where(told, longest, 1.0)[:, None]
+        told = np.flatnonzero((error < 0.5 * math.pi) & (longest > 0.0) & (longest < math.inf))
+        if not len(told):
+            return
+        error, rays = error[told], self.rays[told] / longest[told, None]
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         level = np.hypot(rays[:, 0], rays[:, 1])
         steep = level < 1e-3
-        across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(self))], axis=-1)
+        across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(told))], axis=-1)
         # Across a ray that is all but upright: the y axis, made perpendicular to it.
         sideways = np.array([0.0, 1.0, 0.0]) - rays[:, 1:2] * rays
         across = np.where(steep[:, None], sideways, across)
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
-        table[:, cuts.RAY : cuts.RAY + 3] = rays
-        table[:, cuts.ACROSS : cuts.ACROSS + 3] = across
-        table[:, cuts.UPRIGHT : cuts.UPRIGHT + 3] = np.cross(rays, across)
-        table[:, cuts.RAY_SINE], table[:, cuts.RAY_COSINE] = np.sin(error), np.cos(error)
-        observer = np.where(self.seen_by_b, cuts.BY_B, cuts.BY_A)
-        table[:, cuts.OBSERVER] = np.where(told, observer, cuts.NOBODY)
+        table[told, cuts.RAY : cuts.RAY + 3] = rays
+        table[told, cuts.ACROSS : cuts.ACROSS + 3] = across
+        table[told, cuts.UPRIGHT : cuts.UPRIGHT + 3] = np.cross(rays, across)
+        table[told, cuts.RAY_SINE], table[told, cuts.RAY_COSINE] = np.sin(error), np.cos(error)
+        table[told, cuts.OBSERVER] = np.where(self.seen_by_b[told], cuts.BY_B, cuts.BY_A)
 
 
 def center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:

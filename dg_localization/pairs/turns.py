@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from dg_localization.interval.angles import angle_down, angle_up, cosine, sine
+from dg_localization.interval.angles import angle_down, angle_up, cosine_and_sine
 from dg_localization.interval.arrays import Interval
 
 TURN = 2.0 * math.pi
@@ -59,10 +59,10 @@ def turned(angle: Interval, points: Interval) -> Interval:
     Interval, shape (m, 3)
 
     """
-    angle = principal(angle)
-    c, s = cosine(angle), sine(angle)
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
-    first, second = c * x - s * y, s * x + c * y
+    ways = cosine_and_sine(principal(angle))
+    of_x, of_y = ways * x, ways * y
+    first, second = of_x[0] - of_y[1], of_x[1] + of_y[0]
     shape = first.lower.shape
     third = Interval(np.broadcast_to(z.lower, shape), np.broadcast_to(z.upper, shape))
     return Interval.stack([first, second, third])

@@ -23,8 +23,8 @@ class Drive:
 
     def reported(self, sample):
         """Return the pose that is reported, before it is scaled."""
-        x, y, yaw = self.stated[sample]
-        return np.array([x / self.scale, y / self.scale, yaw])
+        x, y, yaw = self.stated[sample].tolist()
+        return x / self.scale, y / self.scale, yaw
 
     def pose(self, time_s):
         """Return the true pose at a time since the start, on straight lines between samples."""

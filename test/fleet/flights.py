@@ -49,11 +49,19 @@ def turn(axis, angle_rad):
 
 
 def attitude(yaw, pitch, roll):
-    return turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
+    """Return the rotation about x, then y, then z."""
+    (cz, sz), (cy, sy), (cx, sx) = ((math.cos(a), math.sin(a)) for a in (yaw, pitch, roll))
+    return np.array(
+        [
+            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+            [-sy, cy * sx, cy * cx],
+        ]
+    )
 
 
 def angle_rad(rotation):
-    return math.acos(min(1.0, max(-1.0, 0.5 * (np.trace(rotation) - 1.0))))
+    return math.acos(min(1.0, max(-1.0, 0.5 * (rotation.trace() - 1.0))))
 
 
 class Flier:

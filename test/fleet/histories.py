@@ -13,6 +13,7 @@ that is lost.
 import argparse
 import bisect
 from dataclasses import dataclass, field
+from functools import cached_property
 import math
 
 from drives import SAMPLE_S, draw_drive, draw_errors
@@ -23,6 +24,7 @@ from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
 
 MAX_AGE_S = 0.5
+DELAYS_S = (0.0, 0.05, 0.3)
 EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
 """So many histories have one that is long enough for filters to answer."""
 TOLERANCE = 1e-7
@@ -120,7 +122,7 @@ class History:
         self.calls.sort(key=lambda call: call[0])
 
     def _arrival_s(self, time_s):
-        return self.start_s + time_s + self.rng.choice([0.0, 0.05, 0.3])
+        return self.start_s + time_s + DELAYS_S[self.rng.integers(3)]
 
     def _stamp_s(self, point, time_s):
         """Return what the clock of a point shows."""
@@ -142,7 +144,7 @@ class History:
         return arrival_s, call
 
     def _elevation(self, robot, time_s):
-        share = self.rng.choice([0.001, 0.999]) if self.extreme else self.rng.uniform()
+        share = (0.001, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform()
 
         def call(localizer, now_s):
             reading = self.heights.read_m(robot, time_s, share)
@@ -153,16 +155,16 @@ class History:
 
     def _range(self, observer, target, time_s):
         names = self.config.points[observer], self.config.points[target]
-        share = self.rng.choice([0.001, 0.999]) if self.extreme else self.rng.uniform()
+        share = (0.001, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform()
 
         def call(localizer, now_s):
-            distance = np.linalg.norm(self._gap(observer, target, time_s))
+            distance = math.hypot(*self._gap(observer, target, time_s))
             model = self.config.range_error
             absolute = share * model.max_error_m
             relative = model.min_error_relative + share * (
                 model.max_error_relative - model.min_error_relative
             )
-            reading = float((distance + absolute) / (1.0 - relative))
+            reading = (distance + absolute) / (1.0 - relative)
             return localizer.add_range(*names, reading, self._stamp_s(observer, time_s), now_s)
 
         return self._arrival_s(time_s), call
@@ -171,7 +173,7 @@ class History:
         names = self.config.points[observer], self.config.points[target]
         half = self.config.bearing_half_width_rad
         off = half * (
-            0.999 * self.rng.choice([-1, 1]) if self.extreme else self.rng.uniform(-1, 1)
+            (-0.999, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform(-1, 1)
         )
 
         def call(localizer, now_s):
@@ -194,8 +196,13 @@ class History:
 
     def body(self, point):
         """Return the robot that a point belongs to; None for an anchor."""
-        robot = self.config.robot_of(self.config.points[point])
-        return None if robot in self.config.anchors else self.config.robots.index(robot)
+        return self._bodies[point]
+
+    @cached_property
+    def _bodies(self):
+        robots = [self.config.robot_of(point) for point in self.config.points]
+        row_of = {robot: row for row, robot in enumerate(self.config.robots)}
+        return [None if robot in self.config.anchors else row_of[robot] for robot in robots]
 
     def draw_arm(self, mount):
         """Return where a sensor truly is in the body frame: anywhere within its bound."""
@@ -208,9 +215,11 @@ class History:
         name, body = self.config.points[point], self.body(point)
         if body is None:
             return np.array(self.config.anchors[name].coordinates_m)
-        x, y, yaw = self.drives[body].pose(time_s)
-        c, s = math.cos(yaw), math.sin(yaw)
-        return np.array([x, y]) + np.array([[c, -s], [s, c]]) @ self.arms_m.get(name, np.zeros(2))
+        x, y, yaw = self.drives[body].pose(time_s).tolist()
+        if name not in self.arms_m:
+            return np.array([x, y])
+        (ahead, aside), c, s = self.arms_m[name].tolist(), math.cos(yaw), math.sin(yaw)
+        return np.array([x + c * ahead - s * aside, y + s * ahead + c * aside])
 
     def truth(self, time_s, frame):
         """Return positions (n, 2) and yaws (n,) of the robots in a frame."""

@@ -263,7 +263,7 @@ class BestPointFinder:
                 positions_m[row] = np.where(free[row, :3], guess_m, positions_m[row])
                 rotations[row] = rotations_about_z(np.array([yaw]))[0]
         turns = rotations[past.rows]
-        arms_m = np.pad(past.poses[:, :2], ((0, 0), (0, 1)))
+        arms_m = _in_space(past.poses[:, :2])
         unbounded = np.full((len(arms_m), 3), math.inf)
         return Bodies(
             np.vstack(
@@ -278,7 +278,6 @@ class BestPointFinder:
     def _bodies(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
         """Return where the fit starts and where it may go."""
         n_points, dimension = start_m.shape
-        missing = ((0, 0), (0, 3 - dimension))
         free = np.zeros((n_points, 6), dtype=bool)
         free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
         free[[sensor.row for sensor in self._sensors]] = False
@@ -294,12 +293,19 @@ class BestPointFinder:
             turn = best_rotation(seen, unit_vectors(lines), weights)
             rotations[observer, :dimension, :dimension] = turn
         return Bodies(
-            np.pad(start_m, missing),
+            _in_space(start_m),
             rotations,
-            np.pad(enclosure.lower, missing),
-            np.pad(enclosure.upper, missing),
+            _in_space(enclosure.lower),
+            _in_space(enclosure.upper),
             free,
         )
+
+
+def _in_space(places_m: FloatArray) -> FloatArray:
+    """Return places in space, those in the plane at zero height, shape (n, 3)."""
+    in_space_m = np.zeros((len(places_m), 3))
+    in_space_m[:, : places_m.shape[1]] = places_m
+    return in_space_m
 
 
 def _further_starts(start_m: FloatArray, enclosure: Interval) -> Iterator[FloatArray]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 import math
 
@@ -145,7 +146,7 @@ class RayBundle:
 
     def pairs(self) -> RayPairs:
         """Return all pairs of rays, each in the body frame of the ray that is listed later."""
-        views = self._views()
+        views = self._views
         chosen = [
             (views[second.stamp_s][i], views[second.stamp_s][j])
             for (i, _), (j, second) in combinations(enumerate(self._rays), 2)
@@ -163,7 +164,7 @@ class RayBundle:
 
     def triples(self) -> Iterator[tuple[RayReading, ...]]:
         """Yield all triples of rays, each in one body frame."""
-        views = self._views()
+        views = self._views
         for chosen in combinations(enumerate(self._rays), 3):
             view = views[chosen[-1][1].stamp_s]
             yield tuple(view[i] for i, _ in chosen)
@@ -176,6 +177,7 @@ class RayBundle:
         """Return the different stamps of the rays."""
         return {ray.stamp_s for ray in self._rays}
 
+    @cached_property
     def _views(self) -> dict[float, tuple[RayReading, ...]]:
         """Return all rays in the body frame at each of their stamps."""
         return {stamp_s: self.at(stamp_s) for stamp_s in self._stamps_s()}
@@ -189,7 +191,7 @@ class RayBundle:
         direction = rotation @ ray.direction
         if self._dimension == 2:
             direction = direction * (1.0, 1.0, 0.0)
-        length = float(np.linalg.norm(direction))
+        length = math.sqrt(direction @ direction)
         if length < SHORTEST_PROJECTION:
             return replace(ray, stamp_s=stamp_s, half_width_rad=math.pi)
         return replace(

@@ -143,8 +143,10 @@ class Encloser:
         """Return the part of an enclosure that all cores and apexes of certain sign allow."""
         for core, pose in self._poses.items():
             for apex in apexes_of(core):
+                if (core, apex) == (choice.core, choice.apex):
+                    continue
                 sign = _chirality_of(fixed, (*core, apex))
-                if sign == 0 or (core, apex) == (choice.core, choice.apex):
+                if sign == 0:
                     continue
                 local = enclose_locally(lower, upper, (*core, apex), self._solved.dimension)
                 if local is None:

@@ -11,8 +11,7 @@ odometry is left out: how far it may have moved soon says nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 import math
 
@@ -29,25 +28,15 @@ from dg_localization.fleet.track_poses import TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.fleet.window.paths import Tilt, path_of
+from dg_localization.fleet.window.rows import Row, Table
 from dg_localization.interval.arrays import Interval
-from dg_localization.pairs import NO_RAY_RAD, PairReadings, PastPoses
+from dg_localization.pairs import PairReadings, PastPoses
 
 WORLD = -1
 """The body of the anchors."""
 
 Pair = tuple[int, int]
 """Two bodies, the smaller index first: the world before any robot."""
-
-AHEAD = np.array([1.0, 0.0, 0.0])
-
-
-@dataclass(frozen=True)
-class _Row:
-    """An observation with a point of the first body and one of the second."""
-
-    observation: Observation
-    seen_by_second: bool
-    points: tuple[int, int]
 
 
 class CarriedWindow:
@@ -76,12 +65,15 @@ class CarriedWindow:
         self._now_s = now_s
         self._motion = motion
         self._anchors = anchors
-        self._rows: dict[Pair, list[_Row]] = {}
+        self._rows: dict[Pair, list[Row]] = {}
         index = {name: i for i, name in enumerate(config.points)}
         for (observer, target), observations in window.observations.items():
             self._add(index[observer], index[target], observations)
         for rows in self._rows.values():
             rows.sort(key=lambda row: -row.observation.stamp_s)
+        self._tables = {
+            pair: Table.of(rows, pair[0] == WORLD) for pair, rows in self._rows.items()
+        }
         self._paths: dict[int, OdometryPath] = {}
         observing = sorted({body for pair in self._rows for body in pair} - {WORLD})
         self._stamps = {robot: self._stamps_with(robot) for robot in observing}
@@ -163,11 +155,11 @@ class CarriedWindow:
 
     def span_s(self, pair: Pair) -> float:
         """Return the age of the oldest observation of a pair."""
-        return self._now_s - min(self._stamps_of(pair))
+        return float(self._now_s - self._stamps_of(pair)[-1])
 
     def stamps_s(self, pair: Pair) -> NDArray[np.float64]:
         """Return the times of the observations of a pair, newest first."""
-        return np.array(self._stamps_of(pair))
+        return self._stamps_of(pair)
 
     def between_origins(self, pair: Pair) -> tuple[Observation, ...]:
         """Return what two robots observed from origin to origin, newest first."""
@@ -219,20 +211,24 @@ class CarriedWindow:
             None where they observed nothing.
 
         """
-        rows = self._rows_between(robot, after_s, until_s)
-        if not rows:
+        pair = (WORLD, robot)
+        if pair not in self._tables:
             return None
-        stamps = np.array([row.observation.stamp_s for row in rows])
-        past = self.path(robot).past_poses_on_track(stamps, until_s).past
-        return self._seen((WORLD, robot), rows, PastPoses.at_rest(len(rows)), past)
+        seen = self._tables[pair]
+        seen = seen.some(seen.between(after_s, until_s))
+        count = len(seen.stamps_s)
+        if not count:
+            return None
+        past = self.path(robot).past_poses_on_track(seen.stamps_s, until_s).past
+        return self._seen(pair, seen, PastPoses.at_rest(count), past)
 
     def seen_between(self, robot: int, after_s: float, until_s: float) -> tuple[Observation, ...]:
         """Return what `readings_between` is made of."""
-        return tuple(row.observation for row in self._rows_between(robot, after_s, until_s))
-
-    def _rows_between(self, robot: int, after_s: float, until_s: float) -> list[_Row]:
-        rows = self._rows.get((WORLD, robot), [])
-        return [row for row in rows if after_s < row.observation.stamp_s <= until_s]
+        pair = (WORLD, robot)
+        if pair not in self._tables:
+            return ()
+        rows = self._rows[pair][self._tables[pair].between(after_s, until_s)]
+        return tuple(row.observation for row in rows)
 
     def tracks(self, pair: Pair) -> tuple[PastPoses, PastPoses]:
         """Return where the tracks of a pair are now, seen from the two bodies."""
@@ -258,44 +254,36 @@ class CarriedWindow:
     ) -> PairReadings:
         """Return observations of a pair with bodies in these past poses."""
         first, second = pair
-        oldest_s = self._now_s - newest_s
-        rows = [row for row in self._rows[pair] if row.observation.stamp_s >= oldest_s]
-        if most is not None and len(rows) > most:
-            rows = [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]
-        stamps = np.array([row.observation.stamp_s for row in rows])
-        poses = self._of(second, stamps, past)
-        at_rest = first == WORLD
-        other = PastPoses.at_rest(len(rows)) if at_rest else self._of(first, stamps, past)
-        return self._seen(pair, rows, other, poses)
+        seen = self._tables[pair]
+        count = int(np.count_nonzero(seen.stamps_s >= self._now_s - newest_s))
+        if most is not None and count > most:
+            seen = seen.some(np.linspace(0, count - 1, most).astype(int))
+        else:
+            seen = seen.some(slice(count))
+        poses = self._of(second, seen.stamps_s, past)
+        other = PastPoses.at_rest(len(seen.stamps_s))
+        if first != WORLD:
+            other = self._of(first, seen.stamps_s, past)
+        return self._seen(pair, seen, other, poses)
 
-    def _seen(
-        self, pair: Pair, rows: list[_Row], other: PastPoses, poses: PastPoses
-    ) -> PairReadings:
+    def _seen(self, pair: Pair, seen: Table, other: PastPoses, poses: PastPoses) -> PairReadings:
         """Return observations of a pair, the poses of whose bodies at their times are given."""
         first, second = pair
-        stamps = np.array([row.observation.stamp_s for row in rows])
-        by_second = np.array([row.seen_by_second for row in rows])
-        rays = np.array(
-            [AHEAD if o.direction is None else o.direction for o in (r.observation for r in rows)]
-        )
-        errors = np.array([self._ray_error_rad(row) for row in rows])
-        seen, seen_errors = poses.rays_now(*self._leveled_rays(second, stamps, rays, errors))
+        rays, errors_rad = poses.rays_now(*self._leveled_rays(second, seen))
         if first != WORLD:
-            leveled = self._leveled_rays(first, stamps, rays, errors)
-            others_rays, others_errors = other.rays_now(*leveled)
-            seen = np.where(by_second[:, None], seen, others_rays)
-            seen_errors = np.where(by_second, seen_errors, others_errors)
-        first_points, second_points = zip(*(row.points for row in rows), strict=True)
+            others_rays, others_errors_rad = other.rays_now(*self._leveled_rays(first, seen))
+            rays = np.where(seen.seen_by_second[:, None], rays, others_rays)
+            errors_rad = np.where(seen.seen_by_second, errors_rad, others_errors_rad)
+        first_points, second_points = seen.points.T
         return PairReadings.of(
-            self._places(rows) if first == WORLD else self._points(first_points, stamps, other),
-            self._points(second_points, stamps, poses),
-            Interval(
-                np.array([row.observation.lower_m for row in rows]),
-                np.array([row.observation.upper_m for row in rows]),
-            ),
-            seen,
-            seen_errors,
-            by_second,
+            self._places[first_points]
+            if first == WORLD
+            else self._points(first_points, seen.stamps_s, other),
+            self._points(second_points, seen.stamps_s, poses),
+            Interval(seen.lower_m, seen.upper_m),
+            rays,
+            errors_rad,
+            seen.seen_by_second,
         )
 
     def tilt(self, robot: int) -> Tilt:
@@ -311,7 +299,7 @@ class CarriedWindow:
         by_second = self._body_of(observer) == pair[1]
         points = (target, observer) if by_second else (observer, target)
         rows = self._rows.setdefault(pair, [])
-        rows += [_Row(seen, by_second, points) for seen in observations]
+        rows += [Row(seen, by_second, points) for seen in observations]
 
     def _pair_of(self, observer: int, target: int) -> Pair | None:
         """Return the bodies of two points; None where both are one or a motion is not known."""
@@ -331,13 +319,13 @@ class CarriedWindow:
             return None
         return config.robots.index(robot)
 
-    def _stamps_of(self, pair: Pair) -> list[float]:
-        return [row.observation.stamp_s for row in self._rows[pair]]
+    def _stamps_of(self, pair: Pair) -> NDArray[np.float64]:
+        return self._tables[pair].stamps_s
 
     def _stamps_with(self, robot: int) -> NDArray[np.float64]:
         """Return the times of all observations of a robot, ascending."""
         return np.unique(
-            [stamp for pair in self._rows if robot in pair for stamp in self._stamps_of(pair)]
+            np.concatenate([self._stamps_of(pair) for pair in self._rows if robot in pair])
         )
 
     def _of(
@@ -349,38 +337,28 @@ class CarriedWindow:
         return PastPoses(poses.position_m[index], poses.yaw_rad[index])
 
     def _leveled_rays(
-        self,
-        robot: int,
-        stamps_s: NDArray[np.float64],
-        rays: NDArray[np.float64],
-        errors_rad: NDArray[np.float64],
+        self, robot: int, seen: Table
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return rays of a robot in its level frames, in which rays in the plane are."""
         if self._config.dimension == 2:
-            return rays, errors_rad
-        return self.path(robot).leveled_rays(stamps_s, rays, errors_rad)
+            return seen.rays, seen.errors_rad
+        return self.path(robot).leveled_rays(seen.stamps_s, seen.rays, seen.errors_rad)
 
-    def _ray_error_rad(self, row: _Row) -> float:
-        """Return the error of a ray; how an anchor is turned is not known."""
-        of_anchor = self._body_of(row.points[0]) == WORLD and not row.seen_by_second
-        if row.observation.direction is None or of_anchor:
-            return NO_RAY_RAD
-        return row.observation.half_width_rad
-
-    def _places(self, rows: list[_Row]) -> Interval:
-        """Return the places of the anchors of some rows, shape (m, 3)."""
-        boxes, dimension = self._anchors.boxes, self._config.dimension
-        lower, upper = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
-        for number, row in enumerate(rows):
-            box = boxes[row.points[0]]
-            lower[number, :dimension], upper[number, :dimension] = box.lower, box.upper
+    @cached_property
+    def _places(self) -> Interval:
+        """The places of the anchors, by their points, shape (n, 3)."""
+        lower, upper = np.zeros((2, len(self._config.points), 3))
+        for point, box in self._anchors.boxes.items():
+            lower[point, : box.lower.size], upper[point, : box.upper.size] = box.lower, box.upper
         return Interval(lower, upper)
 
     def _points(
-        self, points: Sequence[int], stamps_s: NDArray[np.float64], poses: PastPoses
+        self, points: NDArray[np.int64], stamps_s: NDArray[np.float64], poses: PastPoses
     ) -> Interval:
         """Return where points of a robot were in some past poses, shape (m, 3)."""
         config = self._config
+        if not config.sensors:
+            return poses.position_m
         names = [config.points[point] for point in points]
         if config.sensors.keys().isdisjoint(names):
             return poses.position_m

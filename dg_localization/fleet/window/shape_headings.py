@@ -115,7 +115,8 @@ def narrow_placement(
             known[robot] &= heading_cells(part.boxes[:, 0, 3], part.boxes[:, 1, 3], options.cells)
             if not known[robot].any():
                 return Narrowed(None, (WORLD, robot))
-            enclosure[robot] = part.hull.lower_m[:2], part.hull.upper_m[:2]
+            position_m = part.position_m[:2]
+            enclosure[robot] = position_m.lower, position_m.upper
     lower, upper = np.zeros((2, len(enclosure), 3))
     lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
     settled = pose_sets.covers if frame is FrameKind.ANCHORS else {}

@@ -4,12 +4,14 @@
 """
 The proof that a placement agrees with a problem.
 
-Coordinates are taken as exact. What outward rounding cannot decide is decided in rationals.
+Coordinates are taken as exact. What outward rounding cannot decide is decided in integers or
+rationals.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
+import math
 
 import numpy as np
 
@@ -96,14 +98,22 @@ def pairs_lie_within(bounded: PairBounds, positions: FloatArray) -> bool:
 
 
 def _agree_exactly(positions: FloatArray, bounded: PairBounds) -> bool:
-    """Return whether the squared distances of some pairs lie in their intervals, in rationals."""
-    exact = [[Fraction(x) for x in point] for point in positions.tolist()]
-    # A fraction compares exactly with a float of Python, infinity included.
+    """Return whether the squared distances of some pairs lie in their intervals, in integers."""
+    ratios = [[x.as_integer_ratio() for x in point] for point in positions.tolist()]
+    # Doubles are over powers of two: coordinates are whole numbers of the finest part.
+    parts = max((over for point in ratios for _, over in point), default=1)
+    whole = [[number * (parts // over) for number, over in point] for point in ratios]
+    square = parts * parts
     ends = zip(bounded.pairs.tolist(), bounded.lower.tolist(), bounded.upper.tolist(), strict=True)
     for (i, j), lower, upper in ends:
-        squared = sum((x - y) ** 2 for x, y in zip(exact[i], exact[j], strict=True))
-        if not lower <= squared <= upper:
+        squared = sum((x - y) ** 2 for x, y in zip(whole[i], whole[j], strict=True))
+        least, over = lower.as_integer_ratio()
+        if squared * over < least * square:
             return False
+        if upper < math.inf:
+            most, over = upper.as_integer_ratio()
+            if squared * over > most * square:
+                return False
     return True
 
 
