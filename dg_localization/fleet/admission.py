@@ -12,6 +12,11 @@ from dg_localization.fleet.error_models import quoted, real_number
 from dg_localization.fleet.vocabulary import LinkKey, Rejection, RejectionReason
 
 
+def is_young(config: FleetConfig, stamp_s: float, now_s: float) -> bool:
+    """Return whether a measurement of that time counts at `now_s`."""
+    return -config.max_future_s <= now_s - stamp_s <= config.max_age_s
+
+
 class Admission:
     """
     Checks names and stamps.

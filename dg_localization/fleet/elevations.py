@@ -17,6 +17,7 @@ import math
 from operator import attrgetter
 from typing import TypeAlias
 
+from dg_localization.fleet.admission import is_young
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.motion import most_between
 from dg_localization.fleet.vocabulary import DistanceReading
@@ -84,7 +85,7 @@ class Elevations:
         lower_m, upper_m = stated_m
         speed_m_s = config.speed_m_s(config.robot_of(point))
         for reading in self._readings.get(config.elevated(point), ()):
-            if now_s - reading.stamp_s <= config.max_age_s:
+            if is_young(config, reading.stamp_s, now_s):
                 times_s = reading.stamp_s, stamp_s, config.between_stamps_s
                 climb_m = most_between(speed_m_s, *times_s)
                 lower_m = max(lower_m, sum_down(reading.lower_m, -climb_m))

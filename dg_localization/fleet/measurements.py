@@ -20,7 +20,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.admission import Admission
+from dg_localization.fleet.admission import Admission, is_young
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.elevations import Elevations
@@ -280,8 +280,9 @@ class MeasurementStore:
 
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
         """Return what counts at `now_s` of every range and bearing, in the order of the keys."""
+        config = self._config
         return {
-            key: [r for r in self._inputs[key].readings if self._is_young(r.stamp_s, now_s)]
+            key: [r for r in self._inputs[key].readings if is_young(config, r.stamp_s, now_s)]
             for key in sorted(self._inputs)
             if key.kind in (LinkKind.RANGE, LinkKind.BEARING) and self._inputs[key].accepted
         }
@@ -311,15 +312,11 @@ class MeasurementStore:
                 rejected=dict(source.rejected),
                 last_reason_text=source.last_reason_text,
                 age_s=now_s - source.newest_stamp_s,
-                in_use=self._is_young(source.newest_stamp_s, now_s),
+                in_use=is_young(self._config, source.newest_stamp_s, now_s),
                 stuck=self._stuck.sentence(key),
             )
             for key, source in sorted(self._inputs.items())
         ]
-
-    def _is_young(self, stamp_s: float, now_s: float) -> bool:
-        """Return whether a measurement of that time counts at `now_s`."""
-        return -self._config.max_future_s <= now_s - stamp_s <= self._config.max_age_s
 
     def _input(self, key: LinkKey) -> _Input:
         """Return the input of that name, made on first use."""

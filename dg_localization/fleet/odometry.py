@@ -79,7 +79,7 @@ class OdometryPath:
     error : OdometryErrorModel
     limits : MotionLimits, optional
     dimension : {2, 3}, optional
-        In the plane heights, roll, pitch and their errors do not count.
+        In the plane roll, pitch and their errors do not count; heights are part of the way.
 
     Raises
     ------
@@ -114,7 +114,6 @@ class OdometryPath:
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
         self._tilt_rad = 0.0 if self._level else error.least_tilt_rad
         if self._level:
-            self._positions_m[:, 2] = 0.0
             self._rotations = rotations_about_z(self._yaws_rad)
         # Errors in m and in rad, and where samples are missing.
         self._steps = self._steps_between(steps_s > error.max_gap_s)

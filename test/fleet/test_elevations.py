@@ -126,12 +126,13 @@ def test_readings_are_intersected():
     assert enclosure_of(localizer) < 0.01
 
 
-def test_an_old_reading_counts_no_more():
+@pytest.mark.parametrize('after_s', [1.5, -1.5])
+def test_a_reading_of_another_time_counts_no_more(after_s):
+    """Nor does one of a time to come, after the clock went back."""
     localizer = make(max_speed_m_s=0.0, max_age_s=1.0)
     localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
-    later_s = NOW_S + 1.5
-    measure(localizer, 12.0, later_s, later_s)
-    enclosure_of(localizer, later_s)
+    measure(localizer, 12.0, NOW_S + after_s, NOW_S + after_s)
+    enclosure_of(localizer, NOW_S + after_s)
 
 
 def test_readings_that_contradict_each_other_count_neither():

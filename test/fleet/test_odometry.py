@@ -325,6 +325,17 @@ def test_between_and_beyond_samples():
     assert unlimited.position_m.upper[1, 0] == pytest.approx(-5.0)
 
 
+def test_in_the_plane_what_a_robot_rises_is_way_on_which_odometry_errs():
+    """It rises by 5 m and drifts sideways meanwhile; then it may be anywhere near a sample."""
+    positions = np.zeros((6, 3))
+    positions[:, 2] = np.arange(6)
+    path = OdometryPath(np.arange(6), positions, [np.eye(3)] * 6, OdometryErrorModel(0.1))
+    (drift_m, between_m), _ = path.past_poses([0.0, 4.5], 5.0).position_m.upper[:, :2].T
+    assert drift_m == pytest.approx(0.5)
+    assert 1.0 < between_m < 1.5
+    assert path.past_poses([0.0], 5.0).position_m.upper[0, 2] < 1e-9
+
+
 def test_a_body_that_is_not_level():
     yaw, pitch, roll = 0.5, 0.3, -0.2
     error = OdometryErrorModel(tilt_rad=0.05)

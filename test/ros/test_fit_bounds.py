@@ -440,6 +440,16 @@ def test_both_directions_are_compared(tmp_path, learn):
     assert 'robot_1->robot_2 reads ' in learn.output
 
 
+def test_links_of_elevations_keep_their_bounds(tmp_path, learn):
+    link = '/baro geometry_msgs/msg/PointStamped robot_1 min_error=-2.0 max_error=3.0'
+    params = json.loads(learn.params.read_text())
+    params['/**']['ros__parameters']['links'] = [link]
+    learn.params.write_text(json.dumps(params))
+    code, found = learn(record(tmp_path / 'bag', seconds=5.0, cameras=False), '--truth', TRUTH)
+    assert code == 0
+    assert link in found['links']
+
+
 def test_the_truth_may_be_a_table(tmp_path, learn):
     bag = record(tmp_path / 'bag', cameras=False)
     learn(bag, '--truth', TRUTH)

@@ -40,7 +40,7 @@ from dg_localization.ros.bags.offline import (  # noqa: E402
 )
 from dg_localization.ros.bags.report import Tally  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
-from msg_adapters import Level, PeersReading, adapter_for  # noqa: E402
+from msg_adapters import ElevationReading, Level, PeersReading, adapter_for  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -48,6 +48,7 @@ STORE.register(get_types_from_msg('float64 x', 'strange_msgs/msg/Odd'))
 TYPES = STORE.types
 RANGE = 'sensor_msgs/msg/Range'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+ELEVATION = 'geometry_msgs/msg/PointStamped'
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -153,6 +154,28 @@ def read(path, topic):
 def counts(path):
     with AnyReader([path], default_typestore=STORE) as reader:
         return {name: info.msgcount for name, info in reader.topics.items()}
+
+
+@pytest.mark.parametrize(
+    'given', [{'elevation__topic': '{observer}/depth'}, {'links': [f'/a/depth {ELEVATION} a']}]
+)
+def test_elevations_of_a_recording_are_read(given, recorder, localize):
+    """The true depth of a is 1 m, of anything up to 2.9 m."""
+    for step in range(11):
+        time_ns = START_NS + step * PERIOD_NS
+        reading = ElevationReading(time_ns * 1e-9, -1.0)
+        message = adapter_for(ELEVATION).to_message(reading)
+        recorder.write('/a/depth', step, serialize_message(message), ELEVATION)
+        recorder.write_triangle([step])
+    code, report = localize(
+        recorder.close(), elevations__names=['a'], elevations__a=[-2.9, 0.0], **given
+    )
+    assert code == 0 and not report['rejected']
+    assert report['accepted'] == 44
+    _, (*_, last) = read(localize.output, '/diagnostics')
+    by_name = {status.name: status for status in last.statuses}
+    assert by_name['localizer: input elevation a'].values['accepted'] == '11'
+    assert by_name['localizer: fleet'].values['inputs_in_use'] == '4'
 
 
 @pytest.mark.parametrize('duration', ['1.0', '1.5'])

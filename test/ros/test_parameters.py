@@ -172,6 +172,7 @@ def test_recording_has_six_links_and_no_templates():
         ('anchors.names', ['p', 'p'], "'p' is not allowed twice"),
         ('mounts.names', ['a/left cam'], "'left cam' is not allowed"),
         ('mounts.names', ['a/left', 'a/left'], "'a/left' is not allowed twice"),
+        ('elevations.names', ['a', 'a'], "'a' is not allowed twice"),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=inf'], 'must end in a finite number'),
         ('odometry.topic', '/{target}/odom', 'it must hold {robot}'),
         ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),

@@ -11,6 +11,7 @@ import numpy as np
 from dg_localization.fleet import LinkKind
 from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
 from dg_localization.ros.interface.links import OVERRIDES, STAMP_OFFSET, Link
+from dg_localization.ros.interface.parameters.link_bounds import MEASURE_OTHERS
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -115,7 +116,7 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
 
 def _is_learned(fit: Fit, kind: LinkKind, name: str) -> bool:
     """Return whether what a name of a link stands for was learned."""
-    if name == STAMP_OFFSET:
+    if name == STAMP_OFFSET or kind not in MEASURE_OTHERS:
         return False
     if kind is LinkKind.BEARING or name == 'half_width':
         return bool(fit.bearings)

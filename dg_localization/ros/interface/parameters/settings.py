@@ -219,7 +219,7 @@ def settings_from(
         _check_names(name, values[name])
     for name in values['mounts.names']:
         _check_names('mounts.names', name.split('/'))
-    for parameter in ('anchors.names', 'mounts.names'):
+    for parameter in ('anchors.names', 'mounts.names', 'elevations.names'):
         for name, count in Counter(values[parameter]).items():
             if count > 1:
                 raise WrongParameterError(
