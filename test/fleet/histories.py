@@ -10,7 +10,6 @@ plays histories of successive seeds until so many estimates were made, and ends 
 that is lost.
 """
 
-import argparse
 import bisect
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +17,7 @@ import math
 
 from drives import SAMPLE_S, draw_drive, draw_errors
 from heights import Heights
+from long_run import play_many
 import numpy as np
 
 from dg_localization import SolverOptions, Verdict
@@ -25,6 +25,7 @@ from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeEr
 
 MAX_AGE_S = 0.5
 DELAYS_S = (0.0, 0.05, 0.3)
+SECONDS = 8.0
 EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
 """So many histories have one that is long enough for filters to answer."""
 TOLERANCE = 1e-7
@@ -364,27 +365,13 @@ def play_without_a_loss(history, seconds, resets):
     return len(ticks_s)
 
 
-def main():
-    """Play many histories, and print how many steps there were."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('steps', type=int)
-    parser.add_argument('--first', type=int, default=0, metavar='SEED')
-    parser.add_argument('--seconds', type=float, default=8.0, help='of each history')
-    arguments = parser.parse_args()
-    steps, seed = 0, arguments.first
-    while steps < arguments.steps:
-        seconds, draw = arguments.seconds, draw_any
-        if seed % EVERY_FOLLOWED == 0:
-            seconds, draw = FOLLOWED_S, draw_followed
-        try:
-            steps += play_without_a_loss(draw(seed, seconds), seconds, resets=seed % 2 == 1)
-        except AssertionError as error:
-            raise SystemExit(f'seed {seed}, after {steps} steps: {error}') from error
-        seed += 1
-        if seed % 100 == 0:
-            print(f'{steps} steps of {seed - arguments.first} histories, none lost', flush=True)
-    print(f'{steps} steps of {seed - arguments.first} histories, none lost')
+def play_seed(seed):
+    """Play the history of a seed; every so many are long enough for filters."""
+    seconds, draw = SECONDS, draw_any
+    if seed % EVERY_FOLLOWED == 0:
+        seconds, draw = FOLLOWED_S, draw_followed
+    return play_without_a_loss(draw(seed, seconds), seconds, resets=seed % 2 == 1)
 
 
 if __name__ == '__main__':
-    main()
+    play_many(play_seed, __doc__)

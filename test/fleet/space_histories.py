@@ -9,13 +9,13 @@ Fleets that fly about in space: the histories of `histories`, in three dimension
 plays them until so many estimates were made, and ends at the first truth that is lost.
 """
 
-import argparse
 from dataclasses import dataclass, replace
 import math
 
 from drives import SAMPLE_S, draw_errors
 from flights import angle_rad, attitude, turn
 from histories import MAX_AGE_S, TOLERANCE, History, draw_lost, localizer_of
+from long_run import play_many
 import numpy as np
 
 from dg_localization import SolverOptions, Verdict
@@ -285,23 +285,5 @@ def play_without_a_loss(seed):
     return len(ticks_s)
 
 
-def main():
-    """Play many histories, and print how many steps there were."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('steps', type=int)
-    parser.add_argument('--first', type=int, default=0, metavar='SEED')
-    arguments = parser.parse_args()
-    steps, seed = 0, arguments.first
-    while steps < arguments.steps:
-        try:
-            steps += play_without_a_loss(seed)
-        except AssertionError as error:
-            raise SystemExit(f'seed {seed}, after {steps} steps: {error}') from error
-        seed += 1
-        if seed % 100 == 0:
-            print(f'{steps} steps of {seed - arguments.first} histories, none lost', flush=True)
-    print(f'{steps} steps of {seed - arguments.first} histories, none lost')
-
-
 if __name__ == '__main__':
-    main()
+    play_many(play_without_a_loss, __doc__)
