@@ -12,7 +12,7 @@ from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOpti
 from dg_localization.solver.assemble.answer import answer, in_one_piece
 from dg_localization.solver.assemble.budget import CallBudget
 
-PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '10000'))
+PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '5000'))
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 
 

@@ -14,7 +14,7 @@ from joined_cases import holds
 import pytest
 from solver_cases import random_case
 
-PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '20000'))
+PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '10000'))
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 CHUNK = 500
 
