@@ -69,15 +69,8 @@ class RangeErrorModel:
         require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
         if self.expected_error_m is not None:
             require_number('range.expected_error_m', self.expected_error_m)
-        for low, high in (
-            ('min_error_m', 'max_error_m'),
-            ('min_error_relative', 'max_error_relative'),
-        ):
-            if getattr(self, low) > getattr(self, high):
-                raise ConfigError(
-                    f'range.{low}: {getattr(self, low)!r} is not allowed, it must be at most '
-                    f'range.{high}, which is {getattr(self, high)!r}'
-                )
+        _require_order('range', self, 'min_error_m', 'max_error_m')
+        _require_order('range', self, 'min_error_relative', 'max_error_relative')
         if self.max_error_relative >= 1.0:
             raise ConfigError(
                 f'range.max_error_relative: {self.max_error_relative!r} is not allowed, it must '
@@ -108,11 +101,19 @@ class ElevationErrorModel:
     def __post_init__(self) -> None:
         for name in ('min_error_m', 'max_error_m'):
             require_number(f'elevation.{name}', getattr(self, name))
-        if self.min_error_m > self.max_error_m:
-            raise ConfigError(
-                f'elevation.min_error_m: {self.min_error_m!r} is not allowed, it must be at most '
-                f'elevation.max_error_m, which is {self.max_error_m!r}'
-            )
+        _require_order('elevation', self, 'min_error_m', 'max_error_m')
+
+
+def _require_order(
+    group: str, model: RangeErrorModel | ElevationErrorModel, least: str, greatest: str
+) -> None:
+    """Raise `ConfigError` where the least of two errors exceeds the greatest."""
+    low, high = getattr(model, least), getattr(model, greatest)
+    if low > high:
+        raise ConfigError(
+            f'{group}.{least}: {low!r} is not allowed, it must be at most {group}.{greatest}, '
+            f'which is {high!r}'
+        )
 
 
 @dataclass(frozen=True)

@@ -170,6 +170,8 @@ def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray
 
 def _headed_by_window(snapshot: Snapshot, placement: Placement) -> list[int]:
     """Return the robots whose headings are known, and were not fitted to what is remembered."""
+    if not placement.heading_known.any():
+        return []
     seeing = robots_that_saw(snapshot)
     fitted = np.array([robot in seeing for robot in snapshot.config.robots])
     if placement.fitted_yaws_rad is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from dg_localization.fleet import ElevationErrorModel, LinkKind
 from dg_localization.fleet.checks import FARTHEST_M
-from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.links import STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.links import stamp_offset_spec
 from dg_localization.ros.interface.parameters.spec import (
     DOUBLE,
@@ -105,7 +105,7 @@ def elevation_errors_from(
         point = link.key.observer
         if link.key.kind is not LinkKind.ELEVATION or point not in values['elevations.names']:
             continue
-        bounds = {name: link.overrides[name] for name in link.overrides if 'error' in name}
+        bounds = {name: x for name, x in link.overrides.items() if name != STAMP_OFFSET}
         try:
             error = elevation_error_from(values, **bounds)
         except ValueError as wrong:
