@@ -10,7 +10,7 @@ Bounds are rounded outward. The reading itself counts as an exact number.
 from __future__ import annotations
 
 import math
-from typing import SupportsFloat, cast
+from typing import Any, SupportsFloat, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +39,7 @@ def real_number(value: object) -> float | None:
     """Return a number of Python or NumPy, or an array without axes, in double precision."""
     if isinstance(value, float):
         return float(value)
-    if isinstance(value, (str, bytes)) or not is_single(value):
+    if not is_single(value) or not _are_real(np.asanyarray(value)):
         return None
     try:
         return float(cast(SupportsFloat, value))
@@ -59,9 +59,15 @@ def is_single(value: object) -> bool:
 def real_numbers(values: ArrayLike) -> FloatArray | None:
     """Return numbers as a new array of one axis; None where some are none."""
     try:
-        return np.array(values, dtype=float).reshape(-1)
+        array = np.asanyarray(values)
+        return np.array(array, dtype=float).reshape(-1) if _are_real(array) else None
     except (TypeError, ValueError, OverflowError):
         return None
+
+
+def _are_real(array: NDArray[Any]) -> bool:
+    """Return whether an array is of real numbers: NumPy would read text, and parts of others."""
+    return array.dtype.kind not in 'cSU' and not np.ma.is_masked(array)
 
 
 def quoted(value: object) -> str:

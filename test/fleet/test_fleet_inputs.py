@@ -132,7 +132,12 @@ def test_odometry_that_is_no_pose_is_rejected(localizer, position, orientation):
     assert rejection.reason is RejectionReason.INVALID_ODOMETRY
 
 
-NO_NUMBERS = ['far', None, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()]
+NO_NUMBERS = [
+    *('far', None, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()),
+    # NumPy would read a number in these, and leave the rest out.
+    *(np.complex128(3.0 + 1.0j), np.array([3.0, 1j, 0.0]), ['3.0', '1.0', '0.0']),
+    *(np.ma.masked, np.ma.array([3.0, 1.0, 0.0], mask=[True, False, False])),
+]
 
 
 @pytest.mark.parametrize('value', NO_NUMBERS, ids=lambda value: type(value).__name__)
