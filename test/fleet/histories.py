@@ -11,7 +11,7 @@ that is lost.
 """
 
 import bisect
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
@@ -28,6 +28,9 @@ DELAYS_S = (0.0, 0.05, 0.3)
 SECONDS = 8.0
 EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
 """So many histories have one that is long enough for filters to answer."""
+LIMITS_S = (math.inf, 0.02, 0.002)
+"""What an estimate of a long run may spend on the memory. Where the time is over in the middle of
+something, the answer is wider, never wrong."""
 TOLERANCE = 1e-7
 
 
@@ -348,6 +351,13 @@ def draw_any(seed, seconds):
     )
 
 
+def limited(history, seed):
+    """Return a history whose localizer has the limit of time that a seed draws."""
+    limit_s = float(np.random.default_rng([seed, 9]).choice(LIMITS_S))
+    history.config = replace(history.config, memory_max_seconds=limit_s)
+    return history
+
+
 def play_without_a_loss(history, seconds, resets):
     """Play a history, with resets if so; return how many steps it had. No truth may be lost."""
     ticks_s = np.sort(history.rng.uniform(0.3, seconds, round(seconds)))
@@ -370,7 +380,8 @@ def play_seed(seed):
     seconds, draw = SECONDS, draw_any
     if seed % EVERY_FOLLOWED == 0:
         seconds, draw = FOLLOWED_S, draw_followed
-    return play_without_a_loss(draw(seed, seconds), seconds, resets=seed % 2 == 1)
+    history = limited(draw(seed, seconds), seed)
+    return play_without_a_loss(history, seconds, resets=seed % 2 == 1)
 
 
 if __name__ == '__main__':

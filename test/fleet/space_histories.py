@@ -14,7 +14,7 @@ import math
 
 from drives import SAMPLE_S, draw_errors
 from flights import angle_rad, attitude, turn
-from histories import MAX_AGE_S, TOLERANCE, History, draw_lost, localizer_of
+from histories import MAX_AGE_S, TOLERANCE, History, draw_lost, limited, localizer_of
 from long_run import play_many
 import numpy as np
 
@@ -263,13 +263,12 @@ def why_not(placement, places, rotations):
     return ''
 
 
-def play_without_a_loss(seed):
-    """Play a history of a seed, an odd one with resets; return how many steps it had."""
-    history = SpaceHistory.draw_any(seed)
+def play_without_a_loss(history, resets):
+    """Play a history, with resets if so; return how many steps it had. No truth may be lost."""
     ticks_s = np.sort(history.rng.uniform(0.3, SECONDS, round(SECONDS)))
 
     def between(localizer, time_s):
-        if seed % 2 and history.rng.random() < 0.15:
+        if resets and history.rng.random() < 0.15:
             localizer.reset()
         return localizer
 
@@ -285,5 +284,11 @@ def play_without_a_loss(seed):
     return len(ticks_s)
 
 
+def play_seed(seed):
+    """Play the history of a seed, of an odd one with resets."""
+    history = limited(SpaceHistory.draw_any(seed), seed)
+    return play_without_a_loss(history, resets=seed % 2 == 1)
+
+
 if __name__ == '__main__':
-    play_many(play_without_a_loss, __doc__)
+    play_many(play_seed, __doc__)

@@ -9,7 +9,7 @@ from histories import History, draw_any, localizer_of, play_without_a_loss, trut
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-import space_histories
+from space_histories import SpaceHistory, play_without_a_loss as play_in_space
 
 from dg_localization import Verdict
 
@@ -25,9 +25,9 @@ def test_the_truth_is_never_lost(seed, resets):
 
 
 @settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_the_truth_is_never_lost_in_space(seed):
-    space_histories.play_without_a_loss(seed)
+@given(seed=st.integers(0, 2**32 - 1), resets=st.booleans())
+def test_the_truth_is_never_lost_in_space(seed, resets):
+    play_in_space(SpaceHistory.draw_any(seed), resets)
 
 
 @pytest.mark.parametrize('seed', range(4))
