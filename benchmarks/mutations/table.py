@@ -127,6 +127,11 @@ CONTRACT = [
             'return -high, high',
             'return low, high',
         ),
+    ),
+    *_in(
+        'solver/contract',
+        'triangle_angles',
+        ('test/solver/test_turns.py',),
         (
             'the product of two roots that underflows counts as exact',
             'if twice_m2 > SMALLEST_PRODUCT else math.inf',

@@ -135,7 +135,7 @@ def load_kernels() -> float:
     from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.existence import settled
-    from dg_localization.solver.place.placements import refine
+    from dg_localization.solver.place.placements import MOST_STEPS, refine
 
     start = time.perf_counter()
     if not COMPILED:
@@ -149,7 +149,8 @@ def load_kernels() -> float:
         ):
             len(answer(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
-            refine(np.eye(problem.n_points, dimension), np.stack([problem.lower, problem.upper]))
+            bounds = np.stack([problem.lower, problem.upper])
+            refine(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
     len(answer(_braced_block(), CallBudget(options)).hypotheses)
     for hypothesis in answer(_braced_grid(9, 7), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)

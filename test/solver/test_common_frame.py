@@ -20,7 +20,7 @@ from dg_localization.solver.contract.procrustes import (
     set_crossing,
     set_frame,
 )
-from dg_localization.solver.place.placements import place
+from dg_localization.solver.place.placements import place_step_by_step
 from dg_localization.solver.search import common_frame
 from dg_localization.solver.search.common_frame import CommonFrame, narrow_in_common_frame
 from dg_localization.solver.search.pruning import Pruner
@@ -186,7 +186,7 @@ def test_the_turns_of_every_placement_are_bounded(seed):
     pruner = Pruner(problem, SolverOptions())
     box = pruner.prune(pruner.whole()).box
     edges = groups_of(problem.lower, problem.upper).edges
-    frame = CommonFrame(box, place(box, 2), edges, never)
+    frame = CommonFrame(box, place_step_by_step(box, 2), edges, never)
     pairs = np.array(list(combinations(range(8), 2)))
     assert frame.narrow(pairs, np.zeros(len(edges)), np.zeros(len(pairs)))
     reference, turns = frame.reference, frame.turns
@@ -214,7 +214,8 @@ def test_pairs_are_narrowed_close_to_what_the_errors_explain(relative_error, mos
         box = pruner.prune(pruner.whole()).box
         pairs = np.argwhere(np.triu(np.isinf(problem.upper)))
         explained = np.zeros(len(pairs))
-        assert pruner.narrow_in_common_frame(box, place(box, 2), pairs, explained, never)
+        start = place_step_by_step(box, 2)
+        assert pruner.narrow_in_common_frame(box, start, pairs, explained, never)
         squared = squared_distances(positions)
         assert (box[0] <= squared).all() and (squared <= box[1]).all()
         i, j = pairs.T
@@ -228,7 +229,7 @@ def excess_of(problem):
     pruned = pruner.prune(pruner.whole())
     box, pairs = pruned.box, np.argwhere(np.triu(np.isinf(problem.upper)))
     explained = pruned.explained[tuple(pairs.T)]
-    assert pruner.narrow_in_common_frame(box, place(box, 2), pairs, explained, never)
+    assert pruner.narrow_in_common_frame(box, place_step_by_step(box, 2), pairs, explained, never)
     i, j = pairs.T
     return box[:2, i, j], (box[1, i, j] - box[0, i, j]) / explained
 
@@ -256,5 +257,6 @@ def test_time_that_is_up_leaves_the_box_as_it_is():
     before = box.copy()
     pairs = np.argwhere(np.triu(np.isinf(problem.upper)))
     explained = np.zeros(len(pairs))
-    assert pruner.narrow_in_common_frame(box, place(box, 2), pairs, explained, lambda: True)
+    start = place_step_by_step(box, 2)
+    assert pruner.narrow_in_common_frame(box, start, pairs, explained, lambda: True)
     assert (box == before).all() and not explained.any()

@@ -11,7 +11,7 @@ from solver_cases import box_of
 
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.place.placements import place, refine
+from dg_localization.solver.place.placements import MOST_STEPS, place, refine
 from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.tightening import halves
 
@@ -27,10 +27,10 @@ def extreme_placements(problem, hypothesis):
         box[LOWER], box[UPPER] = hypothesis.lower, hypothesis.upper
         for (i, j), bound in zip(measured, choice, strict=True):
             box[: UPPER + 1, [i, j], [j, i]] = bound[i, j]
-        start = place(box, problem.dimension)
+        start = place(box, problem.dimension, MOST_STEPS)
         open_pairs = np.isinf(problem.upper)
         box[LOWER, open_pairs], box[UPPER, open_pairs] = 0.0, np.inf
-        positions = refine(start, box)
+        positions = refine(start, box, MOST_STEPS)
         yield ((positions[:, None] - positions[None]) ** 2).sum(axis=2)
 
 

@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
+from dg_localization.solver.contract.triangle_angles import bound_angle
 from dg_localization.solver.contract.turns import (
     FARTHEST,
     _signed_angle,
-    bound_angle,
     complete,
     shorten_chains,
 )

@@ -31,7 +31,7 @@ from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import place_problem
-from dg_localization.solver.place.placements import refine
+from dg_localization.solver.place.placements import MOST_STEPS, refine
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
@@ -254,7 +254,8 @@ class Product:
             if stopped():
                 return positions, False
             if problem.n_points <= MOST_REFINED:
-                positions = with_known_chirality(self._problem, refine(positions, known))
+                refined = refine(positions, known, MOST_STEPS)
+                positions = with_known_chirality(self._problem, refined)
                 positions, proved = settled(self._problem, positions, [box])
                 if proved:
                     return positions, True

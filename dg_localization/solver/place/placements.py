@@ -228,7 +228,7 @@ def _descend(descent: Descent, box: FloatArray, most_steps: int) -> bool:
 
 
 @kernel
-def refine(positions: FloatArray, box: FloatArray, most_steps: int = MOST_STEPS) -> FloatArray:
+def refine(positions: FloatArray, box: FloatArray, most_steps: int) -> FloatArray:
     """
     Move a placement into the intervals of a box by damped least squares.
 
@@ -253,7 +253,7 @@ def _first(box: FloatArray, dimension: int) -> tuple[FloatArray, FloatArray, flo
 
 
 @kernel
-def place(box: FloatArray, dimension: int, most_steps: int = MOST_STEPS) -> FloatArray:
+def place(box: FloatArray, dimension: int, most_steps: int) -> FloatArray:
     """
     Return the coordinates of a placement in or near a box.
 
@@ -263,7 +263,7 @@ def place(box: FloatArray, dimension: int, most_steps: int = MOST_STEPS) -> Floa
         The box in m^2; its upper bounds are finite, or overflowed.
     dimension : int
         The dimension q of the space.
-    most_steps : int, optional
+    most_steps : int
         Most steps of least squares.
 
     Returns
@@ -281,7 +281,7 @@ def place_step_by_step(
 ) -> FloatArray:
     """Return what `place` does; once `stopped` returns true, what was found so far."""
     if box.shape[1] * dimension <= AT_ONCE:
-        return np.asarray(place(box, dimension))
+        return np.asarray(place(box, dimension, MOST_STEPS))
     positions, scaled, unit_m = _first(box, dimension)
     descent = _begin(positions, scaled)
     # Most of a step is the factorization of the normal equations.
