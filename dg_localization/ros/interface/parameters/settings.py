@@ -18,6 +18,7 @@ from dg_localization.fleet import (
     LinkKind,
     SuspectKind,
 )
+from dg_localization.ros.interface.frames import check_frame_id
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
@@ -52,16 +53,10 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs
+from dg_localization.ros.interface.parameters.templates import templates_from
 from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
 
-TEMPLATE_TYPES = {
-    'range.topic': 'sensor_msgs/msg/Range',
-    'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
-    'odometry.topic': 'nav_msgs/msg/Odometry',
-    'peers.topic': 'sensor_msgs/msg/PointCloud2',
-    'elevation.topic': 'geometry_msgs/msg/PointStamped',
-}
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
@@ -215,6 +210,17 @@ def settings_from(
         If values do not go together.
 
     """
+    try:
+        check_frame_id(values['fixed_frame'])
+    except ValueError as error:
+        raise WrongParameterError(
+            f"parameter 'fixed_frame': '{values['fixed_frame']}' is not allowed, {error}"
+        ) from None
+    if not values['robots']:
+        raise WrongParameterError(
+            'parameters: robots: [] is not allowed, it must name at least one robot; what a file '
+            "says counts only below '/**:' or the full name of the node, and 'ros__parameters:'"
+        )
     for name in ('robots', 'anchors.names'):
         _check_names(name, values[name])
     for name in values['mounts.names']:
@@ -236,7 +242,7 @@ def settings_from(
     return Settings(
         fleet=fleet,
         links=explicit,
-        templates=_templates(values, resolve, fleet.points),
+        templates=templates_from(values, resolve, fleet.points),
         fixed_frame=values['fixed_frame'],
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
@@ -302,28 +308,6 @@ def _parse_ids(texts: Iterable[str], points: Sequence[str]) -> dict[str, str]:
                 f"{', '.join(points)}, or '{NOBODY}' for an id that stands for nobody"
             )
     return ids
-
-
-def _templates(
-    values: Mapping[str, Any], resolve: Callable[[str], str], points: Sequence[str]
-) -> tuple[Template, ...]:
-    templates: dict[str, Template] = {}
-    for name, type_name in TEMPLATE_TYPES.items():
-        template = Template(values[name], type_name)
-        try:
-            template.check()
-            offset = stamp_offset(values, template.kind)
-            template = replace(template.resolved(resolve), overrides=offset)
-            template.check_names(points)
-            if template.text in templates:
-                raise ValueError('each kind of measurement needs topics of its own')
-        except ValueError as error:
-            raise WrongParameterError(
-                f"parameter '{name}': '{values[name]}' is not allowed, {error}"
-            ) from None
-        if template.text:
-            templates[template.text] = template
-    return tuple(templates.values())
 
 
 def _check_names(parameter: str, names: Iterable[str]) -> None:
