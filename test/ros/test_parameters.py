@@ -174,7 +174,7 @@ def test_recording_has_six_links_and_no_templates():
         ('fixed_frame', '', "'fixed_frame': '' .* the name of a frame, such as 'map'"),
         ('fixed_frame', 'my map', "'my map' .* without blanks"),
         ('fixed_frame', '/map', "'/map' .* without a slash at the beginning"),
-        ('robots', [], "below '/\\*\\*:' or the full name of the node"),
+        ('robots', [], "at least one robot; does the file name some below '/\\*\\*:'"),
         ('links', ['/t sensor_msgs/Range a b'], "mean 'sensor_msgs/msg/Range'"),
         ('links', ['/t Range a b'], "mean 'sensor_msgs/msg/Range'"),
         ('anchors.names', ['p', 'p'], "'p' is not allowed twice"),

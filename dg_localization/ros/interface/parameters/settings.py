@@ -218,8 +218,8 @@ def settings_from(
         ) from None
     if not values['robots']:
         raise WrongParameterError(
-            'parameters: robots: [] is not allowed, it must name at least one robot; what a file '
-            "says counts only below '/**:' or the full name of the node, and 'ros__parameters:'"
+            'parameters: robots: [] is not allowed, it must name at least one robot; does the '
+            "file name some below '/**:' and 'ros__parameters:'?"
         )
     for name in ('robots', 'anchors.names'):
         _check_names(name, values[name])
