@@ -6,7 +6,6 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from importlib import import_module
 import re
 from typing import Any
@@ -49,8 +48,10 @@ from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
     by_parameters,
+    close_name,
     declare,
     given_values,
+    refuse_unknown,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs
 from dg_localization.ros.interface.parameters.templates import templates_from
@@ -148,10 +149,7 @@ def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
     values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in TABLE}
     for spec in _named(values):
         values[spec.name] = spec.check(given.get(spec.name, spec.default))
-    for name in given:
-        # The QoS of every topic is set by parameters that rclpy declares.
-        if name not in values and not name.startswith('qos_overrides.'):
-            raise WrongParameterError(f"parameter '{name}' is unknown{_suggestion(name, values)}")
+    refuse_unknown(given, values, _suggestion)
     return values
 
 
@@ -174,8 +172,7 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
         return "; name the point in 'elevations.names'"
     if name.startswith('robot_max_speed.') or _is_of_unknown_robot(name, known):
         return "; name the robot in 'robots'"
-    close = get_close_matches(name, list(known), n=1)
-    return f"; did you mean '{close[0]}'?" if close else ''
+    return close_name(name, known)
 
 
 def _is_of_unknown_robot(name: str, known: Iterable[str]) -> bool:
