@@ -39,7 +39,7 @@ def real_number(value: object) -> float | None:
     """Return a number of Python or NumPy, or an array without axes, in double precision."""
     if isinstance(value, float):
         return float(value)
-    if isinstance(value, (str, bytes, bool, np.bool_)) or not is_single(value):
+    if isinstance(value, (str, bytes)) or not is_single(value):
         return None
     try:
         return float(cast(SupportsFloat, value))

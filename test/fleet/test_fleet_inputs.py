@@ -132,7 +132,7 @@ def test_odometry_that_is_no_pose_is_rejected(localizer, position, orientation):
     assert rejection.reason is RejectionReason.INVALID_ODOMETRY
 
 
-NO_NUMBERS = ['far', None, True, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()]
+NO_NUMBERS = ['far', None, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()]
 
 
 @pytest.mark.parametrize('value', NO_NUMBERS, ids=lambda value: type(value).__name__)
