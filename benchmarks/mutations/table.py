@@ -1185,6 +1185,21 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'checks',
+        ('test/fleet/test_fleet_config.py',),
+        (
+            'a bound that no double holds is rounded',
+            'return number if number == exact else math.nan',
+            'return number',
+        ),
+        (
+            'bounds of single precision are reckoned with in single precision',
+            'or not finite):\n        return number',
+            'or not finite):\n        return value',
+        ),
+    ),
+    *_in(
+        'fleet',
         'constraints/rays',
         ('test/fleet/test_stamp_error.py',),
         (

@@ -15,8 +15,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 from types import MappingProxyType
+from typing import Any
 
-from dg_localization.fleet.checks import ConfigError, require_integer, require_number
+from dg_localization.fleet.checks import (
+    ConfigError,
+    keep,
+    require_integer,
+    require_kind,
+    require_mapping,
+    require_members,
+    require_name,
+    require_number,
+)
 from dg_localization.fleet.contradictions.suspects import SuspectKind
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
@@ -26,10 +36,13 @@ from dg_localization.fleet.sensors import (
     Mount,
     RangeErrorModel,
     check_elevation_errors,
-    check_elevations,
-    check_mounts,
+    check_links,
+    checked_anchors,
+    checked_elevations,
+    checked_mounts,
 )
 from dg_localization.interval.bounds import product_up, sum_up
+from dg_localization.solver.checks import is_whole
 from dg_localization.solver.options import SolverOptions
 
 LEAST_MEMORY_S = 0.001
@@ -37,6 +50,35 @@ LEAST_MEMORY_S = 0.001
 
 OF_ROBOTS = ('robot_max_speed_m_s', 'robot_odometry_error')
 """Settings of single robots, by their names."""
+
+KINDS = {
+    'range_error': RangeErrorModel,
+    'elevation_error': ElevationErrorModel,
+    'odometry_error': OdometryErrorModel,
+    'drop_stuck': bool,
+    'solver': SolverOptions,
+}
+LIMITS: Mapping[str, Mapping[str, Any]] = {
+    'max_age_s': {'at_least': 0.0},
+    'max_future_s': {'at_least': 0.0},
+    'stamp_error_s': {'at_least': 0.0},
+    'memory_s': {'at_least': 0.0},
+    'max_speed_m_s': {'at_least': 0.0},
+    'max_turn_rate_rad_s': {'at_least': 0.0},
+    'min_separation_m': {'at_least': 0.0},
+    'max_conflict_seconds': {'at_least': 0.0, 'finite': False},
+    'memory_max_seconds': {'at_least': 0.0, 'finite': False},
+    'bearing_half_width_rad': {'at_least': 0.0, 'at_most': math.pi},
+    'bearing_expected_error_rad': {},
+}
+LEAST_COUNTS = {
+    'max_repeats': 1,
+    'max_hypotheses': 1,
+    'max_outliers': 0,
+    'window_outliers': 0,
+    'stuck_readings': 0,
+    'max_conflict_solves': 0,
+}
 
 
 @dataclass(frozen=True)
@@ -170,32 +212,44 @@ class FleetConfig:
     solver: SolverOptions = field(default_factory=SolverOptions)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'robots', tuple(self.robots))
-        object.__setattr__(self, 'links', tuple(self.links))
-        object.__setattr__(self, 'anchors', MappingProxyType(dict(self.anchors)))
-        object.__setattr__(self, 'mounts', _frozen_mounts(self.mounts))
-        elevations_m = {point: tuple(bounds_m) for point, bounds_m in self.elevations_m.items()}
-        object.__setattr__(self, 'elevations_m', MappingProxyType(elevations_m))
+        keep(
+            self,
+            robots=require_members('robots', self.robots, 'names'),
+            links=require_members('links', self.links, 'LinkOverrides'),
+        )
         for name in (*OF_ROBOTS, 'point_elevation_error'):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        check_mounts(self.mounts, self.robots, self.dimension)
-        self._check_names()
+            keep(self, **{name: require_mapping(name, getattr(self, name))})
+        self._check_kinds()
         self._check_numbers()
-        self._check_anchors()
-        check_elevations(self.elevations_m, self.points, self.dimension)
+        keep(
+            self,
+            anchors=checked_anchors(self.anchors, self.dimension),
+            mounts=checked_mounts(self.mounts, self.robots, self.dimension),
+        )
+        self._check_names()
+        elevations_m = checked_elevations(self.elevations_m, self.points, self.dimension)
+        keep(self, elevations_m=elevations_m)
         check_elevation_errors(self.point_elevation_error, self.elevations_m)
+
+    def _check_kinds(self) -> None:
+        """Raise `ConfigError` on a setting of another type."""
+        for name, kind in KINDS.items():
+            require_kind(name, getattr(self, name), kind)
+        for link in self.links:
+            require_kind('links', link, LinkOverride)
+        for robot, error in self.robot_odometry_error.items():
+            require_kind(f'robot_odometry_error[{robot}]', error, OdometryErrorModel)
 
     def _check_names(self) -> None:
         """Raise `ConfigError` on a repeated, missing or unknown name."""
         if not self.robots:
             raise ConfigError('robots: () is not allowed, it must name at least one robot')
         for name in self.robots:
-            if not isinstance(name, str) or not name:
-                raise ConfigError(f'robots: {name!r} is not allowed, names must not be empty')
+            require_name('robots', name)
             if self.robots.count(name) > 1:
                 raise ConfigError(f'robots: {name!r} is repeated, each robot must be named once')
         if not self.reference_robot:
-            object.__setattr__(self, 'reference_robot', self.robots[0])
+            keep(self, reference_robot=self.robots[0])
         if self.reference_robot not in self.robots:
             raise ConfigError(
                 f'reference_robot: {self.reference_robot!r} is not allowed, it must be one of '
@@ -214,82 +268,33 @@ class FleetConfig:
                         f'{setting}: {name!r} is not allowed, it must be one of '
                         f'{list(self.robots)}'
                     )
-        self._check_links()
-
-    def _check_links(self) -> None:
-        """Raise `ConfigError` on an override of an unknown or repeated link."""
-        for link in self.links:
-            for name in (link.observer, link.target):
-                if name not in self.points:
-                    raise ConfigError(
-                        f'links: {name!r} is not allowed, it must be one of {list(self.points)}'
-                    )
-            if link.observer == link.target:
-                raise ConfigError(
-                    f'links: {link.observer}->{link.target} is not allowed, a link must join two '
-                    'different points'
-                )
-            robot = self.robot_of(link.observer)
-            if robot == self.robot_of(link.target):
-                raise ConfigError(
-                    f'links: {link.observer}->{link.target} is not allowed, both are on robot '
-                    f'{robot!r}: a link must join points of two robots or anchors'
-                )
-        if len(self._overrides) < len(self.links):
-            names = [f'{link.observer}->{link.target}' for link in self.links]
-            raise ConfigError(f'links: {names} is not allowed, each link must be named once')
+        check_links(self.links, self.points, self.robot_of)
 
     def _check_numbers(self) -> None:
-        """Raise `ConfigError` on a number out of its range."""
-        if self.dimension not in (2, 3):
+        """Keep numbers as those of Python; raise `ConfigError` on one out of its range."""
+        if not is_whole(self.dimension) or self.dimension not in (2, 3):
             raise ConfigError(f'dimension: {self.dimension!r} is not allowed, it must be 2 or 3')
-        for name in ('max_age_s', 'max_future_s', 'stamp_error_s', 'memory_s'):
-            require_number(name, getattr(self, name), at_least=0.0)
-        require_number('max_turn_rate_rad_s', self.max_turn_rate_rad_s, at_least=0.0)
-        for name in ('max_conflict_seconds', 'memory_max_seconds'):
-            require_number(name, getattr(self, name), at_least=0.0, finite=False)
+        keep(self, dimension=int(self.dimension))
+        for name, limits in LIMITS.items():
+            keep(self, **{name: require_number(name, getattr(self, name), **limits)})
+        for name, least in LEAST_COUNTS.items():
+            keep(self, **{name: require_integer(name, getattr(self, name), least)})
         if 0.0 < self.memory_s < LEAST_MEMORY_S:
             raise ConfigError(
                 f'memory_s: {self.memory_s!r} is not allowed, it must be 0, which remembers '
                 f'nothing, or >= {LEAST_MEMORY_S:g}'
             )
-        require_number('max_speed_m_s', self.max_speed_m_s, at_least=0.0)
-        for robot, speed in self.robot_max_speed_m_s.items():
-            require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
-        for robot, error in self.robot_odometry_error.items():
-            if not isinstance(error, OdometryErrorModel):
-                raise ConfigError(
-                    f'robot_odometry_error[{robot}]: {error!r} is not allowed, it must be an '
-                    'OdometryErrorModel'
-                )
-        require_number(
-            'bearing_half_width_rad', self.bearing_half_width_rad, at_least=0.0, at_most=math.pi
-        )
-        require_number('bearing_expected_error_rad', self.bearing_expected_error_rad)
-        require_number('min_separation_m', self.min_separation_m, at_least=0.0)
-        require_integer('max_repeats', self.max_repeats, 1)
-        require_integer('max_hypotheses', self.max_hypotheses, 1)
-        require_integer('max_outliers', self.max_outliers, 0)
-        require_integer('window_outliers', self.window_outliers, 0)
-        require_integer('stuck_readings', self.stuck_readings, 0)
-        require_integer('max_conflict_solves', self.max_conflict_solves, 0)
-        if self.outlier_unit not in set(SuspectKind):
+        speeds_m_s = {
+            robot: require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
+            for robot, speed in self.robot_max_speed_m_s.items()
+        }
+        keep(self, robot_max_speed_m_s=MappingProxyType(speeds_m_s))
+        if self.outlier_unit not in list(SuspectKind):
             raise ConfigError(
                 f'outlier_unit: {self.outlier_unit!r} is not allowed, it must be one of '
                 f'{[str(kind) for kind in SuspectKind]}'
             )
-        object.__setattr__(self, 'outlier_unit', SuspectKind(self.outlier_unit))
-
-    def _check_anchors(self) -> None:
-        """Raise `ConfigError` on an anchor without a name or of another dimension."""
-        for name, anchor in self.anchors.items():
-            if not isinstance(name, str) or not name:
-                raise ConfigError(f'anchors: {name!r} is not allowed, names must not be empty')
-            if len(anchor.coordinates_m) != self.dimension:
-                raise ConfigError(
-                    f'anchors[{name}].coordinates_m: {anchor.coordinates_m!r} is not allowed, it '
-                    f'must have {self.dimension} coordinates (dimension)'
-                )
+        keep(self, outlier_unit=SuspectKind(self.outlier_unit))
 
     @property
     def landmarks(self) -> tuple[str, ...]:
@@ -383,18 +388,3 @@ class FleetConfig:
         if override is None or override.bearing_expected_error_rad is None:
             return self.bearing_expected_error_rad
         return override.bearing_expected_error_rad
-
-
-def _frozen_mounts(
-    mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]],
-) -> Mapping[str, Mapping[str, Mount | tuple[float, ...]]]:
-    """Return a copy of the sensors of each robot that nobody can change."""
-    frozen = {}
-    for robot, sensors in mounts.items():
-        frozen[robot] = MappingProxyType(
-            {
-                name: mount if isinstance(mount, Mount) else tuple(mount)
-                for name, mount in sensors.items()
-            }
-        )
-    return MappingProxyType(frozen)

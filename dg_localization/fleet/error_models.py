@@ -184,11 +184,11 @@ def _interpret_infinite(
     if range_m > 0.0:
         if model.beyond_max_is_far and math.isfinite(maximum):
             return distance_bounds_m(model, maximum, variance)[0], math.inf
-        text = f'range inf m: nothing within max_range {maximum} m, which is no reading'
+        text = 'range inf m is no reading: it says that nothing is within max_range'
         return Rejection(RejectionReason.NOTHING_IN_RANGE, text)
     if minimum > 0.0 and math.isfinite(minimum):
         return 0.0, distance_bounds_m(model, minimum, variance)[1]
-    text = f'range -inf m: closer than min_range, but min_range is {minimum} m'
+    text = 'range -inf m says closer than min_range, but the sensor states no min_range'
     return Rejection(RejectionReason.TOO_CLOSE, text)
 
 
@@ -197,15 +197,20 @@ def _reject_reading(range_m: float, minimum: float, maximum: float) -> Rejection
     if math.isnan(range_m):
         return Rejection(RejectionReason.NAN, 'range nan m is no reading')
     if range_m < 0.0:
-        text = f'range {range_m} m is negative, it must be >= 0'
+        text = f'range {_short(range_m)} m is negative, it must be >= 0'
         return Rejection(RejectionReason.NEGATIVE, text)
     if range_m > maximum:
-        text = f'range {range_m} m is above max_range {maximum} m'
+        text = f'range {_short(range_m)} m is above max_range of the sensor, {_short(maximum)} m'
         return Rejection(RejectionReason.ABOVE_MAX, text)
     if range_m < minimum:
-        text = f'range {range_m} m is below min_range {minimum} m'
+        text = f'range {_short(range_m)} m is below min_range of the sensor, {_short(minimum)} m'
         return Rejection(RejectionReason.BELOW_MIN, text)
     return None
+
+
+def _short(value_m: float) -> float:
+    """Return a number for people, who are shown no more digits than single precision has."""
+    return float(f'{value_m:.9g}')
 
 
 def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:

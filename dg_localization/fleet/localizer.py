@@ -13,6 +13,7 @@ import math
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.bodies import anchor_geometry
+from dg_localization.fleet.checks import require_kind
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.offenders import Record
 from dg_localization.fleet.estimate import Estimate, FixedFrame
@@ -45,10 +46,16 @@ class Localizer:
     ----------
     config : FleetConfig
 
+    Raises
+    ------
+    ConfigError
+        If `config` is no FleetConfig.
+
     """
 
     @default_environment()
     def __init__(self, config: FleetConfig) -> None:
+        require_kind('config', config, FleetConfig)
         self._config = config
         self._store = MeasurementStore(config)
         self._anchors = anchor_geometry(config)

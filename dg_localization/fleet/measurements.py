@@ -314,9 +314,17 @@ class MeasurementStore:
                 age_s=now_s - source.newest_stamp_s,
                 in_use=is_young(self._config, source.newest_stamp_s, now_s),
                 stuck=self._stuck.sentence(key),
+                restart=self._restart(key, now_s),
             )
             for key, source in sorted(self._inputs.items())
         ]
+
+    def _restart(self, key: LinkKey, now_s: float) -> str:
+        """Return why odometry has started anew within `max_age_s`; empty if it has not."""
+        track = self._tracks.get(key.observer) if key.kind is LinkKind.ODOMETRY else None
+        if track is None or not is_young(self._config, track.newest.restarted_s, now_s):
+            return ''
+        return track.restart
 
     def _input(self, key: LinkKey) -> _Input:
         """Return the input of that name, made on first use."""

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from dg_localization.fleet.error_models import quoted
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
 from dg_localization.fleet.vocabulary import OdometryReading
@@ -62,6 +63,12 @@ class OdometryTrack:
         self._in_plane = in_plane
         self._readings: list[OdometryReading] = []
         self._restarted_s = 0.0
+        self._restart = ''
+
+    @property
+    def restart(self) -> str:
+        """A sentence on why the odometry last started anew; empty where it never did."""
+        return self._restart
 
     @property
     def readings(self) -> tuple[OdometryReading, ...]:
@@ -89,9 +96,18 @@ class OdometryTrack:
             elapsed_s = elapsed_up(reading.stamp_s, last.stamp_s)
             # Far from the origin, the rounding of what was reported may look like a faster step.
             least_m = max(0.0, step_m - _rounding_up_m(reading.position_m, last.position_m))
-            if reading.frame != last.frame or self._is_too_fast(least_m, turn_rad, elapsed_s):
+            restart = ''
+            if reading.frame != last.frame:
+                restart = f'frame {quoted(last.frame)} has become {quoted(reading.frame)}'
+            elif self._is_too_fast(least_m, turn_rad, elapsed_s):
+                restart = (
+                    f'{step_m:.3f} m and {turn_rad:.3f} rad in {elapsed_s:.3f} s are more than '
+                    f'max_speed {self._max_speed_m_s:g} m/s and max_turn_rate '
+                    f'{self._max_turn_rate_rad_s:g} rad/s allow'
+                )
+            if restart:
                 self._readings.clear()
-                self._restarted_s = reading.stamp_s
+                self._restarted_s, self._restart = reading.stamp_s, f'started anew: {restart}'
             else:
                 if reading.stamp_s - last.stamp_s > self._error.max_gap_s:
                     step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)

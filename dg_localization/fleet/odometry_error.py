@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.checks import require_number
+from dg_localization.fleet.checks import keep, require_number
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import up
 from dg_localization.interval.rounding import step_up
@@ -81,11 +81,12 @@ class OdometryErrorModel:
             value = getattr(self, field.name)
             name = f'odometry_error.{field.name}'
             if field.name == 'translation_scale':
-                require_number(name, value, at_least=LEAST_SCALE, at_most=MOST_SCALE)
+                value = require_number(name, value, at_least=LEAST_SCALE, at_most=MOST_SCALE)
             elif field.name == 'max_gap_s':
-                require_number(name, value, at_least=0.0, finite=False)
+                value = require_number(name, value, at_least=0.0, finite=False)
             elif value is not None or field.name != 'tilt_rad':
-                require_number(name, value, at_least=0.0)
+                value = require_number(name, value, at_least=0.0)
+            keep(self, **{field.name: value})
 
     def scaled(self, position_m: np.ndarray) -> np.ndarray:
         """

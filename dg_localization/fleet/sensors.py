@@ -10,14 +10,20 @@ whose message names the field, the value, and what would be right.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
+from types import MappingProxyType
 
 from dg_localization.fleet.checks import (
     FARTHEST_M,
     ConfigError,
+    keep,
     require_coordinate,
+    require_kind,
+    require_mapping,
+    require_members,
+    require_name,
     require_number,
 )
 
@@ -65,10 +71,13 @@ class RangeErrorModel:
 
     def __post_init__(self) -> None:
         for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
-            require_number(f'range.{name}', getattr(self, name))
-        require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
+            keep(self, **{name: require_number(f'range.{name}', getattr(self, name))})
+        sigma_factor = require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
+        keep(self, sigma_factor=sigma_factor)
+        require_kind('range.beyond_max_is_far', self.beyond_max_is_far, bool)
         if self.expected_error_m is not None:
-            require_number('range.expected_error_m', self.expected_error_m)
+            expected_error_m = require_number('range.expected_error_m', self.expected_error_m)
+            keep(self, expected_error_m=expected_error_m)
         _require_order('range', self, 'min_error_m', 'max_error_m')
         _require_order('range', self, 'min_error_relative', 'max_error_relative')
         if self.max_error_relative >= 1.0:
@@ -100,7 +109,7 @@ class ElevationErrorModel:
 
     def __post_init__(self) -> None:
         for name in ('min_error_m', 'max_error_m'):
-            require_number(f'elevation.{name}', getattr(self, name))
+            keep(self, **{name: require_number(f'elevation.{name}', getattr(self, name))})
         _require_order('elevation', self, 'min_error_m', 'max_error_m')
 
 
@@ -146,13 +155,17 @@ class LinkOverride:
     bearing_expected_error_rad: float | None = None
 
     def __post_init__(self) -> None:
-        name = f'links[{self.observer}->{self.target}]'
-        for part, least in (('half_width', 0.0), ('expected_error', -math.pi)):
-            value = getattr(self, f'bearing_{part}_rad')
+        link = f'links[{self.observer}->{self.target}]'
+        if self.range_error is not None:
+            require_kind(f'{link}.range_error', self.range_error, RangeErrorModel)
+        for name, least in (
+            ('bearing_half_width_rad', 0.0),
+            ('bearing_expected_error_rad', -math.pi),
+        ):
+            value = getattr(self, name)
             if value is not None:
-                require_number(
-                    f'{name}.bearing_{part}_rad', value, at_least=least, at_most=math.pi
-                )
+                bound = require_number(f'{link}.{name}', value, at_least=least, at_most=math.pi)
+                keep(self, **{name: bound})
 
 
 @dataclass(frozen=True)
@@ -178,10 +191,12 @@ class Anchor:
     bound_m: float = 0.0
 
     def __post_init__(self) -> None:
-        for value in self.coordinates_m:
-            require_coordinate('anchor.coordinates_m', value)
-        object.__setattr__(self, 'coordinates_m', tuple(float(v) for v in self.coordinates_m))
-        require_number('anchor.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
+        bound_m = require_number('anchor.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
+        keep(
+            self,
+            coordinates_m=_coordinates('anchor.coordinates_m', self.coordinates_m),
+            bound_m=bound_m,
+        )
 
 
 @dataclass(frozen=True)
@@ -212,65 +227,144 @@ class Mount:
     rotation_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        for value in self.position_m:
-            require_coordinate('mount.position_m', value)
-        for value in self.rotation_xyzw:
+        rotation_xyzw = tuple(
             require_number('mount.rotation_xyzw', value)
-        for name in ('position_m', 'rotation_xyzw'):
-            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
-        require_number('mount.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
-        is_unit = (
-            len(self.rotation_xyzw) == 4 and abs(math.hypot(*self.rotation_xyzw) - 1.0) < 0.01
+            for value in require_members('mount.rotation_xyzw', self.rotation_xyzw, 'numbers')
         )
-        if not is_unit:
+        bound_m = require_number('mount.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
+        if len(rotation_xyzw) != 4 or abs(math.hypot(*rotation_xyzw) - 1.0) >= 0.01:
             raise ConfigError(
-                f'mount.rotation_xyzw: {self.rotation_xyzw!r} is not allowed, it must be a unit '
+                f'mount.rotation_xyzw: {rotation_xyzw!r} is not allowed, it must be a unit '
                 'quaternion'
+            )
+        keep(
+            self,
+            position_m=_coordinates('mount.position_m', self.position_m),
+            bound_m=bound_m,
+            rotation_xyzw=rotation_xyzw,
+        )
+
+
+def _coordinates(name: str, values: object) -> tuple[float, ...]:
+    """Return coordinates in m as floats; raise `ConfigError` where they are none."""
+    listed = require_members(name, values, 'numbers')
+    return tuple(require_coordinate(name, value) for value in listed)
+
+
+def check_links(
+    links: Collection[LinkOverride], points: Collection[str], robot_of: Callable[[str], str]
+) -> None:
+    """Raise `ConfigError` on an override of an unknown or repeated link."""
+    names = set()
+    for link in links:
+        name = f'{link.observer}->{link.target}'
+        if name in names:
+            raise ConfigError(f'links: {name} is not allowed twice, each link must be named once')
+        names.add(name)
+        for point in (link.observer, link.target):
+            if point not in points:
+                raise ConfigError(
+                    f'links: {point!r} is not allowed, it must be one of {list(points)}'
+                )
+        if link.observer == link.target:
+            raise ConfigError(
+                f'links: {name} is not allowed, a link must join two different points'
+            )
+        robot = robot_of(link.observer)
+        if robot == robot_of(link.target):
+            raise ConfigError(
+                f'links: {name} is not allowed, both are on robot {robot!r}: a link must join '
+                'points of two robots or anchors'
             )
 
 
-def check_mounts(
+def checked_anchors(anchors: Mapping[str, Anchor], dimension: int) -> Mapping[str, Anchor]:
+    """
+    Return anchors in a copy that nobody can change.
+
+    Raises
+    ------
+    ConfigError
+        Where one has no name, or is of another dimension.
+
+    """
+    checked = require_mapping('anchors', anchors)
+    for name, anchor in checked.items():
+        require_name('anchors', name)
+        require_kind(f'anchors[{name}]', anchor, Anchor)
+        if len(anchor.coordinates_m) != dimension:
+            raise ConfigError(
+                f'anchors[{name}].coordinates_m: {anchor.coordinates_m!r} is not allowed, it '
+                f'must have {dimension} coordinates (dimension)'
+            )
+    return checked
+
+
+def checked_mounts(
     mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]],
     robots: Collection[str],
     dimension: int,
-) -> None:
-    """Raise `ConfigError` on a sensor without a name or robot, or of another dimension."""
-    for robot, sensors in mounts.items():
+) -> Mapping[str, Mapping[str, Mount | tuple[float, ...]]]:
+    """
+    Return the sensors of each robot in a copy that nobody can change.
+
+    Raises
+    ------
+    ConfigError
+        Where a sensor has no name or no robot, or is of another dimension.
+
+    """
+    checked = {}
+    for robot, sensors in require_mapping('mounts', mounts).items():
         if robot not in robots:
             raise ConfigError(
                 f'mounts: {robot!r} is not allowed, it must be one of {list(robots)}'
             )
-        for name, mount in sensors.items():
+        places: dict[str, Mount | tuple[float, ...]] = {}
+        for name, mount in require_mapping(f'mounts[{robot}]', sensors).items():
             if not isinstance(name, str) or not name or '/' in name:
                 raise ConfigError(
                     f'mounts[{robot}]: {name!r} is not allowed, a sensor needs a name without a '
                     'slash'
                 )
-            position_m = mount.position_m if isinstance(mount, Mount) else mount
+            position_m = (mount if isinstance(mount, Mount) else Mount(mount)).position_m
             if len(position_m) != dimension:
                 raise ConfigError(
                     f'mounts[{robot}][{name}].position_m: {position_m!r} is not allowed, it must '
                     f'have {dimension} coordinates (dimension)'
                 )
+            places[name] = mount if isinstance(mount, Mount) else position_m
+        checked[robot] = MappingProxyType(places)
+    return MappingProxyType(checked)
 
 
-def check_elevations(
+def checked_elevations(
     elevations_m: Mapping[str, tuple[float, ...]], points: Collection[str], dimension: int
-) -> None:
-    """Raise `ConfigError` on elevations of unknown points, reversed ones, or any in space."""
-    for point, bounds_m in elevations_m.items():
+) -> Mapping[str, tuple[float, ...]]:
+    """
+    Return the least and the greatest elevation of points, in a copy that nobody can change.
+
+    Raises
+    ------
+    ConfigError
+        Where elevations are of unknown points, reversed, or in space.
+
+    """
+    checked = {}
+    for point, bounds_m in require_mapping('elevations_m', elevations_m).items():
         if dimension != 2 or point not in points:
             wanted = 'none in space, where points have coordinates of their own'
             if dimension == 2:
                 wanted = f'one of {list(points)}'
             raise ConfigError(f'elevations_m: {point!r} is not allowed, it must be {wanted}')
-        for value in bounds_m:
-            require_coordinate(f'elevations_m[{point}]', value)
-        if len(bounds_m) != 2 or bounds_m[0] > bounds_m[1]:
+        name = f'elevations_m[{point}]'
+        checked[point] = _coordinates(name, bounds_m)
+        if len(checked[point]) != 2 or checked[point][0] > checked[point][1]:
             raise ConfigError(
-                f'elevations_m[{point}]: {bounds_m!r} is not allowed, it must be the least and '
-                'the greatest elevation'
+                f'{name}: {bounds_m!r} is not allowed, it must be the least and the greatest '
+                'elevation'
             )
+    return MappingProxyType(checked)
 
 
 def check_elevation_errors(
@@ -283,8 +377,4 @@ def check_elevation_errors(
                 f'point_elevation_error: {point!r} is not allowed, it must be named in '
                 'elevations_m, with the least and the greatest elevation that it can have'
             )
-        if not isinstance(error, ElevationErrorModel):
-            raise ConfigError(
-                f'point_elevation_error[{point}]: {error!r} is not allowed, it must be an '
-                'ElevationErrorModel'
-            )
+        require_kind(f'point_elevation_error[{point}]', error, ElevationErrorModel)

@@ -213,6 +213,8 @@ class InputState:
         Whether a measurement of this input is young enough to count.
     stuck : str
         A sentence on readings that repeat themselves although robots move; empty if they do not.
+    restart : str
+        A sentence on odometry that has started anew within `max_age_s`; empty if it has not.
 
     """
 
@@ -223,6 +225,7 @@ class InputState:
     age_s: float
     in_use: bool
     stuck: str = ''
+    restart: str = ''
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,8 @@ def solve(
     ------
     InvalidProblemError
         If a box of `within` is not of the shape of the problem.
+    TypeError
+        If `problem` is no Problem, or `options` are no SolverOptions.
 
     Notes
     -----
@@ -76,6 +78,10 @@ def solve(
     is the default one during the call, whatever it was before.
 
     """
+    options = SolverOptions() if options is None else options
+    for name, value, kind in (('problem', problem, Problem), ('options', options, SolverOptions)):
+        if not isinstance(value, kind):
+            raise TypeError(f'{name} must be of type {kind.__name__}, not {type(value).__name__}')
     # The kernels import numba, which takes longer than the rest of the package together.
     from dg_localization.solver.assemble.answer import answer
     from dg_localization.solver.assemble.budget import CallBudget
@@ -84,7 +90,7 @@ def solve(
     load_kernels()
     boxes = None if within is None else _boxes(problem, within)
     workers = Workers(executor, load_kernels) if executor is not None else None
-    budget = CallBudget(options or SolverOptions(), cancel, progress, workers)
+    budget = CallBudget(options, cancel, progress, workers)
     return answer(problem, budget, boxes)
 
 

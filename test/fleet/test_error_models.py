@@ -98,6 +98,12 @@ def test_what_is_no_reading_is_rejected_with_its_value(range_m, limits, reason):
     assert str(rejection) == rejection.text
 
 
+def test_limits_are_said_to_be_those_of_the_sensor():
+    single = float(np.float32(399.0006))
+    rejection = interpret_range(UWB, single, 0.1, 100.0)
+    assert rejection.text == 'range 399.00061 m is above max_range of the sensor, 100.0 m'
+
+
 @pytest.mark.parametrize('limits', [(0.0, 0.0), (None, None), (math.nan, math.nan), (0.0, 100.0)])
 def test_limits_that_are_not_given_exclude_nothing(limits):
     assert interpret_range(EXACT, 42.0, *limits) == pytest.approx((42.0, 42.0))

@@ -12,6 +12,7 @@ import pytest
 from dg_localization.fleet import (
     Anchor,
     ConfigError,
+    ElevationErrorModel,
     FleetConfig,
     LinkOverride,
     Localizer,
@@ -55,6 +56,25 @@ WRONG = [
     ({'links': (LinkOverride('a', 'z'),)}, "links: 'z'", "['a', 'b']"),
     ({'links': (LinkOverride('a', 'a'),)}, 'a->a', 'different'),
     ({'links': (LinkOverride('a', 'b'), LinkOverride('a', 'b'))}, 'a->b', 'once'),
+    ({'robots': 'robot'}, "robots: 'robot'", 'a sequence of names'),
+    ({'robots': None}, 'robots: None', 'a sequence of names'),
+    ({'robots': (1, 2)}, 'robots: 1', 'must be a string'),
+    ({'dimension': 2.0}, 'dimension: 2.0', '2 or 3'),
+    ({'range_error': (-0.1, 0.1)}, 'range_error: (-0.1, 0.1)', 'must be a RangeErrorModel'),
+    ({'elevation_error': None}, 'elevation_error: None', 'must be an ElevationErrorModel'),
+    ({'odometry_error': 0.1}, 'odometry_error: 0.1', 'must be an OdometryErrorModel'),
+    ({'solver': {'resolution': 0.1}}, "solver: {'resolution': 0.1}", 'must be a SolverOptions'),
+    ({'drop_stuck': 'no'}, "drop_stuck: 'no'", 'must be a bool'),
+    ({'outlier_unit': []}, 'outlier_unit: []', "'sensor'"),
+    ({'links': (('a', 'b'),)}, "links: ('a', 'b')", 'must be a LinkOverride'),
+    ({'anchors': {'c': (1.0, 2.0)}}, 'anchors[c]: (1.0, 2.0)', 'must be an Anchor'),
+    ({'anchors': [(1.0, 2.0)]}, 'anchors: [(1.0, 2.0)]', 'must be a Mapping'),
+    ({'mounts': {'a': (0.1, 0.2)}}, 'mounts[a]: (0.1, 0.2)', 'must be a Mapping'),
+    ({'mounts': {'a': {'left': 0.1}}}, 'mount.position_m: 0.1', 'a sequence of numbers'),
+    ({'elevations_m': {'a': 0.4}}, 'elevations_m[a]: 0.4', 'a sequence of numbers'),
+    ({'max_speed_m_s': 10**400}, 'max_speed_m_s: 1000', 'finite'),
+    ({'max_speed_m_s': 2**53 + 1}, 'max_speed_m_s: 9007199254740993', 'finite'),
+    ({'max_age_s': np.longdouble(0.1) + np.longdouble(1e-19)}, 'max_age_s: ', 'finite'),
 ]
 
 
@@ -88,6 +108,55 @@ def test_wrong_anchors_and_links_are_refused_by_name():
         Anchor((0.0, math.nan))
     with pytest.raises(ConfigError, match='a->b'):
         LinkOverride('a', 'b', bearing_half_width_rad=-1.0)
+
+
+def test_numbers_of_numpy_are_those_of_python():
+    one, two = np.int64(1), np.float32(2.0)
+    assert Anchor(np.array([1, 2]), one) == Anchor((1.0, 2.0), 1.0)
+    assert Mount(np.array([1, 2], np.float32), one) == Mount((1.0, 2.0), 1.0)
+    assert RangeErrorModel(-one, two) == RangeErrorModel(-1.0, 2.0)
+    assert OdometryErrorModel(one, tilt_rad=two) == OdometryErrorModel(1.0, tilt_rad=2.0)
+    assert ElevationErrorModel(-one, two) == ElevationErrorModel(-1.0, 2.0)
+    assert LinkOverride('a', 'b', None, one) == LinkOverride('a', 'b', None, 1.0)
+    config = FleetConfig(
+        robots=np.array(['a', 'b']),
+        dimension=np.int8(2),
+        max_age_s=two,
+        max_speed_m_s=one,
+        robot_max_speed_m_s={'a': two},
+        max_repeats=np.uint8(3),
+        elevations_m={'a': np.array([1, 2])},
+    )
+    kept = (
+        *(config.dimension, config.max_age_s, config.max_speed_m_s, config.max_repeats),
+        *(
+            config.speed_m_s('a'),
+            *config.elevation_m('a'),
+            *Anchor(np.array([1, 2]), one).coordinates_m,
+        ),
+    )
+    assert kept == (2, 2.0, 1.0, 3, 2.0, 1.0, 2.0, 1.0, 2.0)
+    # In the arithmetic of single precision, bounds would not be bounds.
+    assert {type(number) for number in kept} == {int, float}
+
+
+@pytest.mark.parametrize(
+    ('make', 'wanted'),
+    [
+        (lambda: Anchor(1.0), 'anchor.coordinates_m: 1.0 .* a sequence of numbers'),
+        (lambda: Anchor('12'), "anchor.coordinates_m: '12' .* a sequence of numbers"),
+        (lambda: Mount((0.0, 0.0), 0.0, 1.57), 'mount.rotation_xyzw: 1.57 .* a sequence'),
+        (
+            lambda: LinkOverride('a', 'b', 0.1),
+            r'links\[a->b\].range_error: 0.1 .* RangeErrorModel',
+        ),
+        (lambda: RangeErrorModel(beyond_max_is_far='no'), "beyond_max_is_far: 'no' .* a bool"),
+        (lambda: Localizer(['a', 'b']), r"config: \['a', 'b'\] .* a FleetConfig"),
+    ],
+)
+def test_what_is_of_another_type_is_refused_by_name(make, wanted):
+    with pytest.raises(ConfigError, match=wanted):
+        make()
 
 
 @pytest.mark.parametrize('pair', [('a', 'a/cam'), ('a/cam', 'a/left')])

@@ -386,6 +386,25 @@ def test_odometry_that_starts_again_says_nothing_about_before(localizer):
     assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
 
 
+def test_odometry_that_starts_anew_is_said_to_for_as_long_as_its_age_counts(localizer):
+    def restart(now_s):
+        (state,) = localizer.input_states(now_s)
+        return state.restart
+
+    # In centimeters: the robot goes 0.02 m in 0.1 s.
+    for tick in range(3):
+        stamp_s = NOW_S + 0.1 * tick
+        localizer.add_odometry('a', (2.0 * tick, 0.0, 0.0), UPRIGHT, stamp_s, stamp_s, 'odom')
+        assert bool(restart(stamp_s)) == (tick > 0)
+    assert restart(stamp_s).startswith('started anew: 2.000 m and 0.000 rad in 0.100 s are')
+    assert 'max_speed 0.5 m/s' in restart(stamp_s)
+    localizer.add_odometry('a', (4.0, 0.0, 0.0), UPRIGHT, stamp_s + 1.0, stamp_s + 1.0, 'odom')
+    assert restart(stamp_s + 1.0) and not restart(stamp_s + 1.1)
+    stamp_s += 2.0
+    localizer.add_odometry('a', (4.0, 0.0, 0.0), UPRIGHT, stamp_s, stamp_s, 'base')
+    assert restart(stamp_s) == "started anew: frame 'odom' has become 'base'"
+
+
 def test_arrays_of_the_caller_may_be_used_again(localizer):
     position, orientation, ray = np.zeros(3), np.array(UPRIGHT), np.array([1.0, 0.0, 0.0])
     for row in range(3):

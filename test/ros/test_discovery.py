@@ -70,6 +70,15 @@ def test_topic_is_none_of_ours(topic, type_name):
     assert found((topic, type_name)) == {}
 
 
+def test_odometry_is_no_range_to_a_stranger():
+    short = (Template('/{observer}/{target}', RANGE), Template('/{robot}/odom', ODOMETRY))
+    assert found(('/a/odom', ODOMETRY), ('/a/b', RANGE), ('/a/z', RANGE), templates=short) == {
+        '/a/odom': LinkKey(LinkKind.ODOMETRY, 'a', ''),
+        '/a/b': LinkKey(LinkKind.RANGE, 'a', 'b'),
+        '/a/z': LinkKey(LinkKind.RANGE, 'a', 'z'),
+    }
+
+
 def test_known_names_decide_where_a_name_ends():
     joined = (Template('/uwb/{observer}_{target}', RANGE),)
     assert found(('/uwb/a_b_b', RANGE), templates=joined) == {

@@ -475,6 +475,7 @@ def test_robot_status(made, level, text):
     [
         (input_state(), Level.OK, 'in use'),
         (input_state(in_use=False), Level.WARN, 'stale'),
+        (input_state(restart='started anew: by a jump'), Level.WARN, 'started anew: by a jump'),
         (input_state(in_use=False, accepted=0, last_reason_text='is NaN'), Level.WARN, 'is NaN'),
     ],
 )

@@ -118,7 +118,7 @@ def test_ids_are_names_by_the_table(localizer, intake, observer, text, pair):
     ('observer', 'text', 'wanted'),
     [
         ('*', '5 8:3.0', "observer id '5' is not in the parameter `ids`"),
-        ('*', '30 8:3.0', "observer id '30' is not in the parameter `ids`"),
+        ('*', '30 8:3.0', "observer id '30' is nobody's in the parameter `ids`"),
         ('a', '8 9:3.0', "observer id '8' is that of b, the link of /uwb is that of a"),
         ('*', '- 8:3.0', 'name the observer in the link of /uwb instead'),
     ],
@@ -276,7 +276,9 @@ def test_cameras_are_counted_and_bounded(intake):
     ('texts', 'wanted'),
     [
         (['7'], "'7' is not allowed: it must read 'ID NAME'"),
-        (['7 a b'], "'7 a b' is not allowed"),
+        (['7 a b'], "'7 a b' is not allowed: .* with double quotes around an ID that has blanks"),
+        (['"7 a"'], 'it must read'),
+        (['"7 8" a', '"7 8" b'], "id '7 8' is named twice"),
         (['7 a', '7 b'], "'7 b' is not allowed: id '7' is named twice"),
         (['7 z'], "'z' is not allowed, it must be one of a, b, p, or '-'"),
     ],
@@ -297,9 +299,15 @@ def test_ids_of_robots_and_anchors_are_accepted():
         'robots': ['a', 'b'],
         'anchors.names': ['p'],
         'anchors.p.position': [0.0, 0.0],
-        'ids': ['7 a', '1:0 p', '9 -', ''],
+        'ids': ['7 a', '1:0 p', '9 -', '', '"potted plant" -', ' "stop sign"  p '],
     }
-    assert settings_from(check_values(values)).ids == {'7': 'a', '1:0': 'p', '9': '-'}
+    assert settings_from(check_values(values)).ids == {
+        '7': 'a',
+        '1:0': 'p',
+        '9': '-',
+        'potted plant': '-',
+        'stop sign': 'p',
+    }
 
 
 def test_an_id_of_the_table_wins_over_a_name():

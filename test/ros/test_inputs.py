@@ -14,6 +14,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template  # noqa: E402
@@ -158,3 +159,22 @@ def test_nothing_is_asked_after_the_end(node):
         executor.spin_once(timeout_sec=2.0 * POLL_PERIOD_S)
     executor.shutdown()
     assert taken == []
+
+
+def test_a_topic_of_a_wrong_type_is_logged_once(node, monkeypatch):
+    logged = []
+    monkeypatch.setattr(node.get_logger(), 'warning', lambda text, **_: logged.append(text))
+    publisher = node.create_publisher(String, '/a/range/b', SENSOR_DATA)
+    inputs = Inputs(node, SETTINGS, lambda *_: None)
+    began_s = time.monotonic()
+    while not logged:
+        assert time.monotonic() - began_s < TIMEOUT_S, 'nothing is logged'
+        inputs.search()
+        time.sleep(0.01)
+    inputs.search()
+    assert logged == [
+        '/a/range/b: wrong type: the topic has std_msgs/msg/String, this input is '
+        'sensor_msgs/msg/Range'
+    ]
+    inputs.destroy()
+    node.destroy_publisher(publisher)

@@ -306,7 +306,7 @@ def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
     assert '| 1.0 to ' in capsys.readouterr().out
 
 
-def test_rejected_measurements_are_counted_by_reason(localize, recorder):
+def test_rejected_measurements_are_counted_by_reason(localize, recorder, capsys):
     recorder.write_triangle(range(11))
     for step in range(11):
         recorder.write('/b/range/a', step, range_message(0, 3.0))
@@ -321,6 +321,13 @@ def test_rejected_measurements_are_counted_by_reason(localize, recorder):
     assert by_name['range c->a']['topics'] == ['/c/range/a']
     assert by_name['range c->a']['rejected'] == {'negative': 11}
     assert '-1' in by_name['range c->a']['last_rejection']
+    told = [line for line in capsys.readouterr().out.splitlines() if line.startswith('| range ')]
+    assert [line.split('|')[1].strip() for line in told] == [
+        'range b->a',
+        'range c->a',
+        'range c->stranger',
+    ]
+    assert 'range -1.0 m is negative' in told[1] and "'stranger' is not one of" in told[2]
 
 
 def test_all_peers_of_a_robot_in_one_message_are_counted_once(localize, recorder):
@@ -409,7 +416,7 @@ def test_a_bag_without_inputs_is_refused(localize, triangle_bag, capsys):
     code, report = localize(triangle_bag, range__topic='/uwb/{observer}/{target}')
     assert (code, report) == (1, None)
     told = capsys.readouterr().err
-    assert 'no topic of the bag is an input of this fleet' in told
+    assert 'no topic of the bag is an input of this fleet: its points are a, b, c,' in told
     assert "'/uwb/{observer}/{target}'" in told and '/a/range/b' in told
     assert not localize.output.exists()
 

@@ -17,12 +17,12 @@ from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
 from dg_localization.ros.interface.links import parse_link  # noqa: E402
 from dg_localization.ros.interface.parameters.document import as_markdown, as_yaml  # noqa: E402
 from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
-    TEMPLATE_TYPES,
     check_values,
     settings_from,
 )
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs  # noqa: E402
+from dg_localization.ros.interface.parameters.templates import TEMPLATE_TYPES  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 CONFIG = REPOSITORY / 'config'
@@ -169,6 +169,14 @@ def test_recording_has_six_links_and_no_templates():
         ('odometry.topic', '/{robot!r}/odom', 'it must hold {robot} once, nothing else'),
         ('range.topic', '/a b/{observer}/{target}', "'/a b/name/name' is no topic name"),
         ('bearing.topic', '/{observer}/range/{target}', 'topics of its own'),
+        ('peers.topic', '{observer}/odom', "those of 'odometry.topic', .* topics of its own"),
+        ('bearing.topic', '/{target}/range/{observer}', "those of 'range.topic'"),
+        ('fixed_frame', '', "'fixed_frame': '' .* the name of a frame, such as 'map'"),
+        ('fixed_frame', 'my map', "'my map' .* without blanks"),
+        ('fixed_frame', '/map', "'/map' .* without a slash at the beginning"),
+        ('robots', [], "at least one robot; does the file name some below '/\\*\\*:'"),
+        ('links', ['/t sensor_msgs/Range a b'], "mean 'sensor_msgs/msg/Range'"),
+        ('links', ['/t Range a b'], "mean 'sensor_msgs/msg/Range'"),
         ('anchors.names', ['p', 'p'], "'p' is not allowed twice"),
         ('mounts.names', ['a/left cam'], "'left cam' is not allowed"),
         ('mounts.names', ['a/left', 'a/left'], "'a/left' is not allowed twice"),

@@ -219,6 +219,16 @@ def test_loop_goes_on_until_interrupted(small_bag, listener):
     assert sum(later < earlier for earlier, later in zip(clocks, clocks[1:], strict=False)) >= 2
 
 
+def test_a_bag_without_duration_is_looped_with_a_pause(small_bag, listener):
+    began = time.monotonic()
+    process = start(small_bag, '--loop', '--topics', '/name')  # one message
+    listener.spin_while(lambda: len(listener.on('/clock')) < 3)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert told.count('1 messages published') <= 1.0 + (time.monotonic() - began)
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_waiting_ends_the_process_cleanly(small_bag, number):
     process = start(small_bag, '--wait', '60')

@@ -170,6 +170,7 @@ def test_without_cameras_there_is_no_bearing_topic(context):
         ('speed', 'fast', 'a number'),
         ('cameras', 1, 'true or false'),
         ('seed', -1, '>= 0'),
+        ('camera', False, "is unknown; did you mean 'cameras'"),
     ],
 )
 def test_a_wrong_parameter_is_refused_with_the_allowed_values(context, name, value, allowed):

@@ -352,3 +352,16 @@ def test_wrong_pairs(wrong, text):
 def test_no_pairs_at_all():
     problem = Problem.from_pairs(3, [], [], [], [])
     assert np.isinf(problem.upper[0, 1]) and solve(problem).n_hypotheses == 1
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (([[0.0]], [[0.0]]), 'problem must be of type Problem, not list'),
+        ((None,), 'problem must be of type Problem, not NoneType'),
+        ((Problem([[0.0]], [[0.0]]), 0.05), 'options must be of type SolverOptions, not float'),
+    ],
+)
+def test_what_is_no_problem_is_not_solved(arguments, text):
+    with pytest.raises(TypeError, match=text):
+        solve(*arguments)

@@ -243,7 +243,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog='localize_bag',
         description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
         epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
-        'Exit codes: 0; 1 when the bag is damaged; 2 when an argument or a '
+        'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
         'parameter is wrong; 130 after SIGINT or SIGTERM.',
     )
     seconds = number(0.0, ' s')

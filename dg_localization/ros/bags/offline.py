@@ -144,6 +144,7 @@ def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> In
         names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
         raise BagError(
             'no topic of the bag is an input of this fleet: '
+            f'its points are {", ".join(settings.fleet.points)}, '
             f'there are {len(settings.links)} links, the templates are {names}, '
             f'and the bag has {", ".join(sorted(recorded)) or "no topics"}'
         )

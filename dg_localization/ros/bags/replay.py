@@ -31,6 +31,8 @@ CLOCK_PERIOD_S = 0.05
 # Subscribers come one by one; after this long without a new one all are taken to be there.
 SETTLED_S = 0.5
 ACKNOWLEDGE_S = 2.0
+# A bag of one message has no duration: without a pause its loop would flood the graph.
+SHORTEST_PASS_S = 1.0
 
 
 class Replayer:
@@ -159,7 +161,9 @@ def make_parser() -> argparse.ArgumentParser:
         default=1.0,
         help='seconds of the bag per second (default %(default)s)',
     )
-    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument(
+        '--loop', action='store_true', help='begin again at the end, once a second at most'
+    )
     parser.add_argument(
         '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
     )
@@ -207,6 +211,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         start_ns = bag.start_ns + round(options.start * NS_PER_S)
         total_s = left_s if options.duration is None else min(left_s, options.duration)
         while True:
+            next_pass_s = time.monotonic() + SHORTEST_PASS_S
             messages = bag.messages(options.start, options.duration)
             with closing(make_progress(total_s)) as progress:
                 count = replayer.play(messages, start_ns, progress)
@@ -217,6 +222,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
             bag.unreadable.clear()
             if not options.loop:
                 return
+            time.sleep(max(0.0, next_pass_s - time.monotonic()))
 
 
 def main(args: Sequence[str]) -> int:

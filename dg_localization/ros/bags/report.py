@@ -190,6 +190,15 @@ class BagReport:
         return +rejected
 
     @property
+    def useless(self) -> dict[str, str]:
+        """Why the last measurement was not taken, by the inputs of which none was."""
+        return {
+            str(state.key): state.last_reason_text
+            for state in self._delivered
+            if state.rejected and not state.accepted
+        }
+
+    @property
     def accepted(self) -> int:
         """Measurements that were taken."""
         return sum(state.accepted for state in self._delivered)
@@ -281,6 +290,7 @@ def as_markdown(report: BagReport) -> str:
         _table('robot', 'median width of its enclosure', widths.items()),
         f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
         _table('rejected because', 'measurements', sorted(report.rejected.items())),
+        _table('nothing accepted of', 'last rejected because', report.useless.items()),
         *_contradictions(tally.contradictions),
         _table('forgotten at', 'because', [(f'{s:.1f} s', why) for s, why in tally.forgotten]),
         *report.notices,

@@ -372,8 +372,8 @@ def _input_state(
     if state is None:
         wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
         return Level.WARN, wrong
-    if state.stuck:
-        return Level.WARN, state.stuck
+    if state.stuck or state.restart:
+        return Level.WARN, state.stuck or state.restart
     if state.in_use:
         return Level.OK, 'in use'
     if state.accepted:

@@ -75,7 +75,8 @@ class TopicFinder:
             return self._explicit[topic]
         links = (template.link_of(topic, self._points) for template in self._templates)
         wanted = (found for found in links if found and found.key not in self._replaced)
-        return next(wanted, None)
+        # `{observer}/{target}` takes `robot_1/odom` for a range to a stranger.
+        return min(wanted, key=self._is_stranger, default=None)
 
     def _is_stranger(self, link: Link) -> bool:
         return not {link.key.observer, link.key.target} - {'', ANY_OBSERVER} <= self._points

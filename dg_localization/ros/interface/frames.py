@@ -18,6 +18,15 @@ def usable_frame_id(name: str) -> str:
     return name if len(name) <= LONGEST_FRAME_ID and name.isprintable() else ''
 
 
+def check_frame_id(name: str) -> None:
+    """Raise ValueError unless `name` can be that of a frame."""
+    if not name or '/' in name[:1] or ' ' in name or not usable_frame_id(name):
+        raise ValueError(
+            "it must be the name of a frame, such as 'map', without blanks and without a slash at "
+            'the beginning'
+        )
+
+
 def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
     """
     Return the name of a frame, which says what it is tied to.

@@ -4,11 +4,13 @@
 """Who the ids in the messages of drivers are, and where their cameras look."""
 
 from collections.abc import Iterable, Iterator, Mapping
+import re
 
 from dg_localization.fleet import InputState, LinkKey
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 
+LINE = re.compile(r'(?:"([^"]+)"|([^\s"]\S*))\s+([^\s"]+)')
 # What a table has for an id that stands for no robot or anchor.
 NOBODY = '-'
 # A message may hold any id, and every name is kept in the counts.
@@ -20,6 +22,9 @@ OTHER_STRANGERS = 'other ids'
 def parse_ids(texts: Iterable[str]) -> dict[str, str]:
     """
     Read a table of ids from its lines: ``ID NAME``, with ``-`` for an id that stands for nobody.
+
+    An id with blanks, such as a class of a detector, stands in double quotes:
+    ``"potted plant" -``.
 
     Parameters
     ----------
@@ -38,12 +43,16 @@ def parse_ids(texts: Iterable[str]) -> dict[str, str]:
     """
     table: dict[str, str] = {}
     for text in texts:
-        words = text.split()
-        if len(words) != 2:
-            raise ValueError(f"'{text}' is not allowed: it must read 'ID NAME'")
-        if words[0] in table:
-            raise ValueError(f"'{text}' is not allowed: id '{words[0]}' is named twice")
-        table[words[0]] = words[1]
+        line = LINE.fullmatch(text.strip())
+        if line is None:
+            raise ValueError(
+                f"'{text}' is not allowed: it must read 'ID NAME', with double quotes around an "
+                'ID that has blanks'
+            )
+        quoted, plain, name = line.groups()
+        if (quoted or plain) in table:
+            raise ValueError(f"'{text}' is not allowed: id '{quoted or plain}' is named twice")
+        table[quoted or plain] = name
     return table
 
 
@@ -83,8 +92,10 @@ class Identities:
                 )
             return named
         name = self._names.get(observer_id)
-        if name is None or name == NOBODY:
+        if name is None:
             raise ValueError(f"observer id '{observer_id}' is not in the parameter `ids`")
+        if name == NOBODY:
+            raise ValueError(f"observer id '{observer_id}' is nobody's in the parameter `ids`")
         if named not in (ANY_OBSERVER, name):
             raise ValueError(
                 f"observer id '{observer_id}' is that of {name}, the link of {link.topic} is "

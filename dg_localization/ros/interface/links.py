@@ -173,7 +173,12 @@ def parse_link(text: str) -> Link:
 def _kind_of(type_name: str) -> LinkKind:
     inputs = [name for name in known_types() if adapter_for(name).value_class in KIND_OF_VALUE]
     if type_name not in inputs:
-        raise ValueError(f"type '{type_name}' is no input; it must be one of {', '.join(inputs)}")
+        last = type_name.rpartition('/')[2]
+        meant = [name for name in inputs if name.rpartition('/')[2] == last]
+        wanted = (
+            f"did you mean '{meant[0]}'?" if meant else f'it must be one of {", ".join(inputs)}'
+        )
+        raise ValueError(f"type '{type_name}' is no input; {wanted}")
     adapter = adapter_for(type_name)
     try:
         adapter.message_class()
@@ -228,6 +233,11 @@ class Template:
     def fields(self) -> tuple[str, ...]:
         """What must stand in braces."""
         return FIELDS[self.kind]
+
+    @property
+    def shape(self) -> str:
+        """The text with nothing in its braces: templates of one shape give the same topics."""
+        return re.sub(r'{\w+}', '{}', self.text)
 
     def check(self) -> None:
         """

@@ -98,9 +98,15 @@ class Inputs:
         return self._finder.wrong_types
 
     def search(self) -> None:
-        """Subscribe to topics that have come into being."""
+        """Subscribe to topics that have come into being, and log those of a wrong type once."""
+        known = self._finder.wrong_types
         for link in self._finder.find(self._node.get_topic_names_and_types()):
             self._subscribe(link)
+        for link in self._finder.wrong_types.keys() - known.keys():
+            types = ', '.join(self._finder.wrong_types[link])
+            self._node.get_logger().warning(
+                f'{link.topic}: wrong type: the topic has {types}, this input is {link.type_name}'
+            )
 
     def destroy(self) -> None:
         """Take the subscriptions off the graph."""

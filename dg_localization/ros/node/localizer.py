@@ -136,7 +136,6 @@ class LocalizerNode(LifecycleNode):
         self._worker = EstimateWorker(self._answer, answer_ready, warm_up, is_warm)
         self._watchdog = Watchdog(longest_estimate_s(self.settings.fleet))
         made.callback(self._worker.close)
-        self.get_logger().info('loading the solver')
         for warning in solver_warnings():
             self.get_logger().warning(warning)
         service = self.create_service(Trigger, RESET, self._on_reset)

@@ -34,6 +34,7 @@ from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
     declare,
     given_values,
+    refuse_unknown,
 )
 from dg_localization.ros.node.transforms import make_transform_publisher
 from dg_localization.ros.simulation.messages import SimulatedFleet
@@ -135,7 +136,7 @@ class FleetSimulator(Node):
     Raises
     ------
     WrongParameterError
-        If a parameter has a value that is not allowed.
+        If a parameter is unknown or has a value that is not allowed.
 
     """
 
@@ -143,6 +144,7 @@ class FleetSimulator(Node):
         super().__init__('simulate_fleet', **kwargs)
         given = given_values(self)
         values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in PARAMETERS}
+        refuse_unknown(given, values)
         declare(self, PARAMETERS, values)
         self._fleet = simulated_fleet(values)
         self._start_s = self._now_s()

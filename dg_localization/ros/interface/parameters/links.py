@@ -44,7 +44,8 @@ LINKS = Section(
             [],
             "who the ids in messages of other packages are, 'ID NAME'",
             details='NAME is a robot or an anchor, or - for an id to be passed over. Several ids '
-            'may have one name. The name of a robot or an anchor stands for itself.',
+            'may have one name. The name of a robot or an anchor stands for itself. An ID that '
+            'has blanks stands in double quotes.',
             examples=("ids: ['12 robot_1', '13 robot_1', 'tag36h11:4 robot_2', 'chair -']",),
         ),
         Spec(

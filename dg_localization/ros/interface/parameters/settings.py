@@ -6,7 +6,6 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from importlib import import_module
 import re
 from typing import Any
@@ -18,6 +17,7 @@ from dg_localization.fleet import (
     LinkKind,
     SuspectKind,
 )
+from dg_localization.ros.interface.frames import check_frame_id
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
@@ -48,20 +48,16 @@ from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
     by_parameters,
+    close_name,
     declare,
     given_values,
+    refuse_unknown,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs
+from dg_localization.ros.interface.parameters.templates import templates_from
 from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
 
-TEMPLATE_TYPES = {
-    'range.topic': 'sensor_msgs/msg/Range',
-    'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
-    'odometry.topic': 'nav_msgs/msg/Odometry',
-    'peers.topic': 'sensor_msgs/msg/PointCloud2',
-    'elevation.topic': 'geometry_msgs/msg/PointStamped',
-}
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
@@ -153,10 +149,7 @@ def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
     values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in TABLE}
     for spec in _named(values):
         values[spec.name] = spec.check(given.get(spec.name, spec.default))
-    for name in given:
-        # The QoS of every topic is set by parameters that rclpy declares.
-        if name not in values and not name.startswith('qos_overrides.'):
-            raise WrongParameterError(f"parameter '{name}' is unknown{_suggestion(name, values)}")
+    refuse_unknown(given, values, _suggestion)
     return values
 
 
@@ -179,8 +172,7 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
         return "; name the point in 'elevations.names'"
     if name.startswith('robot_max_speed.') or _is_of_unknown_robot(name, known):
         return "; name the robot in 'robots'"
-    close = get_close_matches(name, list(known), n=1)
-    return f"; did you mean '{close[0]}'?" if close else ''
+    return close_name(name, known)
 
 
 def _is_of_unknown_robot(name: str, known: Iterable[str]) -> bool:
@@ -215,6 +207,17 @@ def settings_from(
         If values do not go together.
 
     """
+    try:
+        check_frame_id(values['fixed_frame'])
+    except ValueError as error:
+        raise WrongParameterError(
+            f"parameter 'fixed_frame': '{values['fixed_frame']}' is not allowed, {error}"
+        ) from None
+    if not values['robots']:
+        raise WrongParameterError(
+            'parameters: robots: [] is not allowed, it must name at least one robot; does the '
+            "file name some below '/**:' and 'ros__parameters:'?"
+        )
     for name in ('robots', 'anchors.names'):
         _check_names(name, values[name])
     for name in values['mounts.names']:
@@ -236,7 +239,7 @@ def settings_from(
     return Settings(
         fleet=fleet,
         links=explicit,
-        templates=_templates(values, resolve, fleet.points),
+        templates=templates_from(values, resolve, fleet.points),
         fixed_frame=values['fixed_frame'],
         rate_hz=values['rate'],
         use_header_stamp=values['stamp_source'] == 'header',
@@ -302,28 +305,6 @@ def _parse_ids(texts: Iterable[str], points: Sequence[str]) -> dict[str, str]:
                 f"{', '.join(points)}, or '{NOBODY}' for an id that stands for nobody"
             )
     return ids
-
-
-def _templates(
-    values: Mapping[str, Any], resolve: Callable[[str], str], points: Sequence[str]
-) -> tuple[Template, ...]:
-    templates: dict[str, Template] = {}
-    for name, type_name in TEMPLATE_TYPES.items():
-        template = Template(values[name], type_name)
-        try:
-            template.check()
-            offset = stamp_offset(values, template.kind)
-            template = replace(template.resolved(resolve), overrides=offset)
-            template.check_names(points)
-            if template.text in templates:
-                raise ValueError('each kind of measurement needs topics of its own')
-        except ValueError as error:
-            raise WrongParameterError(
-                f"parameter '{name}': '{values[name]}' is not allowed, {error}"
-            ) from None
-        if template.text:
-            templates[template.text] = template
-    return tuple(templates.values())
 
 
 def _check_names(parameter: str, names: Iterable[str]) -> None:

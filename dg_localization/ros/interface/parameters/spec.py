@@ -3,8 +3,9 @@
 
 """One parameter: its name, type, default, unit, limits and text, and how a node declares it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 import math
 import re
 from typing import Any
@@ -215,6 +216,24 @@ def given_values(node: Node) -> dict[str, Any]:
     """
     overrides: Mapping[str, Parameter] = node._parameter_overrides
     return {name: p.value for name, p in overrides.items() if not node.has_parameter(name)}
+
+
+def close_name(name: str, known: Iterable[str]) -> str:
+    """Return the end of a sentence on an unknown name: which one may be meant, if any."""
+    close = get_close_matches(name, list(known), n=1)
+    return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def refuse_unknown(
+    given: Iterable[str],
+    known: Collection[str],
+    hint: Callable[[str, Iterable[str]], str] = close_name,
+) -> None:
+    """Raise `WrongParameterError`, with a hint, where a name that is given is not known."""
+    for name in given:
+        # The QoS of every topic is set by parameters that rclpy declares.
+        if name not in known and not name.startswith('qos_overrides.'):
+            raise WrongParameterError(f"parameter '{name}' is unknown{hint(name, known)}")
 
 
 def declare(node: Node, specs: Iterable[Spec], values: Mapping[str, Any]) -> None:
