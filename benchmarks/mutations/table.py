@@ -630,6 +630,31 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'localizer',
+        ('test/fleet/test_overtaken.py',),
+        (
+            'an estimate that was overtaken changes what later ones know',
+            'if self._newest is follower:',
+            'if True:',
+        ),
+        (
+            'an estimate goes on although a reset came after its snapshot',
+            'if snapshot.number < self._first:',
+            'if False:',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/follow',
+        ('test/fleet/test_overtaken.py',),
+        (
+            'an estimate that fails has changed what later ones know',
+            'other.filters = self.filters.copied()',
+            'other.filters = self.filters',
+        ),
+    ),
+    *_in(
+        'fleet',
         'frames/finders',
         ('test/fleet/test_window.py',),
         (
