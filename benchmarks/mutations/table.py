@@ -854,6 +854,11 @@ FLEET = [
             'if self._steady_s() - waited_s < self._begun_at_s:',
             'if False:',
         ),
+        (
+            'a clock that was set back by less than since the last call goes on',
+            'if back_s == 0.0 and missing_s > LEAST_SET_BACK_S and not self._is_simulated:',
+            'if False:',
+        ),
     ),
     *_in(
         'ros/node',
