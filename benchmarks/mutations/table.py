@@ -635,6 +635,31 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'localizer',
+        ('test/fleet/test_overtaken.py',),
+        (
+            'an estimate that was overtaken changes what later ones know',
+            'if self._newest is follower:',
+            'if True:',
+        ),
+        (
+            'an estimate goes on although a reset came after its snapshot',
+            'if snapshot.number < self._first:',
+            'if False:',
+        ),
+    ),
+    *_in(
+        'fleet',
+        'window/follow',
+        ('test/fleet/test_overtaken.py',),
+        (
+            'an estimate that fails has changed what later ones know',
+            'other.filters = self.filters.copied()',
+            'other.filters = self.filters',
+        ),
+    ),
+    *_in(
+        'fleet',
         'frames/finders',
         ('test/fleet/test_window.py',),
         (
@@ -832,6 +857,11 @@ FLEET = [
         (
             'what arrived before a jump back of the clock looks new',
             'if self._steady_s() - waited_s < self._begun_at_s:',
+            'if False:',
+        ),
+        (
+            'a clock that was set back by less than since the last call goes on',
+            'if back_s == 0.0 and missing_s > LEAST_SET_BACK_S and not self._is_simulated:',
             'if False:',
         ),
     ),

@@ -6,19 +6,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from itertools import chain
 import math
+from threading import Lock
 
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.checks import require_kind
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.contradictions.offenders import Record
-from dg_localization.fleet.estimate import Estimate, FixedFrame
+from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
-from dg_localization.fleet.frames.standing_frame import StandingFrame
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
 from dg_localization.fleet.mounts import mount_geometry
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
@@ -36,8 +33,9 @@ class Localizer:
     Every placement of a fleet that agrees with its measurements.
 
     Adding measurements, taking snapshots and `reset` change or read the same store: call them
-    from one thread. `estimate` reads nothing but its snapshot and what it keeps of the last one,
-    and may run in another.
+    from one thread. `estimate` reads nothing but its snapshot and what is kept of the last one,
+    and may run in others. What it leaves to the next one is kept when it ends, unless that of a
+    later snapshot has begun, or a `reset` came after its own: so one that hangs can be given up.
 
     After the clock was set back call `reset`: what was measured before is of another time, which
     stamps do not tell.
@@ -60,10 +58,13 @@ class Localizer:
         self._store = MeasurementStore(config)
         self._anchors = anchor_geometry(config)
         self._mounts = mount_geometry(config)
-        self._frame: FixedFrame | None = None
-        self._follower = Follower()
-        self._standing_frame = StandingFrame()
-        self._record = Record(config.memory_s)
+        self._lock = Lock()
+        self._follower = Follower(config.memory_s)
+        # That of the estimate that began last, which may still run.
+        self._newest = self._follower
+        self._snapshots = 0
+        # What the estimates of snapshots before this one find counts no more.
+        self._first = 0
         self._answered_s = -math.inf
 
     @property
@@ -74,9 +75,9 @@ class Localizer:
     def reset(self) -> None:
         """Forget all measurements and counts."""
         self._store = MeasurementStore(self._config)
-        self._follower = self._follower.started_anew()
-        self._standing_frame = StandingFrame()
-        self._record = Record(self._config.memory_s)
+        with self._lock:
+            self._newest = self._follower = self._follower.started_anew()
+            self._first = self._snapshots + 1
         self._answered_s = -math.inf
 
     @default_environment()
@@ -294,15 +295,18 @@ class Localizer:
         Snapshot
 
         """
+        follower = self._follower
+        self._snapshots += 1
         return take_snapshot(
             self._store,
             self._config,
             self._anchors,
             self._mounts,
             float(now_s),
-            self._follower.forgotten,
-            self._follower.left_out,
+            follower.forgotten,
+            follower.left_out,
             tighten_seconds,
+            self._snapshots,
         )
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
@@ -322,7 +326,7 @@ class Localizer:
         Estimate
 
         """
-        follower, standing_frame, record = self._follower, self._standing_frame, self._record
+        follower = self._begun(snapshot)
         estimate, proved = estimate_snapshot(
             snapshot,
             cancel,
@@ -331,19 +335,21 @@ class Localizer:
             follower.pair_filters,
         )
         follower.forget(snapshot, estimate)
-        if cancel is not None and cancel.is_set():
-            return estimate
-        record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
-        estimate = replace(estimate, offenders=record.offenders())
-        estimate = standing_frame.turn(snapshot, follower.follow(snapshot, estimate, proved))
-        groups = [group.placements for group in estimate.groups]
-        for placement in chain(estimate.placements, *groups):
-            placement.protect()
-        if estimate.frame is None:
-            return estimate
-        previous, self._frame = self._frame, estimate.frame
-        changed = previous is not None and previous != estimate.frame
-        return replace(estimate, previous_frame=previous) if changed else estimate
+        if cancel is None or not cancel.is_set():
+            estimate = follower.follow(snapshot, estimate, proved)
+        with self._lock:
+            if self._newest is follower:
+                self._follower = follower
+        return estimate
+
+    def _begun(self, snapshot: Snapshot) -> Follower:
+        """Return what the estimate of a snapshot goes on from, for it alone."""
+        with self._lock:
+            if snapshot.number < self._first:
+                return self._follower.started_anew()
+            self._first = snapshot.number
+            self._newest = self._follower.copied()
+            return self._newest
 
     def step(self, now_s: float) -> Estimate:
         """Return every placement that agrees with the measurements at `now_s`."""

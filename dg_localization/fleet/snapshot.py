@@ -65,6 +65,8 @@ class Snapshot:
         are of one detection, and wrong together or not at all.
     tighten_seconds : float
         As of the options of the solver; the smaller one counts.
+    number : int
+        Of those that its localizer takes, one after the other.
 
     """
 
@@ -79,6 +81,7 @@ class Snapshot:
     mounts: MountGeometry = NO_MOUNTS
     detections: frozenset[Ends] = frozenset()
     tighten_seconds: float = math.inf
+    number: int = 0
 
     @cached_property
     def carried(self) -> CarriedWindow:
@@ -140,6 +143,7 @@ def take_snapshot(
     forgotten: Spans,
     left_out: Mapping[Ends, float],
     tighten_seconds: float = math.inf,
+    number: int = 0,
 ) -> Snapshot:
     """
     Return what the measurements of `store` say at `now_s`; see `Memory.view`.
@@ -203,6 +207,7 @@ def take_snapshot(
         mounts,
         _detections(rays, young),
         tighten_seconds,
+        number,
     )
 
 

@@ -173,14 +173,17 @@ def test_time_goes_to_hypotheses_of_which_least_is_known():
     assert asked == [2, 1, 3, 0]
 
 
+def chains_of(fleet):
+    return fleet.localizer._follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+
+
 def test_what_was_proved_is_dropped_after_half_the_memory():
     fleet = Circling(3, memory_s=6.0)
     *_, estimate = fleet.drive(3.0)
-    follower = fleet.localizer._follower
     stamps = []
     for estimate in fleet.drive(9.0):
         assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
-        chains = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        chains = chains_of(fleet)
         assert all(fleet.now_s - 3.0 <= chain.since_s for chain in chains)
         stamps.append(chains[0].since_s)
     assert len(set(stamps)) >= 3
@@ -189,9 +192,8 @@ def test_what_was_proved_is_dropped_after_half_the_memory():
 def test_the_next_chain_is_ready_when_one_is_dropped():
     fleet = Circling(3, memory_s=6.0)
     *_, estimate = fleet.drive(3.0)
-    follower = fleet.localizer._follower
     for estimate in fleet.drive(12.0):
-        oldest, *younger = follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
+        oldest, *younger = chains_of(fleet)
         # One begins when the other has counted for half its time, at the next tick.
         assert oldest.since_s <= fleet.now_s - 1.0
         assert all(oldest.since_s + 1.5 <= chain.since_s for chain in younger)

@@ -188,6 +188,14 @@ def test_stamps_are_corrected_by_the_offset_of_their_link(
     assert 'old' in intake.take(too_late, serialize_message(Range()), NOW_S).text
 
 
+def test_no_stamp_is_none_after_a_correction(localizer, adapt_ranges):
+    adapt_ranges(lambda message: RangeReading(0.0, 3.0))
+    corrected = replace(RANGES, overrides={'stamp_offset': 0.05})
+    # Simulated time has just begun.
+    rejection = Intake(localizer, True).take(corrected, serialize_message(Range()), 0.2)
+    assert rejection.reason is RejectionReason.ZERO_STAMP
+
+
 @pytest.mark.parametrize('length', [0, 1, 3, 4, 5, 20, 31])
 def test_bytes_that_are_no_message_are_counted(localizer, length):
     data = serialize_message(Range(range=3.0))[:length]

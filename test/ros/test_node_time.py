@@ -12,7 +12,7 @@ from dg_localization.ros.node.clock import NodeTime  # noqa: E402
 
 def test_jump_back_is_seen_once_and_standing_still_is_measured_on_another_clock():
     clock, steady = {'s': 100.0}, {'s': 0.0}
-    node_time = NodeTime(lambda: clock['s'], steady_s=lambda: steady['s'])
+    node_time = NodeTime(lambda: clock['s'], True, lambda: steady['s'])
     assert node_time.now() == (100.0, 0.0)
     clock['s'], steady['s'] = 101.0, 1.0
     assert node_time.now() == (101.0, 0.0)
@@ -23,6 +23,35 @@ def test_jump_back_is_seen_once_and_standing_still_is_measured_on_another_clock(
     assert node_time.now() == (90.0, 11.0)
     assert node_time.now() == (90.0, 0.0)
     assert node_time.stands_still_s() == 0.0
+
+
+@pytest.mark.parametrize('is_simulated', [False, True])
+def test_a_clock_that_was_set_back_by_less_than_since_the_last_call_is_seen(is_simulated):
+    """A simulated one may run slowly."""
+    clock, steady = {'s': 100.0}, {'s': 0.0}
+    node_time = NodeTime(lambda: clock['s'], is_simulated, lambda: steady['s'])
+    clock['s'], steady['s'] = 100.2, 0.2
+    assert node_time.now() == (100.2, 0.0)
+    clock['s'], steady['s'] = 100.3, 0.5
+    now_s, back_s = node_time.now()
+    assert now_s == 100.3
+    assert back_s == (0.0 if is_simulated else pytest.approx(0.2))
+    assert (node_time.arrived_s(0.01) is None) is not is_simulated
+    clock['s'], steady['s'] = 100.4, 0.6
+    assert node_time.now() == (100.4, 0.0)
+    assert node_time.arrived_s(0.01) is not None
+
+
+def test_what_interrupts_a_call_sets_no_clock_back():
+    """The thread may have to wait between looks at the two clocks."""
+    time_s = {'s': 0.0}
+
+    def look():
+        time_s['s'] += 0.07
+        return time_s['s']
+
+    node_time = NodeTime(lambda: 100.0 + look(), steady_s=look)
+    assert [node_time.now()[1] for _ in range(5)] == [0.0] * 5
 
 
 @pytest.mark.parametrize('is_simulated, arrived_s', [(False, 97.0), (True, 100.0)])

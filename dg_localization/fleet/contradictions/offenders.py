@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 from dg_localization.fleet.contradictions.suspects import Suspect
@@ -51,6 +52,12 @@ class Record:
         self._memory_s = memory_s
         self._entries: list[tuple[float, frozenset[Suspect]]] = []
         self._noted: frozenset[Suspect] = frozenset()
+
+    def copied(self) -> Record:
+        """Return one with the same entries."""
+        other = copy(self)
+        other._entries = list(self._entries)
+        return other
 
     def add(
         self, stamp_s: float, sensors: Sequence[Suspect], in_window: Sequence[Suspect] = ()

@@ -5,10 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
+from itertools import chain, count
 
-from dg_localization.fleet.estimate import Estimate, Placement
+from dg_localization.fleet.contradictions.offenders import Record
+from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
+from dg_localization.fleet.frames.standing_frame import StandingFrame
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s
 from dg_localization.fleet.window.memory import Ends, Spans
@@ -29,12 +33,19 @@ class _Followed:
 
 class Follower:
     """
-    Follows hypotheses, in the thread of the estimates.
+    What estimates leave to the next one.
+
+    An estimate changes a copy of its own, so that one that fails, or is overtaken by a later one,
+    leaves nothing half done.
 
     Parameters
     ----------
-    first_number : int
-        Of the next hypothesis that is new.
+    memory_s : float
+        As of the configuration of the fleet.
+    numbers : iterator of int, optional
+        Of hypotheses that are new; all copies take theirs from it.
+    frame : FixedFrame, optional
+        Of the estimate before.
 
     Attributes
     ----------
@@ -45,12 +56,21 @@ class Follower:
 
     """
 
-    def __init__(self, first_number: int = 1) -> None:
-        self._next_number = first_number
+    def __init__(
+        self,
+        memory_s: float,
+        numbers: Iterator[int] | None = None,
+        frame: FixedFrame | None = None,
+    ) -> None:
+        self._memory_s = memory_s
+        self._numbers = count(1) if numbers is None else numbers
+        self._frame = frame
         self._last = _Followed((), 0.0)
         self._forgotten: Spans = {}
         self._left_out: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
+        self._standing_frame = StandingFrame()
+        self._record = Record(memory_s)
         self.filters = PoseFilters()
         self.pair_filters = PairFilters()
 
@@ -66,7 +86,16 @@ class Follower:
 
     def started_anew(self) -> Follower:
         """Return one that knows no hypothesis; numbers are not used again."""
-        return Follower(self._next_number)
+        return Follower(self._memory_s, self._numbers, self._frame)
+
+    def copied(self) -> Follower:
+        """Return one that knows the same; what changes one does not change the other."""
+        other = copy(self)
+        other._standing_frame = copy(self._standing_frame)
+        other._record = self._record.copied()
+        other.filters = self.filters.copied()
+        other.pair_filters = copy(self.pair_filters)
+        return other
 
     def proved_for(self, snapshot: Snapshot) -> tuple[Proved, ...]:
         """Return what the estimate before proved, unless that is out of memory or of later."""
@@ -95,23 +124,43 @@ class Follower:
     def follow(
         self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
     ) -> Estimate:
-        """Return an estimate with the numbers of its hypotheses; keep what it proved."""
+        """
+        Return an estimate as it goes on from the one before, and keep what it proved.
+
+        Its hypotheses have their numbers, and a frame other than that of the estimate before is
+        announced.
+        """
+        self._record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
+        estimate = replace(estimate, offenders=self._record.offenders())
+        estimate = self._standing_frame.turn(snapshot, self._numbered(snapshot, estimate))
+        self._proved = proved
+        groups = [group.placements for group in estimate.groups]
+        for placement in chain(estimate.placements, *groups):
+            placement.protect()
+        if estimate.frame is None:
+            return estimate
+        previous, self._frame = self._frame, estimate.frame
+        changed = previous is not None and previous != estimate.frame
+        return replace(estimate, previous_frame=previous) if changed else estimate
+
+    def _numbered(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
+        """Return an estimate with the numbers of its hypotheses."""
         listed = [
             *estimate.placements,
             *(placement for group in estimate.groups for placement in group.placements),
         ]
         before = self._last
         pairs = matches(snapshot, before.stamp_s, before.placements, listed)
-        numbered = []
-        for row, placement in enumerate(listed):
-            number = self._next_number
-            if row in pairs:
-                number = before.placements[pairs[row]].number
-            else:
-                self._next_number += 1
-            numbered.append(replace(placement, number=number))
+        numbered = [
+            replace(
+                placement,
+                number=before.placements[pairs[row]].number
+                if row in pairs
+                else next(self._numbers),
+            )
+            for row, placement in enumerate(listed)
+        ]
         self._last = _Followed(tuple(numbered), snapshot.stamp_s)
-        self._proved = proved
         return _with_placements(estimate, numbered)
 
 

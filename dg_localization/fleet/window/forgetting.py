@@ -132,6 +132,12 @@ class Doubts:
         self._agreed_s: dict[Pair, float] = {}
         self._doubts: dict[Pair, _Doubt] = {}
 
+    def copied(self) -> Doubts:
+        """Return the same doubts; what changes one does not change the other."""
+        other = Doubts()
+        other._agreed_s, other._doubts = dict(self._agreed_s), dict(self._doubts)
+        return other
+
     def keep(self, pairs: Collection[Pair], now_s: float) -> None:
         """Drop what is known of other pairs, and of times to come: the clock was set back."""
         self._agreed_s = {

@@ -14,6 +14,7 @@ effect, and no filter counts what was broken in more than one memory.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 import math
 
@@ -136,6 +137,14 @@ class PoseFilters:
         self._before: dict[int, tuple[PoseFilter, ...]] = {}
         self._filters: dict[int, tuple[PoseFilter, ...]] = {}
         self._steps: dict[int, tuple[Step, ...]] = {}
+
+    def copied(self) -> PoseFilters:
+        """Return the same filters; what changes one does not change the other."""
+        other = copy(self)
+        other.doubts = self.doubts.copied()
+        other._before, other._filters = dict(self._before), dict(self._filters)
+        other._steps = dict(self._steps)
+        return other
 
     def place(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> Place | None:
         """

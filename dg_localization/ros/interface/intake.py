@@ -113,7 +113,8 @@ class Intake:
             reading = self._read(link, data)
             arrived_s = now_s if arrived_s is None else arrived_s
             stamp_s = reading.stamp_s if self._use_header_stamp else arrived_s
-            if link.stamp_offset_s:
+            # Zero is no stamp, and none after a correction.
+            if link.stamp_offset_s and stamp_s != 0.0:
                 stamp_s += link.stamp_offset_s
             return self._add(link, reading, stamp_s, now_s)
         except Exception as error:

@@ -10,6 +10,9 @@ import time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
+LEAST_SET_BACK_S = 0.001
+"""A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
+
 
 class NodeTime:
     """
@@ -36,17 +39,23 @@ class NodeTime:
         self._is_simulated = is_simulated
         self._steady_s = steady_s
         self._last_s = read_s()
-        self._moved_at_s = steady_s()
+        self._moved_at_s = self._read_at_s = steady_s()
         self._begun_at_s = -math.inf
 
     def now(self) -> tuple[float, float]:
         """Return the time in s, and by how many seconds it has jumped back since the last call."""
+        passed_s = self._steady_s() - self._read_at_s
         now_s = self._read_s()
+        self._read_at_s = self._steady_s()
         back_s = max(0.0, self._last_s - now_s)
+        missing_s = self._last_s + passed_s - now_s
+        if back_s == 0.0 and missing_s > LEAST_SET_BACK_S and not self._is_simulated:
+            # So much passed at least: it was set back by less than since the last call.
+            back_s = missing_s
         if back_s > 0.0:
             self.begin_anew()
         if now_s != self._last_s:
-            self._moved_at_s = self._steady_s()
+            self._moved_at_s = self._read_at_s
         self._last_s = now_s
         return now_s, back_s
 
