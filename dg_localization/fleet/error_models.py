@@ -66,8 +66,8 @@ def real_numbers(values: ArrayLike) -> FloatArray | None:
 
 
 def _are_real(array: NDArray[Any]) -> bool:
-    """Return whether an array is of real numbers: NumPy would read text, and parts of others."""
-    return array.dtype.kind not in 'cSU' and not np.ma.is_masked(array)
+    """Return whether an array is of real numbers: NumPy reads text, and a part of others."""
+    return array.dtype.kind not in 'bcSU' and not np.ma.is_masked(array)
 
 
 def quoted(value: object) -> str:

@@ -133,7 +133,7 @@ def test_odometry_that_is_no_pose_is_rejected(localizer, position, orientation):
 
 
 NO_NUMBERS = [
-    *('far', None, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()),
+    *('far', None, True, 10**5000, 1j, [3.0, 'x'], [1.0, [2.0]], [3.0], object()),
     # NumPy would read a number in these, and leave the rest out.
     *(np.complex128(3.0 + 1.0j), np.array([3.0, 1j, 0.0]), ['3.0', '1.0', '0.0']),
     *(np.ma.masked, np.ma.array([3.0, 1.0, 0.0], mask=[True, False, False])),
