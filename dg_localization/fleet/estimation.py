@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 from dg_localization import SolverOptions
 from dg_localization.fleet.answers import Answer, answer, shared_time
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
+from dg_localization.fleet.contradictions.conflicts import Explanation
 from dg_localization.fleet.contradictions.explanation import (
     explain_snapshot,
     lineup_of,
@@ -20,7 +22,7 @@ from dg_localization.fleet.contradictions.explanation import (
     reason_of,
     suspects_of,
 )
-from dg_localization.fleet.contradictions.suspects import Suspect
+from dg_localization.fleet.contradictions.suspects import Lineup, Suspect, Suspects
 from dg_localization.fleet.contradictions.window_suspects import (
     SuspectsByPair,
     explain_window,
@@ -41,6 +43,9 @@ from dg_localization.fleet.window.recollection import Recollection, recall
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
+
+MOST_SEARCHES = 3
+"""After so many searches for corrections, each of which found wrong ones, there is no answer."""
 
 _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
@@ -291,30 +296,56 @@ def _explained(
     snapshot: Snapshot, constraints: Constraints, statistics: Statistics, cancel: Cancel | None
 ) -> Estimate:
     """Return the estimate when no placement agrees with all measurements."""
-    config = snapshot.config
     lineup = lineup_of(snapshot)
-    explanation = explain_snapshot(snapshot, lineup, cancel)
+    corrected = _corrected(snapshot, constraints, lineup, cancel)
+    explanation, plans = corrected.explanation, corrected.plans
     conflicts = links_of_conflicts(lineup, explanation)
     suspects = suspects_of(lineup, explanation)
     blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
-    forgotten = _forget_guilty(snapshot, blamed)
-    named = lineup.covered_by(config.outlier_unit)
-    corrections = [
-        lineup.links_of(one for suspect in correction for one in named[suspect])
-        for correction in (explanation.corrections if explanation.complete else ())
-    ]
-    alternatives = [constrain(snapshot, dropped) for dropped in corrections]
-    plans = plan_frames(snapshot, constraints, alternatives)
-    if not plans or plans[0].main is None:
-        why = plans[0].reason if plans else ''
-        estimate = _without_placements(
-            snapshot,
-            Verdict.INFEASIBLE,
-            reason_of(config, explanation, why),
-            statistics,
-            conflicts,
-        )
+    if corrected.answers:
+        union = _union(corrected.answers, statistics)
+        estimate = _with_placements(snapshot, union, plans[0], conflicts)
     else:
+        why = plans[0].reason if plans else ''
+        reason = reason_of(snapshot.config, explanation, why)
+        estimate = _without_placements(snapshot, Verdict.INFEASIBLE, reason, statistics, conflicts)
+    return replace(
+        estimate,
+        suspects=suspects,
+        suspected_sensors=tuple(sorted(lineup.sensors_of(suspects))),
+        forgotten=_forget_guilty(snapshot, blamed),
+    )
+
+
+class _Corrected(NamedTuple):
+    """The explanation of a contradiction, and the answer of each correction in its frames."""
+
+    explanation: Explanation
+    plans: list[Plans]
+    answers: list[Answer]
+
+
+def _corrected(
+    snapshot: Snapshot, constraints: Constraints, lineup: Lineup, cancel: Cancel | None
+) -> _Corrected:
+    """
+    Return what to drop so that the rest agree, and what the rest say.
+
+    The search for corrections does not look as hard as an answer does. Where the answer of one
+    shows that the rest do not agree, it was none, and larger ones may be.
+    """
+    named = lineup.covered_by(snapshot.config.outlier_unit)
+    refuted: frozenset[Suspects] = frozenset()
+    for _ in range(MOST_SEARCHES):
+        explanation = explain_snapshot(snapshot, lineup, cancel, refuted)
+        corrections = [
+            lineup.links_of(one for suspect in correction for one in named[suspect])
+            for correction in (explanation.corrections if explanation.complete else ())
+        ]
+        alternatives = [constrain(snapshot, dropped) for dropped in corrections]
+        plans = plan_frames(snapshot, constraints, alternatives)
+        if not plans or plans[0].main is None:
+            return _Corrected(explanation, plans, [])
         shares = shared_time(snapshot.solver, len(corrections))
         answers = [
             answer(snapshot, alternative, planned, options, dropped, cancel)
@@ -322,14 +353,18 @@ def _explained(
                 alternatives, plans, corrections, shares, strict=True
             )
         ]
-        union = _union(answers, statistics)
-        estimate = _with_placements(snapshot, union, plans[0], conflicts)
-    return replace(
-        estimate,
-        suspects=suspects,
-        suspected_sensors=tuple(sorted(lineup.sensors_of(suspects))),
-        forgotten=forgotten,
-    )
+        wrong = [
+            correction
+            for correction, found in zip(explanation.corrections, answers, strict=True)
+            if found.verdict is Verdict.INFEASIBLE
+        ]
+        smaller = [dropped for dropped in wrong if len(dropped) < snapshot.config.max_outliers]
+        if not smaller:
+            none_is_right = len(wrong) == len(answers)
+            return _Corrected(explanation, plans, [] if none_is_right else answers)
+        refuted = refuted.union(smaller)
+    stopped = replace(explanation, corrections=(), complete=False, stopped=True)
+    return _Corrected(stopped, plans, [])
 
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:

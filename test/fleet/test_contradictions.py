@@ -18,7 +18,8 @@ from dg_localization.fleet import (
     Localizer,
     RangeErrorModel,
 )
-from dg_localization.fleet.answers import LEAST_S, shared_time
+from dg_localization.fleet.answers import CONTRADICTION, LEAST_S, shared_time
+import dg_localization.fleet.estimation as estimation_room
 
 ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
 POSITIONS = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 4.0], [1.0, 5.0], [3.0, 8.0], [-2.0, 2.0]])
@@ -291,3 +292,38 @@ def test_solves_one_after_another_take_the_time_of_one(monkeypatch):
         (pytest.approx(0.15), least),
         (least, least),
     ]
+
+
+def refuting(monkeypatch, is_refuted):
+    """Let answers show that some links are no correction, which the search for them did not."""
+    real = estimation_room.answer
+
+    def answer(snapshot, constraints, plans, options, dropped=frozenset(), cancel=None):
+        if dropped and is_refuted(dropped):
+            return CONTRADICTION
+        return real(snapshot, constraints, plans, options, dropped, cancel)
+
+    monkeypatch.setattr(estimation_room, 'answer', answer)
+
+
+def test_larger_corrections_are_tried_where_the_answer_of_one_shows_that_it_is_none(monkeypatch):
+    refuting(monkeypatch, lambda dropped: dropped == {WRONG})
+    localizer = make_localizer(max_outliers=2)
+    feed(localizer, wrong=[('a', 'b')])
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.COVERED
+    sets = {frozenset(placement.dropped) for placement in estimate.placements}
+    # Each other link besides may be the second that is wrong.
+    assert all(WRONG in dropped and len(dropped) == 2 for dropped in sets)
+    assert len(sets) == 14
+    assert all(holds(estimate, positions) for positions in truth())
+
+
+def test_nothing_is_answered_where_all_that_seem_to_be_corrections_are_none(monkeypatch):
+    refuting(monkeypatch, lambda dropped: True)
+    localizer = make_localizer(max_outliers=2)
+    feed(localizer, wrong=[('a', 'b')])
+    estimate = localizer.step(NOW_S)
+    assert estimate.verdict is Verdict.INFEASIBLE and not estimate.placements
+    assert WRONG in {key for conflict in estimate.conflicts for key in conflict}
+    assert 'dropping 2 observations does not make the rest agree' in estimate.reason

@@ -14,7 +14,7 @@ halves (Junker, QuickXplain, 2004).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 import time
@@ -140,6 +140,7 @@ def explain(
     contradicts: Contradicts,
     limits: Limits,
     cancel: Cancel | None = None,
+    refuted: Collection[Suspects] = (),
 ) -> Explanation:
     """
     Explain a contradiction.
@@ -157,13 +158,17 @@ def explain(
     limits : Limits
     cancel : Cancel, optional
         Ends the search when set.
+    refuted : collection of frozenset of Suspect, optional
+        Sets that are known to be no corrections, although no effort shows it.
 
     Returns
     -------
     Explanation
 
     """
-    search = _Search(observations, regions, _Oracle(contradicts, limits, cancel))
+    oracle = _Oracle(contradicts, limits, cancel)
+    contradicting = [observations - _stand_for(dropped, named[0]) for dropped in refuted]
+    search = _Search(observations, regions, oracle, contradicting)
     complete, stopped = True, False
     culprits: tuple[Suspect, ...] = ()
     try:
@@ -190,11 +195,16 @@ class _Search:
     """The search for conflicts and corrections, with what has been found so far."""
 
     def __init__(
-        self, observations: Suspects, regions: Sequence[Suspects], oracle: _Oracle
+        self,
+        observations: Suspects,
+        regions: Sequence[Suspects],
+        oracle: _Oracle,
+        contradicting: Collection[Suspects],
     ) -> None:
         self._observations = observations
         self._regions = regions
         self._oracle = oracle
+        self._contradicting = contradicting
         self.conflicts: list[Suspects] = []
         self.corrections: list[Suspects] = []
         self.among: Suspects = frozenset()
@@ -254,6 +264,8 @@ class _Search:
             if not conflict & dropped:
                 return conflict
         rest = self._observations - dropped
+        if rest in self._contradicting:
+            return rest
         if not minimal:
             return rest if self._contradict(rest) or self._oracle(rest, Effort.THOROUGH) else None
         found = self._conflict_in(rest, Effort.THOROUGH)

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.conflicts import Explanation, Limits, explain
 from dg_localization.fleet.contradictions.oracle import ContradictionOracle, regions_of
@@ -31,9 +33,16 @@ def lineup_of(snapshot: Snapshot) -> Lineup:
 
 
 def explain_snapshot(
-    snapshot: Snapshot, lineup: Lineup, cancel: Cancel | None = None
+    snapshot: Snapshot,
+    lineup: Lineup,
+    cancel: Cancel | None = None,
+    refuted: Collection[Suspects] = (),
 ) -> Explanation:
-    """Return which observations of a snapshot contradict each other, and who explains it."""
+    """
+    Return which observations of a snapshot contradict each other, and who explains it.
+
+    `refuted` are known to be no corrections.
+    """
     config = snapshot.config
     kinds = list(SuspectKind)
     return explain(
@@ -43,6 +52,7 @@ def explain_snapshot(
         ContradictionOracle(snapshot, lineup, cancel),
         Limits(config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds),
         cancel,
+        refuted,
     )
 
 
