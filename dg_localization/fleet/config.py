@@ -160,7 +160,7 @@ class FleetConfig:
     max_conflict_solves : int
         How many problems may be solved to explain one contradiction; 0 explains none.
     max_conflict_seconds : float
-        How long the explanation may take in all; infinity sets no limit.
+        How long a search for the explanation may take; infinity sets no limit.
     solver : SolverOptions
         Resolution and budget of the solver.
 

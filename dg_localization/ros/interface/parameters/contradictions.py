@@ -48,10 +48,12 @@ CONTRADICTIONS = Section(
             'conflicts.max_seconds',
             DOUBLE,
             2.0,
-            'longest time to explain a contradiction',
+            'longest time of a search for what explains a contradiction',
             's',
             0.0,
             finite=False,
+            details='There are up to three, where the answers show that what was found explains '
+            'nothing, which is rare.',
         ),
         Spec(
             'stuck.readings',
