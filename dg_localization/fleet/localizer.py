@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The interface of the fleet room: measurements in, snapshots and estimates out."""
+"""The interface of the package: measurements in, snapshots and estimates out."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The pairs room: relative poses of two bodies from everything they measured of each other.
+Relative poses of two bodies from everything they measured of each other.
 
 Set inversion over a window of readings that odometry carries to now. Knows no fleet and no ROS.
 """
