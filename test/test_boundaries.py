@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rooms of the package: imports point one way, and the core runs without ROS."""
+"""The packages: imports point one way, and the core runs without ROS."""
 
 import ast
 import graphlib
@@ -13,7 +13,7 @@ import pytest
 
 REPOSITORY = Path(__file__).parents[1]
 
-# For each room the rooms of this project that it may import besides itself.
+# For each package those of this project that it may import besides itself.
 ALLOWED = {
     'dg_localization': {'dg_localization.solver'},
     'dg_localization.compile_kernels': {'dg_localization.fleet', 'dg_localization.interval'},
@@ -69,10 +69,12 @@ ROS_PACKAGES = {
 }
 
 
-def room_of(module):
-    """Return the innermost room that holds `module`, or None for one of others."""
-    rooms = [room for room in ALLOWED if module == room or module.startswith(room + '.')]
-    return max(rooms, key=len, default=None)
+def package_of(module):
+    """Return the innermost package that holds `module`, or None for one of others."""
+    packages = [
+        package for package in ALLOWED if module == package or module.startswith(package + '.')
+    ]
+    return max(packages, key=len, default=None)
 
 
 def module_name(path):
@@ -104,14 +106,14 @@ SOURCES = sorted(
     for path in (REPOSITORY / folder).rglob('*.py')
 )
 MODULES = {module_name(path): path for path in SOURCES}
-CORE_SOURCES = [path for path in SOURCES if room_of(module_name(path)) in ROS_FREE]
+CORE_SOURCES = [path for path in SOURCES if package_of(module_name(path)) in ROS_FREE]
 
 
 @pytest.mark.parametrize('path', SOURCES, ids=module_name)
 def test_imports_point_one_way(path):
-    room = room_of(module_name(path))
-    rooms = {room_of(module) for module in imported_modules(path)} - {None, room}
-    assert rooms <= ALLOWED[room]
+    package = package_of(module_name(path))
+    packages = {package_of(module) for module in imported_modules(path)} - {None, package}
+    assert packages <= ALLOWED[package]
 
 
 def test_no_circle_of_imports():
@@ -132,10 +134,10 @@ def test_core_names_no_ros_package(path):
     assert not {module.partition('.')[0] for module in imported_modules(path)} & ROS_PACKAGES
 
 
-@pytest.mark.parametrize('room', ROS_FREE)
-def test_core_runs_without_ros(room):
+@pytest.mark.parametrize('package', ROS_FREE)
+def test_core_runs_without_ros(package):
     blocked = dict.fromkeys(ROS_PACKAGES)
-    code = f'import sys; sys.modules.update({blocked!r}); import {room}'
+    code = f'import sys; sys.modules.update({blocked!r}); import {package}'
     subprocess.run([sys.executable, '-c', code], check=True, cwd=REPOSITORY, timeout=60)
 
 
@@ -165,7 +167,7 @@ def rounds_itself(path):
 
 
 def test_only_one_room_rounds():
-    others = [path for path in SOURCES if room_of(module_name(path)) in ROS_FREE]
+    others = [path for path in SOURCES if package_of(module_name(path)) in ROS_FREE]
     others = [path for path in others if 'interval' not in path.parts]
     assert [module_name(path) for path in others if rounds_itself(path)] == []
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The fleet room: from measurements to every placement that agrees with them, free of ROS.
+From measurements to every placement that agrees with them, free of ROS.
 
 `Localizer` accepts ranges, bearings and odometry as plain numbers. A `Snapshot` is what they say
 at one time, an `Estimate` is the answer to it.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a fleet is: the validated settings of the fleet room.
+What a fleet is: the validated settings of the package `fleet`.
 
 The dataclass is frozen and checks itself when made. A wrong value raises `ConfigError`, whose
 message names the field, the value, and what would be right.
@@ -84,7 +84,7 @@ LEAST_COUNTS = {
 @dataclass(frozen=True)
 class FleetConfig:
     """
-    Everything the fleet room needs to know before the first measurement.
+    Everything the package `fleet` needs to know before the first measurement.
 
     Parameters
     ----------

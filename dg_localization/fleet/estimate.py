@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the fleet room answers: every placement of a fleet, or the reason why there is none."""
+"""What the package answers: every placement of a fleet, or the reason why there is none."""
 
 from __future__ import annotations
 

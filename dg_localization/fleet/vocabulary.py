@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What goes into the fleet room: links, readings, and what became of each input.
+What goes into the package `fleet`: links, readings, and what became of each input.
 
 A reading is made once, when a measurement is accepted. From there to the problem it is carried
 with its key; aging and turning change its numbers, not its type.

@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, field
 from functools import partial
+import gc
 from importlib.util import find_spec
 import json
 import math
@@ -124,6 +125,18 @@ class Heard:
     poses: dict = field(default_factory=dict)
     statuses: dict = field(default_factory=dict)
     diagnostics: int = 0
+
+
+@pytest.fixture(scope='module', autouse=True)
+def _nothing_lives_on():
+    """
+    Free what rclpy has left in cycles of references, participants of DDS among it.
+
+    Where two participants of one process meet while one is destroyed, Fast DDS may wait forever
+    (its issue 6193).
+    """
+    yield
+    gc.collect()
 
 
 class Bench:
