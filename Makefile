@@ -88,7 +88,7 @@ demo: $(ready) ## Simulate the paper's fleet, localize it over DDS, write demo.p
 # Kernels are compiled first, with progress: it takes minutes, and a test that waits would time out.
 test: $(ready) ## Run all tests
 	$(run) -m dg_localization.compile_kernels || :
-	$(run) -m pytest -n $(JOBS) $(PYTEST_ARGS)
+	$(run) -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
 lint: $(ready) ## Check style and types
 	$(run) -m ruff check .
