@@ -72,7 +72,7 @@ def require_coordinate(name: str, value: object) -> float:
 
 def require_integer(name: str, value: object, at_least: int) -> int:
     """Return `value` as an int; raise `ConfigError` unless it is one of at least `at_least`."""
-    if isinstance(value, Integral) and is_whole(value) and int(value) >= at_least:
+    if is_whole(value) and value >= at_least:
         return int(value)
     raise ConfigError(f'{name}: {value!r} is not allowed, it must be an integer >= {at_least}')
 

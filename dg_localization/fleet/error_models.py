@@ -66,7 +66,11 @@ def real_numbers(values: ArrayLike) -> FloatArray | None:
 
 
 def _are_real(array: NDArray[Any]) -> bool:
-    """Return whether an array is of real numbers: NumPy reads text, and a part of others."""
+    """
+    Return whether all entries of an array are real numbers.
+
+    NumPy would make numbers of text and truth values, and leave imaginary parts and masks out.
+    """
     return array.dtype.kind not in 'bcSU' and not np.ma.is_masked(array)
 
 

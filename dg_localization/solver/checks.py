@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from numbers import Integral
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,7 +136,7 @@ def checked_pairs(
     return PairBounds(n_points, keys[order], low[order], high[order])
 
 
-def is_whole(value: object) -> bool:
+def is_whole(value: object) -> TypeGuard[int]:
     """Return whether a value is an integer of Python or NumPy; truth values are none."""
     return type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
 

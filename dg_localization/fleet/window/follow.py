@@ -134,8 +134,7 @@ class Follower:
         estimate = replace(estimate, offenders=self._record.offenders())
         estimate = self._standing_frame.turn(snapshot, self._numbered(snapshot, estimate))
         self._proved = proved
-        groups = [group.placements for group in estimate.groups]
-        for placement in chain(estimate.placements, *groups):
+        for placement in _listed(estimate):
             placement.protect()
         if estimate.frame is None:
             return estimate
@@ -145,10 +144,7 @@ class Follower:
 
     def _numbered(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
         """Return an estimate with the numbers of its hypotheses."""
-        listed = [
-            *estimate.placements,
-            *(placement for group in estimate.groups for placement in group.placements),
-        ]
+        listed = _listed(estimate)
         before = self._last
         pairs = matches(snapshot, before.stamp_s, before.placements, listed)
         numbered = [
@@ -162,6 +158,12 @@ class Follower:
         ]
         self._last = _Followed(tuple(numbered), snapshot.stamp_s)
         return _with_placements(estimate, numbered)
+
+
+def _listed(estimate: Estimate) -> list[Placement]:
+    """Return the placements of an estimate, those of its groups last."""
+    groups = (group.placements for group in estimate.groups)
+    return [*estimate.placements, *chain.from_iterable(groups)]
 
 
 def _with_placements(estimate: Estimate, placements: list[Placement]) -> Estimate:

@@ -372,8 +372,9 @@ def _input_state(
     if state is None:
         wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
         return Level.WARN, wrong
-    if state.stuck or state.restart:
-        return Level.WARN, state.stuck or state.restart
+    doubt = state.stuck or state.restart
+    if doubt:
+        return Level.WARN, doubt
     if state.in_use:
         return Level.OK, 'in use'
     if state.accepted:
