@@ -1185,6 +1185,16 @@ FLEET = [
     ),
     *_in(
         'fleet',
+        'odometry',
+        ('test/fleet/test_odometry.py',),
+        (
+            'where samples are missing an error of a turn swings nothing',
+            'up(errors_m + swings_m)',
+            'errors_m',
+        ),
+    ),
+    *_in(
+        'fleet',
         'motion',
         ('test/fleet/test_motion.py',),
         (

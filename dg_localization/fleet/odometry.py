@@ -253,7 +253,10 @@ class OdometryPath:
         missing_s = np.where(missing, up(steps_s + 2.0 * self._error.latency_s), 0.0)
         lengths = np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))
         angles = np.maximum(angles, most_up(self._limits.turn_rate_rad_s, missing_s))
-        return np.stack([*step_errors(self._error, lengths, angles), missing])
+        errors_m, errors_rad = step_errors(self._error, lengths, angles)
+        # What is driven after an error of a turn is swung by it, here within the step as well.
+        swings_m = most_up(np.where(missing, np.minimum(errors_rad, 2.0), 0.0), lengths)
+        return np.stack([up(errors_m + swings_m), errors_rad, missing])
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""

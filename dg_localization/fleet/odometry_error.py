@@ -110,7 +110,7 @@ class OdometryErrorModel:
         return 0.0 if self.tilt_rad is None else self.tilt_rad
 
 
-def most_up(rate: float, amounts: np.ndarray) -> np.ndarray:
+def most_up(rate: float | np.ndarray, amounts: np.ndarray) -> np.ndarray:
     """Return upper bounds of products; nothing at no rate, and of no amount."""
     there = (amounts > 0.0) & (rate > 0.0)
     return np.where(there, up(rate * np.where(there, amounts, 1.0)), 0.0)

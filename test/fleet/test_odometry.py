@@ -145,6 +145,36 @@ def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
         assert math.remainder(yaw - stated[1][last], 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize('worst', [True, False])
+@pytest.mark.parametrize('seed', range(40))
+def test_drift_at_its_bound_is_inside_where_samples_are_missing(seed, worst):
+    rng = np.random.default_rng([seed, worst, 2])
+    error = OdometryErrorModel(
+        **{term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}, max_gap_s=0.06
+    )
+    stated, (positions, yaws) = drive(rng, 200, error, worst, space=seed % 2)
+    lengths_m = np.linalg.norm(np.diff(stated[0], axis=0), axis=1)
+    turns_rad = np.abs(np.diff(stated[1]))
+    limits = MotionLimits(lengths_m.max() / 0.05, turns_rad.max() / 0.05)
+    stamps = 1e9 + np.arange(201) * 0.05
+    for missing in (2, 10, 30, 198):
+        first = int(rng.integers(0, 200 - missing))
+        heard = np.r_[: first + 1, first + missing + 1 : 201]
+        track = stated[0][heard], stated[1][heard]
+        path = OdometryPath(
+            stamps[heard], track[0], [rotation(yaw) for yaw in track[1]], error, limits, 3
+        )
+        poses = path.past_poses(stamps[heard], stamps[-1])
+        assert_inside(poses, *seen_from_last(positions[heard], yaws[heard]))
+        ends = first, first + missing + 1
+        step = path.track_step(*stamps[list(ends)])
+        ahead = rotation(-yaws[ends[0]]) @ (positions[ends[1]] - positions[ends[0]])
+        reached = step.pose.position_m + Interval.around(np.zeros(3), step.ball_m)
+        assert_inside(
+            PastPoses(reached, step.pose.yaw_rad), ahead[None], np.diff(yaws[list(ends)])
+        )
+
+
 def test_off_its_track_a_robot_is_as_far_as_half_of_the_constants_allow():
     error = OdometryErrorModel(translation_per_m=0.1, constant_m=0.3, constant_rad=0.4)
     path = path_of(np.arange(3.0), (np.zeros((3, 3)), np.zeros(3)), error)
