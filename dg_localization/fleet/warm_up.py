@@ -15,6 +15,7 @@ import numpy as np
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.sensors import Anchor
+from dg_localization.fleet.window.pose_filters import LEAST_FOLLOWED_S
 from dg_localization.interval.kernels import COMPILED, compile_progress, why_not_kept, why_slow
 from dg_localization.solver.solve import load_kernels
 
@@ -36,6 +37,7 @@ def warm_up() -> None:
     for anchors in ({}, {'a': Anchor((0.0, 0.0)), 'b': Anchor((3.0, 0.0))}):
         for outliers in (0, 1):
             _estimate_moving_fleet(anchors, outliers)
+    _estimate_followed_robot()
     _estimate_robot_with_sensors()
 
 
@@ -93,6 +95,24 @@ def _estimate_moving_fleet(anchors: Mapping[str, Anchor], outliers: int) -> None
         localizer.add_range(*robots, 1.0, now_s, now_s)
         localizer.add_bearing(*robots, (1.0, 0.0, 0.0), now_s, now_s)
         localizer.step(now_s)
+
+
+def _estimate_followed_robot() -> None:
+    """Estimate a robot that a filter has followed for most of the memory."""
+    places = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
+    anchors = {name: Anchor(place) for name, place in places.items()}
+    config = FleetConfig(
+        robots=('r',), anchors=anchors, memory_s=LEAST_FOLLOWED_S, memory_max_seconds=math.inf
+    )
+    localizer = Localizer(config)
+    for second in range(int(LEAST_FOLLOWED_S)):
+        now_s = STAMP_S + second
+        localizer.add_odometry('r', (2.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        for name, place in places.items():
+            localizer.add_range('r', name, math.dist(place, (2.0, 1.0)), now_s, now_s)
+        localizer.add_bearing('r', 'a', (-2.0, -1.0, 0.0), now_s, now_s)
+        if second in (3, 24):
+            localizer.step(now_s)
 
 
 def _estimate_robot_with_sensors() -> None:

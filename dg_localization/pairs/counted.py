@@ -149,7 +149,7 @@ class CountedCover:
     @property
     def uncounted(self) -> Self:
         """The same poses, without what they broke."""
-        return replace(self, supports=self.supports[:, -1:])
+        return replace(self, supports=np.ascontiguousarray(self.supports[:, -1:]))
 
     @default_environment()
     def carried(self, step: PastPoses, ball_m: float = 0.0) -> Self | None:

@@ -3,6 +3,8 @@
 
 """The warm-up: afterwards no estimate waits for a kernel."""
 
+import os
+from pathlib import Path
 import subprocess
 import sys
 
@@ -11,13 +13,12 @@ import pytest
 # Without numba there is nothing to compile.
 pytest.importorskip('numba', reason='numba is not installed')
 
-CODE = """
-import math
+HERE = Path(__file__).parent
+
+WARMED_UP = """
 import sys
-import numpy as np
 from numba.core.dispatcher import Dispatcher
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, warm_up
-from dg_localization.simulation import moving_fleet as simulation
+from dg_localization.fleet import warm_up
 
 def compiled():
     modules = [m for name, m in list(sys.modules.items()) if name.startswith('dg_localization.')]
@@ -27,6 +28,14 @@ def compiled():
 
 warm_up()
 before = compiled()
+"""
+
+SIMULATED_FLEETS = """
+import math
+import numpy as np
+from dg_localization.fleet import Anchor, FleetConfig, Localizer
+from dg_localization.simulation import moving_fleet as simulation
+
 state = simulation.FleetMotion().state(0.0)
 sensors = simulation.FleetSensors()
 for cameras in (False, True):
@@ -59,12 +68,52 @@ for sensor, (x, y) in mounts.items():
         range_m = math.dist(place, (2.0 + x, 2.0 + y))
         localizer.add_range(f'r/{sensor}', name, range_m, 1.0, 1.0)
 assert localizer.step(1.0).placements
-assert before and compiled() == before, (before, compiled())
 """
+
+
+DRAWN_FLEETS = """
+import histories
+import space_histories
+
+# Every twentieth is long enough for filters: here of robots among anchors, and of two alone.
+for seed in (1, 2, 20, 40):
+    histories.play_seed(seed)
+for seed in range(3):
+    space_histories.play_seed(seed)
+"""
+
+
+SOLVED_FLEETS = """
+from benchmarks.pieces import TABLES
+from dg_localization import SolverOptions, solve
+
+rows = [row for table in TABLES.values() for row in table if row.n_points in (20, 50)]
+for row in rows:
+    for hypothesis in solve(row.problem(0), SolverOptions(max_seconds=0.2)).hypotheses:
+        hypothesis.proved, hypothesis.upper
+"""
+
+NOTHING_WAS_COMPILED = """
+assert before and compiled() == before, set(compiled().items()) - set(before.items())
+"""
+
+
+def check(code):
+    """Run some code in a process that is warmed up; it may compile nothing."""
+    code = WARMED_UP + code + NOTHING_WAS_COMPILED
+    folder = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(HERE), *sys.path])}
+    subprocess.run([sys.executable, '-c', code], check=True, timeout=250.0, env=folder)
 
 
 @pytest.mark.parametrize('anchors', ['{}', "{'a': Anchor((0, 0)), 'b': Anchor((4, 0))}"])
 @pytest.mark.parametrize('outliers', ['0', '1'])
-def test_nothing_is_left_to_compile(anchors, outliers):
-    code = CODE.replace('ANCHORS', anchors).replace('OUTLIERS', outliers)
-    subprocess.run([sys.executable, '-c', code], check=True, timeout=250.0)
+def test_simulated_fleets_compile_nothing(anchors, outliers):
+    check(SIMULATED_FLEETS.replace('ANCHORS', anchors).replace('OUTLIERS', outliers))
+
+
+def test_fleets_that_are_followed_compile_nothing():
+    check(DRAWN_FLEETS)
+
+
+def test_fleets_of_the_solver_compile_nothing():
+    check(SOLVED_FLEETS)
