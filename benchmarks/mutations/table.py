@@ -1043,6 +1043,11 @@ FLEET = [
             'Interval.around(pose.position_m[None, :], 0.0)',
         ),
         (
+            'in its odometry frame a robot is where it was at the stamp of its odometry',
+            'sum_up(moved_m, product_up(config.speed_m_s(robot), latency_s))',
+            'moved_m',
+        ),
+        (
             'headings in the odometry frame are as sharp as those in the body frame',
             'angle_up(placement.heading_half_width_rad + turn.half_width_rad)',
             'angle_up(placement.heading_half_width_rad)',

@@ -114,3 +114,13 @@ def draw_terms(rng):
         'rotation_per_m': rng.choice([0.0, 0.05]),
         'rotation_per_rad': rng.choice([0.0, 0.05, 0.2]),
     }
+
+
+def draw_lost(seed, count):
+    """Draw which samples of an odometry are lost; never the first."""
+    rng = np.random.default_rng(seed)
+    lost = set()
+    if rng.random() < 0.3:
+        for first in rng.integers(1, count, rng.integers(1, 4)):
+            lost.update(range(first, first + rng.choice([1, 3, 10, 30])))
+    return lost

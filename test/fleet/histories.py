@@ -15,10 +15,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
-from drives import SAMPLE_S, draw_drive, draw_errors
+from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost
 from heights import Heights
 from long_run import play_many
 import numpy as np
+from offsets import draw_clocks, draw_offsets
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
@@ -54,6 +55,10 @@ class History:
     clocks_s: list = field(default_factory=list)
     """How far the clock of each robot is ahead."""
     heights: Heights = field(default_factory=Heights)
+    late_s: list = field(default_factory=list)
+    """How much later than true the samples of each robot's odometry are stamped."""
+    off_m: dict = field(default_factory=dict)
+    """Where anchors truly are, seen from where they are said to be."""
 
     @classmethod
     def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
@@ -136,16 +141,32 @@ class History:
     def _odometry(self, robot, drive, sample):
         x, y, yaw = drive.reported(sample)
         arrival_s = self.start_s + sample * SAMPLE_S
-        stamp_s = arrival_s + self.clocks_s[robot]
         orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
         name = self.config.robots[robot]
 
         def call(localizer, now_s):
+            stamp_s = self._odometry_stamp_s(robot, sample)
             return localizer.add_odometry(
                 name, [x, y, 0.0], orientation, stamp_s, now_s, f'{name}/odom'
             )
 
         return arrival_s, call
+
+    def _odometry_stamp_s(self, robot, sample):
+        """Return what the stamp of a sample says, by a clock that differs, and early or late."""
+        late_s = self.late_s[robot][sample] if self.late_s else 0.0
+        return self.start_s + sample * SAMPLE_S + self.clocks_s[robot] + late_s
+
+    def _newest_sample(self, robot, time_s):
+        """Return the newest sample that has arrived and is not stamped later than a time."""
+        now_s, drive = self.start_s + time_s, self.drives[robot]
+        return max(
+            sample
+            for sample in range(len(drive.true))
+            if sample not in self.lost[robot]
+            and self.start_s + sample * SAMPLE_S <= now_s
+            and self._odometry_stamp_s(robot, sample) <= now_s
+        )
 
     def _elevation(self, robot, time_s):
         share = (0.001, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform()
@@ -183,6 +204,9 @@ class History:
         def call(localizer, now_s):
             gap = self._gap(observer, target, time_s)
             yaw = self.drives[self.body(observer)].pose(time_s)[2]
+            if names[0] in self.config.sensors:
+                *_, z, w = self.config.sensors[names[0]].rotation_xyzw
+                yaw += 2.0 * math.atan2(z, w)
             angle = math.atan2(gap[1], gap[0]) - yaw + off
             far = math.hypot(gap[0], gap[1])
             ray = [far * math.cos(angle), far * math.sin(angle), gap[2]]
@@ -218,7 +242,7 @@ class History:
         """Return where a point truly is, some seconds after the start."""
         name, body = self.config.points[point], self.body(point)
         if body is None:
-            return np.array(self.config.anchors[name].coordinates_m)
+            return self.config.anchors[name].coordinates_m + self.off_m.get(name, np.zeros(2))
         x, y, yaw = self.drives[body].pose(time_s).tolist()
         if name not in self.arms_m:
             return np.array([x, y])
@@ -248,9 +272,7 @@ class History:
 
     def _in_odometry_frame(self, robot, time_s, places, yaws):
         """Return a truth in the frame where the newest odometry of a robot states its pose."""
-        sample = min(math.floor(time_s / SAMPLE_S + 1e-9), len(self.drives[robot].true) - 1)
-        while sample in self.lost[robot]:
-            sample -= 1
+        sample = self._newest_sample(robot, time_s)
         true, stated = self.drives[robot].true[sample], self.drives[robot].reported(sample)
         c, s = math.cos(stated[2] - true[2]), math.sin(stated[2] - true[2])
         moved = (places - true[:2]) @ np.array([[c, s], [-s, c]]) + stated[:2]
@@ -268,23 +290,6 @@ class History:
             done = due
             localizer = between(localizer, time_s)
             yield time_s, localizer.step(now_s)
-
-
-def draw_clocks(seed, robots):
-    """Draw how far clocks may be wrong, and how far they are."""
-    rng = np.random.default_rng(seed)
-    error_s = float(rng.choice([0.0, 0.0, 0.005, 0.05]))
-    return error_s, (0.999 * error_s * rng.choice([-1.0, 0.3, 1.0], robots)).tolist()
-
-
-def draw_lost(seed, count):
-    """Draw which samples of an odometry are lost; never the first."""
-    rng = np.random.default_rng(seed)
-    lost = set()
-    if rng.random() < 0.3:
-        for first in rng.integers(1, count, rng.integers(1, 4)):
-            lost.update(range(first, first + rng.choice([1, 3, 10, 30])))
-    return lost
 
 
 def draw_mounts(rng):
@@ -380,7 +385,7 @@ def play_seed(seed):
     seconds, draw = SECONDS, draw_any
     if seed % EVERY_FOLLOWED == 0:
         seconds, draw = FOLLOWED_S, draw_followed
-    history = limited(draw(seed, seconds), seed)
+    history = limited(draw_offsets(draw(seed, seconds), seed), seed)
     return play_without_a_loss(history, seconds, resets=seed % 2 == 1)
 
 

@@ -12,11 +12,12 @@ plays them until so many estimates were made, and ends at the first truth that i
 from dataclasses import dataclass, replace
 import math
 
-from drives import SAMPLE_S, draw_errors
+from drives import SAMPLE_S, draw_errors, draw_lost
 from flights import angle_rad, attitude, turn
-from histories import MAX_AGE_S, TOLERANCE, History, draw_lost, limited, localizer_of
+from histories import MAX_AGE_S, TOLERANCE, History, limited, localizer_of
 from long_run import play_many
 import numpy as np
+from offsets import draw_offsets
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Mount, RangeErrorModel
@@ -155,13 +156,14 @@ class SpaceHistory(History):
 
     def _odometry(self, robot, drive, sample):
         place, rotation = drive.stated[sample]
-        stamp_s, name = self.start_s + sample * SAMPLE_S, self.config.robots[robot]
+        arrival_s, name = self.start_s + sample * SAMPLE_S, self.config.robots[robot]
         stated = place / drive.scale, quaternion_of(rotation)
 
         def call(localizer, now_s):
+            stamp_s = self._odometry_stamp_s(robot, sample)
             return localizer.add_odometry(name, *stated, stamp_s, now_s, f'{name}/odom')
 
-        return stamp_s, call
+        return arrival_s, call
 
     def _ray(self, observer, target, time_s):
         names = self.config.points[observer], self.config.points[target]
@@ -190,7 +192,7 @@ class SpaceHistory(History):
         """Return where a point truly is, some seconds after the start."""
         name, body = self.config.points[point], self.body(point)
         if body is None:
-            return np.array(self.config.anchors[name].coordinates_m)
+            return self.config.anchors[name].coordinates_m + self.off_m.get(name, np.zeros(3))
         if name not in self.arms_m:
             return self.drives[body].place(time_s)
         place, rotation = self.drives[body].pose(time_s)
@@ -214,9 +216,7 @@ class SpaceHistory(History):
     def _in_odometry_frame(self, robot, time_s, places, rotations):
         """Return a truth in the frame where the newest odometry of a robot states its pose."""
         drive = self.drives[robot]
-        sample = math.floor(time_s / SAMPLE_S + 1e-9)
-        while sample in self.lost[robot]:
-            sample -= 1
+        sample = self._newest_sample(robot, time_s)
         (place, *angles), (stated, rotation) = drive.true[sample], drive.stated[sample]
         axes = rotation @ attitude(*angles).T
         return (places - place) @ axes.T + stated / drive.scale, axes @ rotations
@@ -286,7 +286,7 @@ def play_without_a_loss(history, resets):
 
 def play_seed(seed):
     """Play the history of a seed, of an odd one with resets."""
-    history = limited(SpaceHistory.draw_any(seed), seed)
+    history = limited(draw_offsets(SpaceHistory.draw_any(seed), seed), seed)
     return play_without_a_loss(history, resets=seed % 2 == 1)
 
 

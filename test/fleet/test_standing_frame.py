@@ -254,3 +254,17 @@ def test_old_odometry_widens_the_answer():
         )
         widths_m.append(np.ptp(placement.enclosure_m[1], axis=0).max())
     assert widths_m[1] > widths_m[0] + 2 * 3.0 * math.cos(0.5) * 0.19
+
+
+def test_odometry_that_is_late_widens_the_answer():
+    error = OdometryErrorModel(latency_s=0.2)
+    limits = {'max_speed_m_s': 0.5, 'max_turn_rate_rad_s': 1.0}
+    localizer = Localizer(FleetConfig(('a', 'b'), odometry_error=error, **limits))
+    localizer.add_odometry('a', [1.0, 2.0, 0.0], unturned(0.5), START_S, START_S, 'odom')
+    localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], START_S, START_S)
+    localizer.add_range('a', 'b', 3.0, START_S, START_S)
+    estimate = localizer.step(START_S)
+    (placement,) = estimate.placements
+    assert estimate.frame.kind == 'odometry'
+    assert placement.heading_half_width_rad[0] == pytest.approx(0.2)
+    assert np.ptp(placement.enclosure_m[0], axis=0) == pytest.approx(2 * 0.5 * 0.2)

@@ -23,6 +23,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.interval.angles import angle_up, chord_up, rotation_2d
 from dg_localization.interval.arrays import Interval, rotate
+from dg_localization.interval.bounds import product_up, sum_up
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +101,10 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
     position_m = last.position_in_frame_m
     if np.abs(position_m).max() > FARTHEST_M:
         return None
-    turn, error_rad = snapshot.motion.turn(robot, last.stamp_s, now_s)
+    moved_m = snapshot.motion.displacement_m(robot, last.stamp_s, now_s)
+    turn, turned_rad = snapshot.motion.turn(robot, last.stamp_s, now_s)
+    # The stated pose may have been the true one that much before or after its stamp.
+    latency_s = config.odometry_error_of(robot).latency_s
     rotation = last.rotation
     if config.dimension == 2:
         if rotation[2, 2] < math.cos(MOST_TILT_RAD):
@@ -110,8 +114,8 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
         _frame_of(robot, last),
         position_m[: config.dimension],
         rotation @ turn.T,
-        snapshot.motion.displacement_m(robot, last.stamp_s, now_s),
-        error_rad,
+        sum_up(moved_m, product_up(config.speed_m_s(robot), latency_s)),
+        angle_up(sum_up(turned_rad, product_up(config.max_turn_rate_rad_s, latency_s))),
     )
 
 
