@@ -19,7 +19,7 @@ from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost
 from heights import Heights
 from long_run import play_many
 import numpy as np
-from offsets import draw_clocks, draw_offsets
+from offsets import at_its_bounds, draw_clocks
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
@@ -30,8 +30,8 @@ SECONDS = 8.0
 EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
 """So many histories have one that is long enough for filters to answer."""
 LIMITS_S = (math.inf, 0.02, 0.002)
-"""What an estimate of a long run may spend on the memory. Where the time is over in the middle of
-something, the answer is wider, never wrong."""
+"""What an estimate of a long run may spend on the memory, and on the search. Where the time is
+over in the middle of something, the answer is wider, never wrong."""
 TOLERANCE = 1e-7
 
 
@@ -357,9 +357,11 @@ def draw_any(seed, seconds):
 
 
 def limited(history, seed):
-    """Return a history whose localizer has the limit of time that a seed draws."""
-    limit_s = float(np.random.default_rng([seed, 9]).choice(LIMITS_S))
-    history.config = replace(history.config, memory_max_seconds=limit_s)
+    """Return a history whose localizer has the limits of time that a seed draws."""
+    rng, config = np.random.default_rng([seed, 9]), history.config
+    memory_s, search_s = float(rng.choice(LIMITS_S)), float(rng.choice(LIMITS_S))
+    solver = replace(config.solver, max_seconds=search_s)
+    history.config = replace(config, memory_max_seconds=memory_s, solver=solver)
     return history
 
 
@@ -385,7 +387,7 @@ def play_seed(seed):
     seconds, draw = SECONDS, draw_any
     if seed % EVERY_FOLLOWED == 0:
         seconds, draw = FOLLOWED_S, draw_followed
-    history = limited(draw_offsets(draw(seed, seconds), seed), seed)
+    history = limited(at_its_bounds(draw(seed, seconds), seed), seed)
     return play_without_a_loss(history, seconds, resets=seed % 2 == 1)
 
 

@@ -38,6 +38,35 @@ def turned_about_z(mount, angle_rad):
     return replace(mount, rotation_xyzw=(0.0, 0.0, math.sin(half_rad), math.cos(half_rad)))
 
 
+def fastest_m_s(history, robot):
+    """Return the greatest speed of a robot between two samples."""
+    samples = range(len(history.drives[robot].true))
+    places = np.array([history.place(robot, k * SAMPLE_S) for k in samples])
+    _, swing_m, frequency_rad_s, _ = history.heights.waves.get(f'r{robot}', (0.0,) * 4)
+    level_m_s = np.linalg.norm(np.diff(places, axis=0), axis=1).max() / SAMPLE_S
+    return 1.001 * math.hypot(level_m_s, swing_m * frequency_rad_s)
+
+
+def fastest_turn_rad_s(history):
+    """Return the greatest turn rate of the robots of a plane between two samples."""
+    return 1.001 * max(np.abs(np.diff(d.true[:, 2])).max() for d in history.drives) / SAMPLE_S
+
+
+def draw_limits(history, seed):
+    """Return a history whose robots, in half of the seeds, are no faster than they have to be."""
+    config = history.config
+    if np.random.default_rng([seed, 11]).random() < 0.5:
+        return history
+    rows = range(len(config.robots))
+    config = replace(
+        config, robot_max_speed_m_s={config.robots[k]: fastest_m_s(history, k) for k in rows}
+    )
+    if config.dimension == 2:
+        config = replace(config, max_turn_rate_rad_s=fastest_turn_rad_s(history))
+    history.config = config
+    return history
+
+
 def draw_offsets(history, seed):
     """
     Return a history with the offsets that a seed draws, and with the bounds that hold for them.
@@ -69,3 +98,8 @@ def draw_offsets(history, seed):
         }
     history.config = replace(config, robot_odometry_error=errors, anchors=anchors, mounts=mounts)
     return history
+
+
+def at_its_bounds(history, seed):
+    """Return a history with offsets, and with limits of speed that hold only just."""
+    return draw_limits(draw_offsets(history, seed), seed)

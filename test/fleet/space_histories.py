@@ -17,7 +17,7 @@ from flights import angle_rad, attitude, turn
 from histories import MAX_AGE_S, TOLERANCE, History, limited, localizer_of
 from long_run import play_many
 import numpy as np
-from offsets import draw_offsets
+from offsets import at_its_bounds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Mount, RangeErrorModel
@@ -286,7 +286,7 @@ def play_without_a_loss(history, resets):
 
 def play_seed(seed):
     """Play the history of a seed, of an odd one with resets."""
-    history = limited(draw_offsets(SpaceHistory.draw_any(seed), seed), seed)
+    history = limited(at_its_bounds(SpaceHistory.draw_any(seed), seed), seed)
     return play_without_a_loss(history, resets=seed % 2 == 1)
 
 
