@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 import math
 
@@ -22,6 +23,7 @@ from dg_localization.solver.solve import load_kernels
 STAMP_S = 1.0
 
 
+@cache
 def warm_up() -> None:
     """
     Load every kernel of the solver and the fleet, so that later estimates wait for none.
