@@ -11,7 +11,13 @@ from functools import partial
 from typing import NamedTuple
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, answer, shared_time
+from dg_localization.fleet.answers import (
+    Answer,
+    answer,
+    open_remedies,
+    shared_time,
+    would_fix,
+)
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Explanation
@@ -31,7 +37,7 @@ from dg_localization.fleet.contradictions.window_suspects import (
 from dg_localization.fleet.estimate import Estimate, Group
 from dg_localization.fleet.frames.finders import fit_headed
 from dg_localization.fleet.frames.plan import Plans, plan_frames
-from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
+from dg_localization.fleet.rigidity import NOT_RIGID
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
@@ -148,7 +154,7 @@ def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
         _without_placements(snapshot, None, reason),
         groups=_listed_groups(snapshot.config, found),
         rigid_groups=found.rigidity.pieces,
-        would_fix=_would_fix(snapshot.config, found),
+        would_fix=would_fix(snapshot.config, found),
     )
 
 
@@ -223,7 +229,7 @@ def _with_placements(
         frame_doubt=plans.reason,
         groups=_listed_groups(config, found),
         rigid_groups=found.rigidity.pieces,
-        would_fix=_would_fix(config, found),
+        would_fix=would_fix(config, found),
     )
 
 
@@ -231,18 +237,6 @@ def _listed_groups(config: FleetConfig, found: Answer) -> tuple[Group, ...]:
     """Return the groups of an answer, each with as many placements as may be listed."""
     most = config.max_hypotheses
     return tuple(replace(group, placements=group.placements[:most]) for group in found.groups)
-
-
-def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
-    """Return what would join the pieces of a fleet, those that nothing joins last."""
-    joining = []
-    for group in found.groups:
-        n_group = len(group.robots)
-        n_others = len(config.robots) + len(config.landmarks) - n_group
-        missing = missing_ranges(n_group, n_others, 0, config.dimension)
-        names = ', '.join(group.robots)
-        joining.append(f'{missing} ranges to other robots would join {names} to the rest')
-    return (*found.rigidity.remedies, *joining)
 
 
 def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
@@ -263,7 +257,7 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
         parts.append('the fleet may still move without any measurement changing')
-        parts += found.rigidity.remedies[:1]
+        parts += open_remedies(config, found)[:1]
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')

@@ -213,3 +213,28 @@ def test_what_nothing_joins_needs_more_ranges():
     estimate = localizer_of(TWO_FOURS, pairs).step(NOW_S)
     assert estimate.would_fix == ('3 ranges to other robots would join r5, r6, r7 to the rest',)
     assert estimate.rigid_groups == (('r1', 'r2', 'r3'), ('r5', 'r6', 'r7'))
+
+
+def test_a_range_decides_a_reflection_in_all_hypotheses_or_is_not_proposed():
+    """Reflecting r0 and r4, too, changes the distance of r1 and r2, which told that alone."""
+    corners = [(1.55, 5.7), (4.43, 9.0), (4.09, 6.98), (6.09, 0.54), (4.48, 7.63), (4.26, 1.23)]
+    places = {f'r{k}': corner for k, corner in enumerate(corners)}
+    pairs = within('r0 r2', 'r0 r3', 'r0 r4', 'r1 r4', 'r1 r5', 'r2 r5', 'r3 r4', 'r3 r5')
+    settings = {
+        'anchors': {name: Anchor(places[name]) for name in ('r2', 'r3')},
+        'range_error': RangeErrorModel(min_error_relative=-0.03, max_error_relative=0.03),
+    }
+    mirrored = places | {'r1': reflected(places['r1'], places['r4'], places['r5'])}
+    apart_m, mirrored_m = (math.dist(p['r1'], p['r2']) for p in (places, mirrored))
+    # A range to 3 % does not tell the two.
+    assert abs(mirrored_m / apart_m - 1.0) < 0.02
+    estimate = localizer_of(places, pairs, **settings).step(NOW_S)
+    assert estimate.n_hypotheses > 1
+    assert not any('r2 - r1' in text for text in estimate.would_fix)
+
+
+def reflected(point, first, second):
+    """Return a point reflected in the line through two others."""
+    edge = np.subtract(second, first)
+    arm = np.subtract(point, first)
+    return tuple(first + 2.0 * edge * (arm @ edge) / (edge @ edge) - arm)

@@ -710,3 +710,12 @@ def test_later_measurements_do_not_change_a_snapshot():
     list(fleet.drive(2.0))
     fleet.localizer.reset()
     assert len(snapshot.window.observations['r0', 'r1']) == before == 8
+
+
+def test_what_the_window_has_decided_needs_no_measurement():
+    fleet = Circling(4)
+    two_triangles = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
+    first, *_, last = fleet.drive(15.0, pairs=two_triangles)
+    assert first.n_hypotheses == 4
+    assert first.would_fix == ('range r0 - r3 or bearings would decide the reflection in r1, r2',)
+    assert (last.n_hypotheses, last.would_fix) == (1, ())
