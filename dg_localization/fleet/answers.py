@@ -89,7 +89,9 @@ def would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
         n_others = len(config.robots) + len(config.landmarks) - n_group
         missing = missing_ranges(n_group, n_others, 0, config.dimension)
         names = ', '.join(group.robots)
-        joining.append(f'{missing} ranges to other robots would join {names} to the rest')
+        # Either side may be flexible in itself: then it takes more to hold all of it.
+        ranges = f'at least {missing} ranges to other robots or anchors'
+        joining.append(f'{ranges} would join {names} to the rest')
     return (*open_remedies(config, found), *joining)
 
 

@@ -211,7 +211,8 @@ def test_in_space_a_shared_robot_leaves_three_ranges():
 def test_what_nothing_joins_needs_more_ranges():
     pairs = within('r1 r2 r3', 'r5 r6 r7')
     estimate = localizer_of(TWO_FOURS, pairs).step(NOW_S)
-    assert estimate.would_fix == ('3 ranges to other robots would join r5, r6, r7 to the rest',)
+    text = 'at least 3 ranges to other robots or anchors would join r5, r6, r7 to the rest'
+    assert estimate.would_fix == (text,)
     assert estimate.rigid_groups == (('r1', 'r2', 'r3'), ('r5', 'r6', 'r7'))
 
 
@@ -238,3 +239,12 @@ def reflected(point, first, second):
     edge = np.subtract(second, first)
     arm = np.subtract(point, first)
     return tuple(first + 2.0 * edge * (arm @ edge) / (edge @ edge) - arm)
+
+
+def test_where_there_are_no_other_robots_ranges_to_anchors_are_missing():
+    anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((9.0, 0.0)), 'c': Anchor((0.0, 9.0))}
+    estimate = localizer_of(
+        {'r1': (2.0, 2.0), 'r2': (5.0, 3.0)}, [('r1', 'r2')], anchors=anchors
+    ).step(NOW_S)
+    (text,) = estimate.would_fix
+    assert text == 'at least 3 ranges to other robots or anchors would join r1, r2 to the rest'
