@@ -148,7 +148,7 @@ def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions
 def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
     """Return the estimate of an answer without contradictions."""
     if plans.main is not None:
-        return _with_placements(snapshot, found, plans)
+        return _with_placements(snapshot, found, [plans])
     reason = '; '.join([plans.reason, *_limit_texts(found), *_group_texts(found)])
     return replace(
         _without_placements(snapshot, None, reason),
@@ -181,7 +181,7 @@ def _no_data_reason(snapshot: Snapshot) -> str:
     if not snapshot.links:
         return 'no usable measurement has arrived yet'
     if any(link.contradicts for link in snapshot.links):
-        return 'all measurements contradict what was measured before, and are left out'
+        return 'all fresh measurements contradict what was measured before, and are left out'
     youngest_s = min(link.age_s for link in snapshot.links)
     return (
         f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
@@ -210,10 +210,14 @@ def _without_placements(
 
 
 def _with_placements(
-    snapshot: Snapshot, found: Answer, plans: Plans, conflicts: tuple[Conflict, ...] = ()
+    snapshot: Snapshot, found: Answer, plans: Sequence[Plans], conflicts: tuple[Conflict, ...] = ()
 ) -> Estimate:
-    """Return an estimate with placements, as many as may be listed."""
-    config = snapshot.config
+    """
+    Return an estimate with placements, as many as may be listed.
+
+    The plans are those of alternatives; all have the same frame.
+    """
+    config, main = snapshot.config, plans[0].main
     return Estimate(
         stamp_s=snapshot.stamp_s,
         robots=config.robots,
@@ -225,8 +229,8 @@ def _with_placements(
         links=_marked_links(snapshot, conflicts),
         conflicts=conflicts,
         landmarks=config.landmarks,
-        frame=None if plans.main is None else plans.main.frame,
-        frame_doubt=plans.reason,
+        frame=None if main is None else main.frame,
+        frame_doubt=plans[0].reason,
         groups=_listed_groups(config, found),
         rigid_groups=found.rigidity.pieces,
         would_fix=would_fix(config, found),
@@ -247,7 +251,7 @@ def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[
     )
 
 
-def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
+def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     """Return a sentence on what the placements are."""
     config = snapshot.config
     count = found.n_hypotheses
@@ -261,9 +265,9 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')
-    parts += [plans.reason] if plans.reason else []
+    parts += [plans[0].reason] if plans[0].reason else []
     grouped = {robot for group in found.groups for robot in group.robots}
-    points = () if plans.main is None else plans.main.points
+    points = {point for one in plans if one.main is not None for point in one.main.points}
     lost = [name for i, name in enumerate(config.robots) if i not in points]
     lost = [name for name in lost if name not in grouped]
     if lost:
@@ -298,7 +302,7 @@ def _explained(
     blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
     if corrected.answers:
         union = _union(corrected.answers, statistics)
-        estimate = _with_placements(snapshot, union, plans[0], conflicts)
+        estimate = _with_placements(snapshot, union, plans, conflicts)
     else:
         why = plans[0].reason if plans else ''
         reason = reason_of(snapshot.config, explanation, why)

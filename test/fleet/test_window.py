@@ -593,6 +593,8 @@ def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
         link.key.ends for link in estimate.links if link.contradicts
     ]
     assert all('r0' in ends for item in estimate.forgotten for ends in item.ends)
+    # The others are stale by now, and right.
+    assert estimate.reason.startswith('all fresh measurements contradict')
     for estimate in fleet.drive(6.0):
         assert fleet.holds(estimate.placements[0], estimate)
         assert not estimate.forgotten and 'doubt' not in estimate.reason
