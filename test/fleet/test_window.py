@@ -653,6 +653,17 @@ def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
     assert all(len(after[ends]) >= len(stamps) for ends, stamps in before.items())
 
 
+@pytest.mark.parametrize('memory_s', [26.0, 40.0])
+def test_a_contradiction_is_dated_where_it_is_known_when_it_began(memory_s):
+    """A filter that runs empty does not tell which readings contradict each other."""
+    fleet = Circling(1, anchors=ANCHORS, memory_s=memory_s)
+    list(fleet.drive(0.9 * memory_s))
+    fleet.shift_m[0] = [0.22, -0.11]
+    first = next(fleet.drive(1.0))
+    text = first.forgotten[0].text
+    assert text == 'what r0 and the anchors measured of each other contradicts itself'
+
+
 def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing():
     fleet = Circling(3, anchors=ANCHORS, memory_s=12.0)
     list(fleet.drive(3.0))
