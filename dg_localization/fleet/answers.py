@@ -200,5 +200,8 @@ def _answer_group(
     number = len(placements) + n_unseen * placer.most_images
     listed = tuple(placements[:most_placements])
     names = [snapshot.config.points[point] for point in placer.points]
-    rigidity = rigidity_of(names, result, snapshot.config.dimension)
+    measured = None
+    if snapshot.mounts.distances:
+        measured = constraints.measured[np.ix_(placer.points, placer.points)]
+    rigidity = rigidity_of(names, result, snapshot.config.dimension, measured)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.solver.decompose.joints import Joint, JointKind
+from dg_localization.solver.decompose.rigid_components import rigid_components
 from dg_localization.solver.result import Piece, Result
 
 FloatArray = NDArray[np.float64]
@@ -88,7 +89,9 @@ class Rigidity:
 NOT_RIGID = Rigidity()
 
 
-def rigidity_of(names: Sequence[str], result: Result, dimension: int) -> Rigidity:
+def rigidity_of(
+    names: Sequence[str], result: Result, dimension: int, measured: NDArray[np.bool_] | None = None
+) -> Rigidity:
     """
     Return what the answer of the solver says about connected points.
 
@@ -98,16 +101,24 @@ def rigidity_of(names: Sequence[str], result: Result, dimension: int) -> Rigidit
         The points of the problem.
     result : Result
     dimension : int
+    measured : numpy.ndarray of bool, shape (n, n), optional
+        Which distances would be known without errors, where the solver has bounds of others: its
+        pieces are rigid only as far as these hold them.
 
     Returns
     -------
     Rigidity
 
     """
+    held = [True] * len(result.pieces)
+    if measured is not None:
+        pairs = np.ascontiguousarray(np.argwhere(np.triu(measured, 1)))
+        bodies = [{*body} for body in rigid_components(len(names), pairs, dimension)]
+        held = [any(body.issuperset(piece.points) for body in bodies) for piece in result.pieces]
     pieces = tuple(
         tuple(names[point] for point in piece.points)
-        for piece in result.pieces
-        if not any(hypothesis.flexible for hypothesis in piece.hypotheses)
+        for piece, is_held in zip(result.pieces, held, strict=True)
+        if is_held and not any(hypothesis.flexible for hypothesis in piece.hypotheses)
     )
     remedies: list[Remedy] = []
     # What is free to turn first: it is worse than what has two places.
@@ -115,6 +126,8 @@ def rigidity_of(names: Sequence[str], result: Result, dimension: int) -> Rigidit
         for number in joint.pieces[1:]:
             if len(remedies) == MOST_REMEDIES:
                 break
+            if not (held[joint.pieces[0]] and held[number]):
+                continue
             pair = result.pieces[joint.pieces[0]], result.pieces[number]
             remedies += _Joined(names, joint, pair, result, dimension).remedies()
     return Rigidity(pieces, tuple(remedies))
