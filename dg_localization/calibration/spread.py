@@ -90,6 +90,7 @@ def triangle_contradictions(
     lower_m: Sequence[ArrayLike],
     upper_m: Sequence[ArrayLike],
     speed_m_s: float,
+    between_stamps_s: float = 0.0,
 ) -> tuple[int, int]:
     """
     Count the moments at which three points cannot be as far apart as their bounds say.
@@ -100,6 +101,8 @@ def triangle_contradictions(
         For each side of the triangle, increasing stamps and the bounds of its readings.
     speed_m_s : float
         No distance changes faster.
+    between_stamps_s : float, optional
+        How much longer or shorter than between two stamps the time between them may be.
 
     Returns
     -------
@@ -120,8 +123,9 @@ def triangle_contradictions(
         nearest = np.where(closer, after, before)
         age_s = np.abs(stamps[nearest] - times)
         near &= age_s <= TOGETHER_S
-        low.append(np.asarray(lower_m[side])[nearest] - speed_m_s * age_s)
-        high.append(np.asarray(upper_m[side])[nearest] + speed_m_s * age_s)
+        moved_m = speed_m_s * (age_s + between_stamps_s)
+        low.append(np.asarray(lower_m[side])[nearest] - moved_m)
+        high.append(np.asarray(upper_m[side])[nearest] + moved_m)
     lower, upper = np.array(low), np.array(high)
     broken = np.any(lower > upper.sum(axis=0) - upper, axis=0)
     return int(np.count_nonzero(broken & near)), int(np.count_nonzero(near))

@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 import math
 import time
 
+import numpy as np
+
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import Group, Placement
 from dg_localization.fleet.frames.placer import Placer
 from dg_localization.fleet.frames.plan import FramePlan, Plans
-from dg_localization.fleet.rigidity import NOT_RIGID, Rigidity, rigidity_of
+from dg_localization.fleet.rigidity import NOT_RIGID, Rigidity, missing_ranges, rigidity_of
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.solver.options import Cancel, SolverOptions
@@ -62,6 +65,34 @@ _OF_ALL = (Verdict.INFEASIBLE, Verdict.OUT_OF_BUDGET, Verdict.COVERED)
 """The first of these that is the verdict of some parts is that of all together."""
 
 NO_PLACE = Answer(Verdict.COVERED, (), 0, Statistics())
+
+
+def open_remedies(config: FleetConfig, found: Answer) -> tuple[str, ...]:
+    """Return what would join pieces, without what the placements that are left have decided."""
+    parts: list[Answer | Group] = [found, *found.groups]
+    placements = [placement for part in parts for placement in part.placements]
+    all_listed = sum(part.n_hypotheses for part in parts) == len(placements)
+    names = (*config.robots, *config.landmarks)
+    places_m = [np.concatenate([one.positions_m, one.landmarks_m]) for one in placements]
+    return tuple(
+        remedy.text
+        for remedy in found.rigidity.remedies
+        if not all_listed or remedy.is_open(names, places_m)
+    )
+
+
+def would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
+    """Return what would join the pieces of a fleet, those that nothing joins last."""
+    joining = []
+    for group in found.groups:
+        n_group = len(group.robots)
+        n_others = len(config.robots) + len(config.landmarks) - n_group
+        missing = missing_ranges(n_group, n_others, 0, config.dimension)
+        names = ', '.join(group.robots)
+        # Either side may be flexible in itself: then it takes more to hold all of it.
+        ranges = f'at least {missing} ranges to other robots or anchors'
+        joining.append(f'{ranges} would join {names} to the rest')
+    return (*open_remedies(config, found), *joining)
 
 
 def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions]:
@@ -169,5 +200,8 @@ def _answer_group(
     number = len(placements) + n_unseen * placer.most_images
     listed = tuple(placements[:most_placements])
     names = [snapshot.config.points[point] for point in placer.points]
-    rigidity = rigidity_of(names, result, snapshot.config.dimension)
+    measured = None
+    if snapshot.mounts.distances:
+        measured = constraints.measured[np.ix_(placer.points, placer.points)]
+    rigidity = rigidity_of(names, result, snapshot.config.dimension, measured)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

@@ -103,7 +103,8 @@ class Placement:
         rounding. Where bounds are as narrow as rounding errors the check is that before the
         rotation into the fixed frame.
     flexible : bool
-        Whether robots may be able to move without any measurement changing.
+        Whether robots may be able to move without any measurement changing. Turning about the
+        only sensor that anybody measured does not count.
     mirrored : bool
         Whether this is the mirror image of the placement before it, which the measurements
         cannot tell from it.

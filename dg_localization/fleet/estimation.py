@@ -11,7 +11,13 @@ from functools import partial
 from typing import NamedTuple
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, answer, shared_time
+from dg_localization.fleet.answers import (
+    Answer,
+    answer,
+    open_remedies,
+    shared_time,
+    would_fix,
+)
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Explanation
@@ -31,7 +37,7 @@ from dg_localization.fleet.contradictions.window_suspects import (
 from dg_localization.fleet.estimate import Estimate, Group
 from dg_localization.fleet.frames.finders import fit_headed
 from dg_localization.fleet.frames.plan import Plans, plan_frames
-from dg_localization.fleet.rigidity import NOT_RIGID, missing_ranges
+from dg_localization.fleet.rigidity import NOT_RIGID
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
@@ -142,13 +148,13 @@ def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions
 def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
     """Return the estimate of an answer without contradictions."""
     if plans.main is not None:
-        return _with_placements(snapshot, found, plans)
+        return _with_placements(snapshot, found, [plans])
     reason = '; '.join([plans.reason, *_limit_texts(found), *_group_texts(found)])
     return replace(
         _without_placements(snapshot, None, reason),
         groups=_listed_groups(snapshot.config, found),
         rigid_groups=found.rigidity.pieces,
-        would_fix=_would_fix(snapshot.config, found),
+        would_fix=would_fix(snapshot.config, found),
     )
 
 
@@ -175,7 +181,7 @@ def _no_data_reason(snapshot: Snapshot) -> str:
     if not snapshot.links:
         return 'no usable measurement has arrived yet'
     if any(link.contradicts for link in snapshot.links):
-        return 'all measurements contradict what was measured before, and are left out'
+        return 'all fresh measurements contradict what was measured before, and are left out'
     youngest_s = min(link.age_s for link in snapshot.links)
     return (
         f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
@@ -204,10 +210,14 @@ def _without_placements(
 
 
 def _with_placements(
-    snapshot: Snapshot, found: Answer, plans: Plans, conflicts: tuple[Conflict, ...] = ()
+    snapshot: Snapshot, found: Answer, plans: Sequence[Plans], conflicts: tuple[Conflict, ...] = ()
 ) -> Estimate:
-    """Return an estimate with placements, as many as may be listed."""
-    config = snapshot.config
+    """
+    Return an estimate with placements, as many as may be listed.
+
+    The plans are those of alternatives; all have the same frame.
+    """
+    config, main = snapshot.config, plans[0].main
     return Estimate(
         stamp_s=snapshot.stamp_s,
         robots=config.robots,
@@ -219,11 +229,11 @@ def _with_placements(
         links=_marked_links(snapshot, conflicts),
         conflicts=conflicts,
         landmarks=config.landmarks,
-        frame=None if plans.main is None else plans.main.frame,
-        frame_doubt=plans.reason,
+        frame=None if main is None else main.frame,
+        frame_doubt=plans[0].reason,
         groups=_listed_groups(config, found),
         rigid_groups=found.rigidity.pieces,
-        would_fix=_would_fix(config, found),
+        would_fix=would_fix(config, found),
     )
 
 
@@ -231,18 +241,6 @@ def _listed_groups(config: FleetConfig, found: Answer) -> tuple[Group, ...]:
     """Return the groups of an answer, each with as many placements as may be listed."""
     most = config.max_hypotheses
     return tuple(replace(group, placements=group.placements[:most]) for group in found.groups)
-
-
-def _would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
-    """Return what would join the pieces of a fleet, those that nothing joins last."""
-    joining = []
-    for group in found.groups:
-        n_group = len(group.robots)
-        n_others = len(config.robots) + len(config.landmarks) - n_group
-        missing = missing_ranges(n_group, n_others, 0, config.dimension)
-        names = ', '.join(group.robots)
-        joining.append(f'{missing} ranges to other robots would join {names} to the rest')
-    return (*found.rigidity.remedies, *joining)
 
 
 def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
@@ -253,7 +251,7 @@ def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[
     )
 
 
-def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
+def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     """Return a sentence on what the placements are."""
     config = snapshot.config
     count = found.n_hypotheses
@@ -263,13 +261,13 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Plans) -> str:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
         parts.append('the fleet may still move without any measurement changing')
-        parts += found.rigidity.remedies[:1]
+        parts += open_remedies(config, found)[:1]
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')
-    parts += [plans.reason] if plans.reason else []
+    parts += [plans[0].reason] if plans[0].reason else []
     grouped = {robot for group in found.groups for robot in group.robots}
-    points = () if plans.main is None else plans.main.points
+    points = {point for one in plans if one.main is not None for point in one.main.points}
     lost = [name for i, name in enumerate(config.robots) if i not in points]
     lost = [name for name in lost if name not in grouped]
     if lost:
@@ -304,7 +302,7 @@ def _explained(
     blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
     if corrected.answers:
         union = _union(corrected.answers, statistics)
-        estimate = _with_placements(snapshot, union, plans[0], conflicts)
+        estimate = _with_placements(snapshot, union, plans, conflicts)
     else:
         why = plans[0].reason if plans else ''
         reason = reason_of(snapshot.config, explanation, why)

@@ -5,17 +5,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.solver.decompose.joints import Joint, JointKind
+from dg_localization.solver.decompose.rigid_components import rigid_components
 from dg_localization.solver.result import Piece, Result
+
+FloatArray = NDArray[np.float64]
 
 MOST_REMEDIES = 8
 """How many measurements are proposed at most."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """
+    What would join two pieces.
+
+    Parameters
+    ----------
+    text : str
+        What to measure, as a short sentence.
+    face, pair : tuple of str
+        Where a piece can be reflected: the points that the two share, and one more of each. Empty
+        at other joints.
+
+    """
+
+    text: str
+    face: tuple[str, ...] = ()
+    pair: tuple[str, ...] = ()
+
+    def is_open(self, names: Sequence[str], places_m: Iterable[FloatArray]) -> bool:
+        """
+        Return whether some placements still need it.
+
+        A reflection is decided where all of them have the pair on the same side of the face, or
+        all of them on opposite sides.
+
+        Parameters
+        ----------
+        names : sequence of str
+        places_m : iterable of numpy.ndarray, shape (len(names), q)
+            Of all placements, NaN where a point is not placed.
+
+        """
+        if not self.face or not {*self.face, *self.pair} <= {*names}:
+            return True
+        face = [names.index(name) for name in self.face]
+        first, second = (names.index(name) for name in self.pair)
+        sides = {_side(places, face, first, second) for places in places_m}
+        return len(sides - {None}) != 1
 
 
 @dataclass(frozen=True)
@@ -27,13 +72,13 @@ class Rigidity:
     ----------
     pieces : tuple of tuple of str
         The points of each part that can only move as a whole.
-    remedies : tuple of str
-        Measurements that would join two of them, as short sentences; at most `MOST_REMEDIES`.
+    remedies : tuple of Remedy
+        What would join two of them; at most `MOST_REMEDIES`.
 
     """
 
     pieces: tuple[tuple[str, ...], ...] = ()
-    remedies: tuple[str, ...] = ()
+    remedies: tuple[Remedy, ...] = ()
 
     def __add__(self, other: Rigidity) -> Rigidity:
         """Return the rigidity of two parts of a fleet that nothing joins."""
@@ -44,7 +89,9 @@ class Rigidity:
 NOT_RIGID = Rigidity()
 
 
-def rigidity_of(names: Sequence[str], result: Result, dimension: int) -> Rigidity:
+def rigidity_of(
+    names: Sequence[str], result: Result, dimension: int, measured: NDArray[np.bool_] | None = None
+) -> Rigidity:
     """
     Return what the answer of the solver says about connected points.
 
@@ -54,23 +101,33 @@ def rigidity_of(names: Sequence[str], result: Result, dimension: int) -> Rigidit
         The points of the problem.
     result : Result
     dimension : int
+    measured : numpy.ndarray of bool, shape (n, n), optional
+        Which distances would be known without errors, where the solver has bounds of others: its
+        pieces are rigid only as far as these hold them.
 
     Returns
     -------
     Rigidity
 
     """
+    held = [True] * len(result.pieces)
+    if measured is not None:
+        pairs = np.ascontiguousarray(np.argwhere(np.triu(measured, 1)))
+        bodies = [{*body} for body in rigid_components(len(names), pairs, dimension)]
+        held = [any(body.issuperset(piece.points) for body in bodies) for piece in result.pieces]
     pieces = tuple(
         tuple(names[point] for point in piece.points)
-        for piece in result.pieces
-        if not any(hypothesis.flexible for hypothesis in piece.hypotheses)
+        for piece, is_held in zip(result.pieces, held, strict=True)
+        if is_held and not any(hypothesis.flexible for hypothesis in piece.hypotheses)
     )
-    remedies: list[str] = []
+    remedies: list[Remedy] = []
     # What is free to turn first: it is worse than what has two places.
     for joint in sorted(result.joints, key=lambda joint: joint.kind is JointKind.REFLECTION):
         for number in joint.pieces[1:]:
             if len(remedies) == MOST_REMEDIES:
                 break
+            if not (held[joint.pieces[0]] and held[number]):
+                continue
             pair = result.pieces[joint.pieces[0]], result.pieces[number]
             remedies += _Joined(names, joint, pair, result, dimension).remedies()
     return Rigidity(pieces, tuple(remedies))
@@ -113,22 +170,24 @@ class _Joined:
     result: Result
     dimension: int
 
-    def remedies(self) -> Iterator[str]:
+    def remedies(self) -> Iterator[Remedy]:
         """Yield what would leave the joint no freedom, or one side only."""
-        shared = ', '.join(self.names[point] for point in self.joint.points)
+        face = tuple(self.names[point] for point in self.joint.points)
+        shared = ', '.join(face)
         if self.joint.kind is JointKind.REFLECTION:
             pair = self._best_pair(lambda first, second: first * second)
             if pair is not None and self._tells_apart(*pair):
-                yield f'{self._range(*pair)} or bearings would decide the reflection in {shared}'
+                text = f'{self._range(*pair)} or bearings would decide the reflection in {shared}'
+                yield Remedy(text, face, tuple(self.names[point] for point in pair))
             return
         first, second = (len(piece.points) for piece in self.pieces)
         missing = missing_ranges(first, second, len(self.joint.points), self.dimension)
         pair = self._best_pair(min)
         if missing == 1 and pair is not None:
-            yield f'{self._range(*pair)} would fix the hinge at {shared}'
+            yield Remedy(f'{self._range(*pair)} would fix the hinge at {shared}')
         elif missing > 1:
             ends = ' and '.join(self._others(piece) for piece in self.pieces)
-            yield f'{missing} ranges between {ends} would fix the joint at {shared}'
+            yield Remedy(f'{missing} ranges between {ends} would fix the joint at {shared}')
 
     def _range(self, first: int, second: int) -> str:
         return f'range {self.names[first]} - {self.names[second]}'
@@ -147,10 +206,32 @@ class _Joined:
         return max(pairs, key=lambda pair: pairs[pair]) if pairs else None
 
     def _tells_apart(self, first: int, second: int) -> bool:
-        """Return whether some hypotheses have different distances of a pair."""
-        lower = [hypothesis.lower[first, second] for hypothesis in self.result.hypotheses]
-        upper = [hypothesis.upper[first, second] for hypothesis in self.result.hypotheses]
-        return max(lower, default=0.0) > min(upper, default=0.0)
+        """
+        Return whether the distance of a pair tells on which side of the joint the two are.
+
+        No hypothesis with both on the same side has a distance that one with the two on opposite
+        sides may have, too: other pieces can be reflected as well, and change it.
+        """
+        bounds: dict[float | None, list[tuple[float, float]]] = {-1.0: [], 1.0: []}
+        for hypothesis in self.result.hypotheses:
+            side = None
+            if hypothesis.positions is not None:
+                side = _side(hypothesis.positions, self.joint.points, first, second)
+            if side not in bounds:
+                return False
+            bounds[side].append(hypothesis.bounds_of_pair(first, second))
+        opposite, same = (np.reshape(found, (-1, 2)) for found in bounds.values())
+        apart = (opposite[:, None, 1] < same[:, 0]) | (same[:, 1] < opposite[:, None, 0])
+        return bool(apart.size and apart.all())
+
+
+def _side(positions: FloatArray, face: Sequence[int], first: int, second: int) -> float | None:
+    """Return 1 where two points are on the same side of a face, else -1; None if not known."""
+    arms = positions - positions[face[0]]
+    corners = arms[[(*face[1:], point) for point in (first, second)]]
+    if not np.isfinite(corners).all():
+        return None
+    return float(np.prod(np.sign(np.linalg.det(corners))))
 
 
 def _distances_m(piece: Piece, shared: tuple[int, ...]) -> dict[int, float]:

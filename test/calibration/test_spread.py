@@ -63,6 +63,9 @@ def test_sides_that_make_no_triangle_are_counted():
     assert triangle_contradictions(apart, lower, upper, 0.0) == (1, 9)
     # What the points may have moved in 0.05 s closes a gap of 1.7 m.
     assert triangle_contradictions(apart, lower, upper, 30.0) == (0, 9)
+    # So do clocks that may differ by so much.
+    assert triangle_contradictions(apart, lower, upper, 15.0) == (1, 9)
+    assert triangle_contradictions(apart, lower, upper, 15.0, between_stamps_s=0.05) == (0, 9)
     assert triangle_contradictions([stamps, stamps + 9.0, stamps], sides, sides, 0.0) == (0, 0)
 
 

@@ -3,6 +3,7 @@
 
 """Contradictions are everyday: named, survived, and over when their cause is gone."""
 
+from itertools import combinations
 import math
 
 from hypothesis import given, settings, strategies as st
@@ -238,6 +239,23 @@ def test_a_correction_may_cut_the_reference_robot_off(dimension):
     assert (LinkKey(LinkKind.RANGE, 'd', 'a'),) in corrections
     for placement in estimate.placements:
         assert (placement.enclosure_m[:, 0] <= placement.enclosure_m[:, 1]).all()
+
+
+def test_what_one_of_two_corrections_connects_is_not_called_unconnected():
+    corners = {'a': (0, 0), 'b': (4, 1), 'c': (1, 3), 'd': (5, 5)}
+    localizer = make_localizer(
+        robots=('a', 'b', 'c', 'd', 'e'), max_outliers=1, outlier_unit='robot'
+    )
+    for first, second in combinations(corners, 2):
+        reading = math.dist(corners[first], corners[second])
+        localizer.add_range(first, second, reading, NOW_S, NOW_S)
+    localizer.add_range('b', 'e', 4.0, NOW_S, NOW_S)
+    localizer.add_range('e', 'b', 6.0, NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    # Without e robot b is placed, and nobody but robot b measured robot e.
+    known = [np.isfinite(placement.positions_m).all(axis=1) for placement in estimate.placements]
+    assert {tuple(row) for row in known} == {(1, 0, 1, 1, 0), (1, 1, 1, 1, 0)}
+    assert estimate.reason.endswith('; not connected: e')
 
 
 def test_a_correction_that_leaves_the_reference_robot_alone_bounds_nothing():

@@ -20,11 +20,19 @@ from dg_localization.fleet import (
     estimation,
     localizer as localizer_room,
 )
+from dg_localization.fleet.answers import Answer
+from dg_localization.fleet.estimate import FixedFrame, FrameKind
 from dg_localization.fleet.estimation import estimate_snapshot
+from dg_localization.fleet.frames.finders import FittedPlacement
+from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.window import pair_filters
+from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.narrowing import narrow_answer
 from dg_localization.fleet.window.pair_filters import FILTERS, Directions, PairFilters
+from dg_localization.fleet.window.recollection import Recollection
 from dg_localization.interval.kernels import COMPILED
+from dg_localization.solver.result import Statistics
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason='without numba no pairs are followed')
 
@@ -258,9 +266,32 @@ def test_in_the_frame_of_one_robot_directions_tell_the_pose_of_the_other():
 def test_what_contradicts_itself_leaves_no_placement_in_any_frame():
     history = draw(2, 4.0)
     *_, (_time_s, estimate) = history.play(localizer_of(history), np.arange(1.0, 4.0, 0.5))
-    assert not pair_filters.NOWHERE.leave(
-        estimate.placements, estimate.frame, history.config.robots
+    for placement in estimate.placements:
+        left = pair_filters.NOWHERE.leave(placement, estimate.frame, history.config.robots)
+        assert left is None
+
+
+def test_a_hypothesis_that_directions_rule_out_is_named():
+    history = draw(2, 4.0)
+    localizer = localizer_of(history)
+    *_, (_time_s, estimate) = history.play(localizer, np.arange(1.0, 4.0, 0.5))
+    (placement,) = estimate.placements
+    boxes_m = np.array([np.zeros((2, 2)), [[2.9, 1.9], [3.1, 2.1]]])
+    mirrored_m = boxes_m * [1.0, -1.0]
+    mirrored_m[1] = [[2.9, -2.1], [3.1, -1.9]]
+    first, second = (replace(placement, enclosure_m=box_m) for box_m in (boxes_m, mirrored_m))
+    frame = FixedFrame(FrameKind.HEADING, ('r0',))
+    to_second_rad = math.atan2(-2.0, 3.0) + np.array([-0.1, 0.1])
+    directions = Directions(np.array([to_second_rad, [-3.2, 3.2]]), 3.0, 4.0)
+    recalled = Recollection(
+        localizer.snapshot(estimate.stamp_s), Allowance(math.inf, None), directions=directions
     )
+    found = Answer(Verdict.COVERED, (first, replace(second, mirrored=True)), 2, Statistics())
+    plans = Plans(FramePlan(frame, (0, 1), ((0, 1),)), '', ())
+    narrowed = narrow_answer(found, plans, recalled, lambda _, one: FittedPlacement(one))
+    assert [one.mirrored for one in narrowed.answer.placements] == [False]
+    (text,) = narrowed.ruled_out
+    assert text.startswith('mirror image ruled out by r0 - r1 over ')
 
 
 def test_two_robots_whose_tags_are_away_from_their_centers_learn_their_headings():

@@ -174,7 +174,7 @@ def test_where_the_time_is_up_a_chain_waits_and_is_carried_on_without_readings()
     assert filters_of(localizer)[robot][0] is before
     truth, yaws = history.truth(9.0, SimpleNamespace(kind='anchors'))
     at = np.array([*truth[robot], 0.0]), float(yaws[robot])
-    assert place.cover.contains(*at)
+    assert place.contains(*at)
     sharper = filters.place(snapshot, robot, lambda: False)
-    assert sharper.cover.contains(*at)
-    assert sharper.cover.area_m2 < place.cover.area_m2
+    assert sharper.contains(*at)
+    assert sharper.area_m2 < place.area_m2

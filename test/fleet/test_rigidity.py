@@ -3,7 +3,10 @@
 
 """Fleets that are not rigid as a whole: their pieces, and what would join them."""
 
+from collections import Counter
+from itertools import combinations
 import math
+import re
 
 import numpy as np
 import pytest
@@ -211,5 +214,144 @@ def test_in_space_a_shared_robot_leaves_three_ranges():
 def test_what_nothing_joins_needs_more_ranges():
     pairs = within('r1 r2 r3', 'r5 r6 r7')
     estimate = localizer_of(TWO_FOURS, pairs).step(NOW_S)
-    assert estimate.would_fix == ('3 ranges to other robots would join r5, r6, r7 to the rest',)
+    text = 'at least 3 ranges to other robots or anchors would join r5, r6, r7 to the rest'
+    assert estimate.would_fix == (text,)
     assert estimate.rigid_groups == (('r1', 'r2', 'r3'), ('r5', 'r6', 'r7'))
+
+
+def test_a_range_decides_a_reflection_in_all_hypotheses_or_is_not_proposed():
+    """Reflecting r0 and r4, too, changes the distance of r1 and r2, which told that alone."""
+    corners = [(1.55, 5.7), (4.43, 9.0), (4.09, 6.98), (6.09, 0.54), (4.48, 7.63), (4.26, 1.23)]
+    places = {f'r{k}': corner for k, corner in enumerate(corners)}
+    pairs = within('r0 r2', 'r0 r3', 'r0 r4', 'r1 r4', 'r1 r5', 'r2 r5', 'r3 r4', 'r3 r5')
+    settings = {
+        'anchors': {name: Anchor(places[name]) for name in ('r2', 'r3')},
+        'range_error': RangeErrorModel(min_error_relative=-0.03, max_error_relative=0.03),
+    }
+    mirrored = places | {'r1': reflected(places['r1'], places['r4'], places['r5'])}
+    apart_m, mirrored_m = (math.dist(p['r1'], p['r2']) for p in (places, mirrored))
+    # A range to 3 % does not tell the two.
+    assert abs(mirrored_m / apart_m - 1.0) < 0.02
+    estimate = localizer_of(places, pairs, **settings).step(NOW_S)
+    assert estimate.n_hypotheses > 1
+    assert not any('r2 - r1' in text for text in estimate.would_fix)
+
+
+def reflected(point, first, second):
+    """Return a point reflected in the line through two others."""
+    edge = np.subtract(second, first)
+    arm = np.subtract(point, first)
+    return tuple(first + 2.0 * edge * (arm @ edge) / (edge @ edge) - arm)
+
+
+def test_where_there_are_no_other_robots_ranges_to_anchors_are_missing():
+    anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((9.0, 0.0)), 'c': Anchor((0.0, 9.0))}
+    estimate = localizer_of(
+        {'r1': (2.0, 2.0), 'r2': (5.0, 3.0)}, [('r1', 'r2')], anchors=anchors
+    ).step(NOW_S)
+    (text,) = estimate.would_fix
+    assert text == 'at least 3 ranges to other robots or anchors would join r1, r2 to the rest'
+
+
+@pytest.mark.parametrize('sensors', [{'tag': (0.4, 0.0)}, {'tag': (0.4, 0.0), 'idle': (0.0, 0.3)}])
+def test_what_swings_about_a_sensor_is_flexible(sensors):
+    """The center of r0 is known to the others as far as its arm lets it: that holds nobody."""
+    places = {'r0': (0.0, 0.0), 'r1': (5.0, 1.0), 'r2': (1.0, 5.0), 'r0/tag': (0.4, 0.0)}
+    pairs = [('r0/tag', 'r1'), ('r0/tag', 'r2')]
+    settings = {'robots': ('r0', 'r1', 'r2'), 'mounts': {'r0': sensors}}
+    swinging = localizer_of(places, pairs, **settings).step(NOW_S)
+    assert swinging.placements and all(placement.flexible for placement in swinging.placements)
+    assert not any({'r1', 'r2'} & {*group} for group in swinging.rigid_groups)
+    # That r0 may turn about its tag does not count.
+    held = localizer_of(places, [*pairs, ('r1', 'r2')], **settings).step(NOW_S)
+    assert held.placements and not any(placement.flexible for placement in held.placements)
+
+
+def drawn_fleet(rng, dimension):
+    """Return a drawn fleet with sensors away from centers: settings, places, and who measures."""
+    robots = [f'r{k}' for k in range(int(rng.integers(2, 6)))]
+    anchors = [f'a{k}' for k in range(int(rng.choice([0, 2, 3])))]
+    places = {name: rng.uniform(0.0, 10.0, dimension) for name in (*robots, *anchors)}
+    body_of = {name: name for name in places}
+    mounts = {}
+    for robot in robots:
+        if rng.random() < 0.5:
+            turn = np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
+            turn[:, 0] *= np.sign(np.linalg.det(turn))
+            arms = rng.uniform(-1.0, 1.0, (int(rng.integers(1, 4)), dimension))
+            mounts[robot] = {f's{k}': tuple(arm) for k, arm in enumerate(arms.tolist())}
+            for sensor, arm in mounts[robot].items():
+                places[f'{robot}/{sensor}'] = places[robot] + turn @ arm
+                body_of[f'{robot}/{sensor}'] = robot
+    settings = {
+        'robots': tuple(robots),
+        'anchors': {name: Anchor(tuple(places[name])) for name in anchors},
+        'mounts': mounts,
+        'dimension': dimension,
+        'solver': SolverOptions(resolution=0.05, max_boxes=30),
+        'max_hypotheses': 2,
+    }
+    measuring = [name for name in places if name not in mounts]
+    pairs = [
+        pair
+        for pair in combinations(measuring, 2)
+        if body_of[pair[0]] != body_of[pair[1]] and not {*pair} <= {*anchors}
+    ]
+    chosen = rng.permutation(len(pairs))[: int(rng.integers(1, 4 * len(robots)))]
+    return settings, places, [pairs[k] for k in chosen], body_of
+
+
+class Motions:
+    """What a graph of known distances leaves free to move, at random coordinates."""
+
+    def __init__(self, names, pairs, dimension):
+        rng = np.random.default_rng(0)
+        self._row_of = {name: row for row, name in enumerate(names)}
+        self._places = rng.random((len(names), dimension))
+        gradients = np.reshape([self._gradient(*pair) for pair in pairs], (len(pairs), -1))
+        _, sizes, motions = np.linalg.svd(gradients, full_matrices=True)
+        self._free = motions[int((sizes > 1e-9).sum()) :]
+
+    def _gradient(self, first, second):
+        i, j = self._row_of[first], self._row_of[second]
+        found = np.zeros(self._places.shape)
+        found[i] = self._places[i] - self._places[j]
+        found[j] = -found[i]
+        return found.ravel()
+
+    def hold(self, names):
+        """Return whether some points can only move as a whole."""
+        changes = [self._free @ self._gradient(*pair) for pair in combinations(names, 2)]
+        return all(np.abs(change).max(initial=0.0) < 1e-7 for change in changes)
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_what_is_called_rigid_or_fixed_is_by_the_rank_of_what_is_measured(dimension):
+    called = Counter()
+    for seed in range(1, 30 if dimension == 2 else 50):
+        settings, places, pairs, body_of = drawn_fleet(np.random.default_rng(seed), dimension)
+        estimate = localizer_of(places, pairs, **settings).step(NOW_S)
+        anchors = settings['anchors'].keys()
+        same = [
+            (first, second)
+            for first, second in combinations(places, 2)
+            if body_of[first] == body_of[second] or {first, second} <= anchors
+        ]
+        motions = Motions(places, [*pairs, *same], dimension)
+        for group in estimate.rigid_groups:
+            called['rigid'] += 1
+            assert motions.hold(group), (seed, group)
+        for text in estimate.would_fix:
+            found = re.fullmatch(r'range (\S+) - (\S+) would fix the hinge at (.*)', text)
+            if found:
+                called['fixed'] += 1
+                first, second, *hinge = [*found.groups()[:2], *found[3].split(', ')]
+                assert not motions.hold([first, second]), (seed, text)
+                after = Motions(places, [*pairs, *same, (first, second)], dimension)
+                assert after.hold([first, second, *hinge]), (seed, text)
+        measured = {name for pair in pairs for name in pair} | anchors
+        for placement in estimate.placements:
+            if np.isfinite(placement.positions_m).all() and not placement.flexible:
+                called['not flexible'] += 1
+                assert motions.hold(measured), (seed, pairs)
+    assert min(called[claim] for claim in ('rigid', 'fixed', 'not flexible')) >= 2

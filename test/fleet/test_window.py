@@ -4,7 +4,7 @@
 """What robots measured before they moved: mirror images go, headings come, contradictions pass."""
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 import math
 from threading import Event
 from types import SimpleNamespace
@@ -30,8 +30,9 @@ from dg_localization.fleet.rotations import rotation_angle_rad, yaw_of
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
 from dg_localization.fleet.window.proved import PoseBounds
-from dg_localization.fleet.window.recollection import sifted
-from dg_localization.fleet.window.shape_headings import within_bounds
+from dg_localization.fleet.window.recollection import MOST_REFINED, Recollection, recall
+from dg_localization.fleet.window.shape_headings import Narrowed, within_bounds
+from dg_localization.fleet.window.sifting import sifted
 
 START_S = 100.0
 TICK_S = 0.25
@@ -157,6 +158,45 @@ def test_what_was_ruled_out_stays_so_where_the_window_alone_does_not_tell():
     assert after.ruled_out == ('mirror image ruled out by the estimate 0.0 s ago',)
 
 
+def test_what_rules_out_a_hypothesis_has_measured_as_long_as_is_said():
+    """Of six seconds that are remembered, what robots measured of each other counts for three."""
+    fleet = Circling(4, memory_s=6.0)
+    two_triangles = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
+    texts = [text for e in fleet.drive(15.0, pairs=two_triangles) for text in e.ruled_out]
+    spans_s = [int(text.split()[-2]) for text in texts if ' over ' in text]
+    assert spans_s and max(spans_s) <= 3
+
+
+def test_mirror_images_are_narrowed_together(monkeypatch):
+    fleet = Circling(3, window_outliers=1)
+    *_, estimate = fleet.drive(2.0)
+    image = estimate.placements[0]
+    lone = [replace(image, number=0, mirrored=False)]
+    placements = lone + [
+        replace(image, number=number, mirrored=mirrored)
+        for number in range(1, MOST_REFINED)
+        for mirrored in (False, True)
+    ]
+    calls = []
+
+    def narrow(_, placement, *__):
+        calls.append(placement.number)
+        # The first of the images that are tried last is impossible.
+        return Narrowed(None, (0, 1)) if len(calls) == last else Narrowed(placement)
+
+    monkeypatch.setattr(Recollection, '_narrow', narrow)
+    snapshot = fleet.localizer.snapshot(fleet.now_s)
+    recalled = recall(snapshot, (), None)
+    for last in range(len(placements) + 1, len(placements) + MOST_REFINED + 1):
+        calls.clear()
+        left = recalled.narrow(placements, estimate.frame)
+        for before, one in pairwise(left.placements):
+            assert not one.mirrored or one.number == before.number
+        is_lone = left.placements[0].number > 0
+        for text in left.ruled_out:
+            assert text.startswith('hypothesis' if is_lone else 'mirror image'), last
+
+
 def test_time_goes_to_hypotheses_of_which_least_is_known():
     known = [[0.1, 0.2], [math.inf, 0.2], [math.inf, math.inf], [0.3, 0.4]]
     placements = [
@@ -256,6 +296,17 @@ def test_mirror_images_that_meet_are_one_hypothesis():
     assert len(joined(below, replace(above, enclosure_m=apart))) == 2
     turned = replace(above, orientations_xyzw=-above.orientations_xyzw[:, [0, 1, 3, 2]])
     assert len(joined(below, turned)) == 2
+
+
+def test_what_goes_on_alone_is_no_mirror_image_of_what_is_joined():
+    _, below, above = images_that_meet()
+    far = below.enclosure_m + 50.0
+    images = [replace(one, enclosure_m=far + 50.0 * k) for k, one in enumerate((below, above))]
+    first, second = (replace(one, mirrored=True) for one in images)
+    # The first and its image, the second and its image: the first meets the second.
+    found = joined(below, first, above, second, costs=(1.0, 1.0, 1.0, 1.0))
+    assert [one.mirrored for one in found] == [False, False, False]
+    assert [one.mirrored for one in joined(images[0], second)] == [False, True]
 
 
 def test_the_point_of_what_is_joined_is_the_one_that_fits_best():
@@ -593,11 +644,24 @@ def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
         link.key.ends for link in estimate.links if link.contradicts
     ]
     assert all('r0' in ends for item in estimate.forgotten for ends in item.ends)
+    # The others are stale by now, and right.
+    assert estimate.reason.startswith('all fresh measurements contradict')
     for estimate in fleet.drive(6.0):
         assert fleet.holds(estimate.placements[0], estimate)
         assert not estimate.forgotten and 'doubt' not in estimate.reason
     after = remembered(fleet)
     assert all(len(after[ends]) >= len(stamps) for ends, stamps in before.items())
+
+
+@pytest.mark.parametrize('memory_s', [26.0, 40.0])
+def test_a_contradiction_is_dated_where_it_is_known_when_it_began(memory_s):
+    """A filter that runs empty does not tell which readings contradict each other."""
+    fleet = Circling(1, anchors=ANCHORS, memory_s=memory_s)
+    list(fleet.drive(0.9 * memory_s))
+    fleet.shift_m[0] = [0.22, -0.11]
+    first = next(fleet.drive(1.0))
+    text = first.forgotten[0].text
+    assert text == 'what r0 and the anchors measured of each other contradicts itself'
 
 
 def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing():
@@ -710,3 +774,12 @@ def test_later_measurements_do_not_change_a_snapshot():
     list(fleet.drive(2.0))
     fleet.localizer.reset()
     assert len(snapshot.window.observations['r0', 'r1']) == before == 8
+
+
+def test_what_the_window_has_decided_needs_no_measurement():
+    fleet = Circling(4)
+    two_triangles = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
+    first, *_, last = fleet.drive(15.0, pairs=two_triangles)
+    assert first.n_hypotheses == 4
+    assert first.would_fix == ('range r0 - r3 or bearings would decide the reflection in r1, r2',)
+    assert (last.n_hypotheses, last.would_fix) == (1, ())

@@ -53,6 +53,7 @@ UNBOUNDED = np.array([[[-np.inf] * 2, [np.inf] * 2]] * 2)
 AB = LinkKey(LinkKind.RANGE, 'a', 'b')
 PEERS = LinkKey(LinkKind.PEERS, 'a', '')
 BA = LinkKey(LinkKind.RANGE, 'b', 'a')
+ALONE = LinkKey(LinkKind.ODOMETRY, 'b', ''), LinkKey(LinkKind.ELEVATION, 'b', '')
 
 
 def placement(shift_m=0.0, dimension=2, **changes):
@@ -376,6 +377,8 @@ def test_robot_never_measured_is_not_called_stale():
         ({}, 'never measured'),
         ({AB: silent}, 'never measured'),
         ({AB: input_state()}, 'stale'),
+        # That it says where it drives, and how high it is, measures it from nowhere.
+        ({key: input_state(key=key) for key in ALONE}, 'never measured'),
     ):
         found = status('robot b', estimate(placement(), links=()), inputs=inputs)
         assert found.level is Level.WARN and text in found.message

@@ -26,7 +26,9 @@ from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
 from dg_localization.calibration.bounds import Choice  # noqa: E402
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel  # noqa: E402
 from dg_localization.ros.bags import fit_with_truth  # noqa: E402
+from dg_localization.ros.bags.compared import Compared, broken_bounds  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
 from dg_localization.ros.bags.samples import read_truth_file  # noqa: E402
 from dg_localization.ros.executables import (  # noqa: E402
@@ -146,6 +148,19 @@ def test_broken_bounds_are_named_with_their_times(tmp_path, learn):
     found = re.findall(r'The stated bounds of (.*?) are broken from (\S+) to (\S+) s: (\S+)', text)
     assert [(link, times) for link, _, _, times in found] == [('range robot_1->robot_2', '3')]
     assert 0.0 < float(found[0][2]) - float(found[0][1]) < 1.0
+
+
+@pytest.mark.parametrize(
+    ('stamp_error_s', 'ends'), [(0.0, 'm.'), (0.1, 'm, if stamps are right.')]
+)
+def test_bounds_are_called_broken_as_far_as_stamps_are_right(stamp_error_s, ends):
+    """Two robots at 1 m/s each are 0.2 m nearer to each other after 0.1 s."""
+    key = LinkKey(LinkKind.RANGE, 'a', 'b')
+    error = RangeErrorModel(-0.1, 0.1, 0.0, 0.0)
+    fleet = FleetConfig(('a', 'b'), range_error=error, stamp_error_s=stamp_error_s)
+    one = Compared(np.array([1.0]), np.array([5.0]), np.array([0.2]))
+    (text,) = broken_bounds(fleet, {key: one}, {})
+    assert text.endswith(f'off by up to 0.20 {ends}')
 
 
 def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):

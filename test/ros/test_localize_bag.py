@@ -38,7 +38,7 @@ from dg_localization.ros.bags.offline import (  # noqa: E402
     read_task,
     timeline,
 )
-from dg_localization.ros.bags.report import Tally  # noqa: E402
+from dg_localization.ros.bags.report import BagReport, Tally, as_markdown  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 from msg_adapters import ElevationReading, Level, PeersReading, adapter_for  # noqa: E402
 
@@ -755,3 +755,8 @@ def test_the_report_says_what_was_forgotten_and_when():
     tally.add(Estimate(10.0, ('r1',), None, ''), 1.0)
     tally.add(Estimate(12.0, ('r1',), None, '', forgotten=(forgotten,)), 3.0)
     assert tally.forgotten == [(3.0, why)]
+    report = BagReport('bag', 0.0, 3.0, 1.0, '', tally, [], {}, {}, {}, (), (), True, 1)
+    text = as_markdown(report)
+    assert why in text
+    # One of a moment with what was before was found.
+    assert 'No measurements of one moment were found to contradict each other.' in text

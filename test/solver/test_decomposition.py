@@ -210,6 +210,15 @@ def test_every_piece_is_rigid_by_what_comes_before_it(dimension):
         )
 
 
+def test_a_part_hears_of_a_pair_from_a_piece_that_it_shares_no_joint_with():
+    """Points 0 and 2 wait for the distance of 5 and 7, which 3, 6 and 8 imply."""
+    pairs = complete(3, 5, 6, 7, 8, without={(5, 7)}) | {(1, 3), (1, 5), (1, 6)}
+    pairs |= {(2, 5), (2, 6), (2, 7), (0, 2), (0, 5), (0, 7), (4, 5), (4, 7)}
+    answer = check_pieces(9, as_array(pairs), 3)
+    assert {(4, 5, 7), (0, 2, 5, 7)} <= {part.points for part in answer.pieces}
+    assert ((5, 7), HINGE) in {(joint.points, joint.kind) for joint in answer.joints}
+
+
 @pytest.mark.parametrize('degree', [2, 4, 6, 8, 10])
 def test_a_thousand_points_in_the_plane(degree):
     check_pieces(1000, near_pairs(np.random.default_rng(degree), 1000, 2, degree), 2)

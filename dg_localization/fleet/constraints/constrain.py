@@ -18,13 +18,18 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.angles import Angles, angles_of
 from dg_localization.fleet.constraints.chirality import planar_chiralities, spatial_chiralities
-from dg_localization.fleet.constraints.distances import PairBounds, given_distances
+from dg_localization.fleet.constraints.distances import (
+    PairBounds,
+    given_distances,
+    share_on_robots,
+)
 from dg_localization.fleet.constraints.graph import connected_to
 from dg_localization.fleet.constraints.rays import RayBundle, include_displacement
 from dg_localization.fleet.constraints.triangulation import triangulate
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
 from dg_localization.solver.contract.angles import ANGLE_SWEEPS, contract_by_angles
+from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.problem import Chirality, Problem
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +46,9 @@ class Constraints:
         Their names, in the order of the rows.
     lower, upper : numpy.ndarray, shape (n, n)
         Squared distances in m^2.
+    measured : numpy.ndarray of bool, shape (n, n)
+        Which of them would be known if there were no errors. Points of one robot have bounds by
+        what others of it measure, which leave them the length of their arm.
     chiralities : tuple of Chirality
     rays : mapping of str to tuple of RayReading
         By observer, in its body frame at the time of the snapshot.
@@ -53,6 +61,7 @@ class Constraints:
     points: tuple[str, ...]
     lower: FloatArray
     upper: FloatArray
+    measured: NDArray[np.bool_]
     chiralities: tuple[Chirality, ...]
     rays: Mapping[str, tuple[RayReading, ...]]
     angles: Angles
@@ -68,6 +77,25 @@ class Constraints:
         """Whether some distance is left without any value."""
         return bool((self.lower > self.upper).any())
 
+    def is_flexible(self, positions: FloatArray, robots: Sequence[str]) -> bool:
+        """
+        Return whether the measured distances leave a placement free to move.
+
+        That a robot may turn about its only point that anybody measured does not count.
+
+        Parameters
+        ----------
+        positions : numpy.ndarray, shape (n, q)
+            In m.
+        robots : sequence of str
+            The robot or anchor that each point belongs to.
+
+        """
+        names = np.array(robots)
+        joins = self.measured & (names[:, None] != names[None])
+        held = np.flatnonzero(joins.any(axis=1))
+        return is_flexible(positions[held], self.measured[np.ix_(held, held)])
+
     def component_of(self, point: int) -> tuple[int, ...]:
         """Return the points that bounded distances join to `point`, itself included, in order."""
         return tuple(sorted(connected_to(np.isfinite(self.upper), point)))
@@ -81,6 +109,7 @@ class Constraints:
             points=names,
             lower=self.lower[chosen],
             upper=self.upper[chosen],
+            measured=self.measured[chosen],
             chiralities=tuple(
                 Chirality(tuple(row_of[p] for p in chirality.points), chirality.sign)
                 for chirality in self.chiralities
@@ -126,6 +155,8 @@ def constrain(
     config = snapshot.config
     rows = {name: row for row, name in enumerate(config.points)}
     lower, upper = given_distances(snapshot, dropped, rows, remembered)
+    unshared = lower.copy(), upper.copy()
+    share_on_robots(snapshot, rows, lower, upper)
     bundles = _bundles(snapshot, dropped, rows, lower)
     pairs = {observer: bundle.pairs() for observer, bundle in bundles.items()}
     chiralities = list(snapshot.anchors.chiralities)
@@ -136,12 +167,15 @@ def constrain(
             else spatial_chiralities(bundle)
         )
     angles = angles_of(pairs.values())
-    triangulate(lower, upper, angles)
-    contract_by_angles(lower, upper, angles.corners, angles.cosines(), ANGLE_SWEEPS)
+    shares = bool(snapshot.mounts.distances)
+    for bounds in ((lower, upper), unshared)[: 1 + shares]:
+        triangulate(*bounds, angles)
+        contract_by_angles(*bounds, angles.corners, angles.cosines(), ANGLE_SWEEPS)
     return Constraints(
         points=config.points,
         lower=lower,
         upper=upper,
+        measured=np.isfinite(unshared[1] if shares else upper),
         chiralities=tuple(chiralities),
         rays={observer: bundle.now(snapshot.stamp_s) for observer, bundle in bundles.items()},
         angles=angles,

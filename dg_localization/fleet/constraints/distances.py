@@ -57,9 +57,15 @@ def given_distances(
     given = chain(_bounds_of_pairs(snapshot, dropped, rows), remembered)
     for i, j, s_lower_m2, s_upper_m2 in given:
         intersect_pair(lower, upper, i, j, s_lower_m2, s_upper_m2)
+    return lower, upper
+
+
+def share_on_robots(
+    snapshot: Snapshot, rows: Mapping[str, int], lower: FloatArray, upper: FloatArray
+) -> None:
+    """Bound the distances from each point of a robot by those from the others of it, in place."""
     for first, second, _, s_upper_m2 in snapshot.mounts.distances:
         _share_bounds(lower, upper, rows[first], rows[second], sqrt_up(s_upper_m2))
-    return lower, upper
 
 
 def _share_bounds(

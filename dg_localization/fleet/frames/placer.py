@@ -191,10 +191,17 @@ class Placer:
                 Interval(hypothesis.lower, hypothesis.upper).sqrt(),
             ),
             proved=best.proved,
-            flexible=hypothesis.flexible,
+            flexible=hypothesis.flexible or self._is_flexible(hypothesis),
             mirrored=mirrored,
             dropped=self._dropped,
         )
+
+    def _is_flexible(self, hypothesis: Hypothesis) -> bool:
+        """Return whether sensors on robots, whose bounds the solver takes for measured, move."""
+        if hypothesis.positions is None or not self._snapshot.mounts.distances:
+            return False
+        robots = [self._config.robot_of(point) for point in self._solved.points]
+        return self._solved.is_flexible(hypothesis.positions, robots)
 
     @cached_property
     def _best_points(self) -> BestPointFinder:

@@ -153,9 +153,11 @@ class CarriedWindow:
             and self._now_s - self._stamps_of(pair)[0] <= newest_s
         )
 
-    def span_s(self, pair: Pair) -> float:
-        """Return the age of the oldest observation of a pair."""
-        return float(self._now_s - self._stamps_of(pair)[-1])
+    def span_s(self, pair: Pair, newest_s: float = math.inf) -> float:
+        """Return the age of the oldest observation of a pair in the `newest_s` before now."""
+        stamps_s = self._stamps_of(pair)
+        oldest_s = stamps_s[stamps_s >= self._now_s - newest_s].min(initial=self._now_s)
+        return float(self._now_s - oldest_s)
 
     def stamps_s(self, pair: Pair) -> NDArray[np.float64]:
         """Return the times of the observations of a pair, newest first."""

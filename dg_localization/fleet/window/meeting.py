@@ -46,7 +46,12 @@ def join_meeting(fitted: Sequence[FittedPlacement]) -> tuple[Placement, ...]:
     if len(fitted) < 2:
         return tuple(one.placement for one in fitted)
     components = components_of(_which_meet([one.placement for one in fitted]))
-    return tuple(_join([fitted[number] for number in together]) for together in components)
+    joined = [_join([fitted[number] for number in together]) for together in components]
+    return tuple(
+        # What its image met is another hypothesis now.
+        replace(one, mirrored=one.mirrored and (together[0] - 1,) in components)
+        for one, together in zip(joined, components, strict=True)
+    )
 
 
 def _which_meet(placements: Sequence[Placement]) -> NDArray[np.bool_]:

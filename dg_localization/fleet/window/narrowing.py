@@ -14,8 +14,10 @@ from dg_localization.fleet.frames.finders import FittedPlacement
 from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.meeting import join_meeting
+from dg_localization.fleet.window.pair_filters import PAIR
 from dg_localization.fleet.window.proved import Proved
-from dg_localization.fleet.window.recollection import Left, Recollection
+from dg_localization.fleet.window.recollection import Recollection
+from dg_localization.fleet.window.sifting import Left, sifted
 
 Refit = Callable[[FramePlan, Placement], FittedPlacement]
 
@@ -96,10 +98,13 @@ def narrow_answer(
 
 def _seen_by_robots(left: Left, frame: FixedFrame, recalled: Recollection) -> Left:
     """Return what the directions in which two robots have each other leave of placements."""
-    if recalled.directions is None:
+    directions, robots = recalled.directions, recalled.config.robots
+    if directions is None:
         return left
-    robots = recalled.config.robots
-    return replace(left, placements=recalled.directions.leave(left.placements, frame, robots))
+    span_s = recalled.snapshot.carried.span_s(PAIR)
+    cause = f'{" - ".join(robots)} over {span_s:.0f} s'
+    seen = sifted(left.placements, lambda one: (directions.leave(one, frame, robots), cause))
+    return Left(seen.placements, left.ruled_out + seen.ruled_out)
 
 
 def _hypotheses(

@@ -66,19 +66,18 @@ class Directions:
         return frame.kind is FrameKind.ROBOTS and {*frame.points} == {*robots}
 
     def leave(
-        self, placements: Iterable[Placement], frame: FixedFrame, robots: tuple[str, ...]
-    ) -> tuple[Placement, ...]:
-        """Return what is left of placements of the two robots."""
+        self, placement: Placement, frame: FixedFrame, robots: tuple[str, ...]
+    ) -> Placement | None:
+        """Return what is left of a placement of the two robots."""
         if self.lower_m > self.upper_m:
-            return ()
+            return None
         if self.tell(frame, robots):
             bounds = self._on_x_axis(robots.index(frame.points[1]))
         elif frame.kind is FrameKind.HEADING:
             bounds = self._seen_from(robots.index(frame.points[0]))
         else:
-            return tuple(placements)
-        left = (_within(placement, bounds) for placement in placements)
-        return tuple(placement for placement in left if placement is not None)
+            return placement
+        return _within(placement, bounds)
 
     def _on_x_axis(self, other: int) -> PoseBounds:
         """Return bounds in a frame that has one robot at its origin, and the other ahead on x."""

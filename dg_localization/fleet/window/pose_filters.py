@@ -72,24 +72,6 @@ class PoseFilter:
 
 
 @dataclass(frozen=True)
-class Place:
-    """
-    What a filter tells of a robot now.
-
-    Parameters
-    ----------
-    cover : Cover
-        Of its poses among the anchors; empty where its observations contradict each other.
-    agreeing_s : float
-        Those after this time are not known to do so.
-
-    """
-
-    cover: Cover
-    agreeing_s: float
-
-
-@dataclass(frozen=True)
 class Step:
     """
     A filter at a knot and at the next one, and what it was carried on by.
@@ -146,7 +128,7 @@ class PoseFilters:
         other._steps = dict(self._steps)
         return other
 
-    def place(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> Place | None:
+    def place(self, snapshot: Snapshot, robot: int, stopped: Callable[[], bool]) -> Cover | None:
         """
         Follow a robot to now.
 
@@ -161,7 +143,8 @@ class PoseFilters:
 
         Returns
         -------
-        Place or None
+        Cover or None
+            Of its poses among the anchors now, empty where its observations contradict each other.
             None where all readings of the window together tell more than a filter.
 
         """
@@ -271,19 +254,16 @@ class _Walk:
             return []
         return [PoseFilter(since_s, knot_s, cover)]
 
-    def place(self, filters: Sequence[PoseFilter]) -> Place | None:
+    def place(self, filters: Sequence[PoseFilter]) -> Cover | None:
         """Return what the oldest of some filters tells now."""
-        oldest, newest = filters[0], filters[-1]
-        middle_s = 0.5 * (oldest.since_s + self._now_s)
-        agreeing_s = middle_s if newest is oldest or newest.cover.empty else newest.since_s
+        oldest = filters[0]
         if any(pose_filter.cover.empty for pose_filter in filters):
-            return Place(NOWHERE, agreeing_s)
+            return NOWHERE
         span_s = self._carried.span_s((WORLD, self._robot))
         least_s = max(YOUNG_SHARE * span_s, LEAST_SHARE * self._config.memory_s)
         if self._now_s - oldest.since_s < least_s:
             return None
-        cover = self._arrived(oldest)
-        return None if cover is None else Place(cover, agreeing_s)
+        return self._arrived(oldest)
 
     def _arrived(self, pose_filter: PoseFilter) -> Cover | None:
         """Return where the robot is now."""

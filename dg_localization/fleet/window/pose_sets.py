@@ -151,9 +151,17 @@ def place_robots(
 
 @dataclass(frozen=True)
 class _Contradiction:
-    """What a pair observed leaves no pose: what is newer than this contradicts what is older."""
+    """
+    What a pair observed leaves no pose.
 
-    since_s: float
+    Parameters
+    ----------
+    since_s : float or None
+        What is newer contradicts what is not; None where it is not known when that begins.
+
+    """
+
+    since_s: float | None
 
 
 def _place(
@@ -168,19 +176,20 @@ def _place(
     in_plane = snapshot.config.dimension == 2
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
     height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
-    place = None
+    followed = None
     if pair[0] == WORLD and in_plane:
-        place = filters.place(snapshot, pair[1], stopped)
-    if place is not None and not place.cover.empty:
-        return _unless_contradicted(snapshot, pair, place.cover)
+        followed = filters.place(snapshot, pair[1], stopped)
+    if followed is not None and not followed.empty:
+        return _unless_contradicted(snapshot, pair, followed)
     readings = carried.readings_on_tracks(pair, newest_s)
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
         agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
-        stamps = carried.stamps_s(pair)
-        return _Contradiction(float(stamps[min(agreeing, len(stamps) - 1)]))
-    if place is not None:
-        return _Contradiction(place.agreeing_s)
+        # A brief look may not show what a longer one does.
+        shown = agreeing < len(readings)
+        return _Contradiction(float(carried.stamps_s(pair)[agreeing]) if shown else None)
+    if followed is not None:
+        return _Contradiction(None)
     if not cover.bounded:
         return cover
     return _unless_contradicted(snapshot, pair, cover.moved(*carried.tracks(pair)))
@@ -217,17 +226,23 @@ def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
     return max(0.0, float(squared.lower.min())), float(squared.upper.max())
 
 
-def _what_contradicts(snapshot: Snapshot, pair: Pair, since_s: float, after_s: float) -> Forgotten:
+def _what_contradicts(
+    snapshot: Snapshot, pair: Pair, since_s: float | None, after_s: float
+) -> Forgotten:
     """Return what to forget where observations of a pair up to a time contradict newer ones."""
     robots, now_s = snapshot.config.robots, snapshot.stamp_s
     first, second = pair
     others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)
     name = 'the anchors' if first == WORLD else robots[first]
+    text = f'what {robots[second]} and {name} measured of each other '
+    if since_s is None:
+        text += 'contradicts itself'
+    else:
+        text += f'more than {now_s - since_s:.1f} s ago contradicts what they measured since'
     return Forgotten(
         ends=ends_between(snapshot.config, robots[second], others),
         before_s=now_s,
-        text=f'what {robots[second]} and {name} measured of each other more than '
-        f'{now_s - since_s:.1f} s ago contradicts what they measured since',
+        text=text,
         after_s=after_s,
         now_too=True,
     )

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-import math
 
 import numpy as np
 
@@ -33,6 +32,7 @@ from dg_localization.fleet.window.shape_headings import (
     narrow_placement,
     within_bounds,
 )
+from dg_localization.fleet.window.sifting import Left, parted, sifted
 from dg_localization.pairs import HeadingOptions, PairReadings
 from dg_localization.pairs.joint import PARTY
 from dg_localization.solver.options import Cancel
@@ -67,23 +67,6 @@ MOST_REFINED = 16
 
 
 @dataclass(frozen=True)
-class Left:
-    """
-    The placements that a window leaves of some.
-
-    Parameters
-    ----------
-    placements : tuple of Placement
-    ruled_out : tuple of str
-        A sentence on each placement that is impossible.
-
-    """
-
-    placements: tuple[Placement, ...]
-    ruled_out: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Recollection:
     """
     A window, carried to the time of a snapshot.
@@ -96,7 +79,7 @@ class Recollection:
     readings : mapping of (int, int) to PairReadings
         What pairs of robots observed of each other.
     spans_s : mapping of (int, int) to float
-        For how long they have, the world and a robot included.
+        The age of the oldest observation that counts, the world and a robot included.
     pose_sets : PoseSets
     replaced : frozenset of LinkKey
         The links of the moment that the pose sets stand for: any of them may be an outlier.
@@ -187,12 +170,11 @@ class Recollection:
         outliers = self.config.window_outliers
         options = HeadingOptions(COARSE_CELLS, outliers, max_rounds=1)
         possible = self._tried(gone_on.placements, frame, options, 0, stopped)
-        most = possible.placements[:MOST_REFINED]
+        most, others = parted(possible.placements, MOST_REFINED)
         options = replace(options, cells=self._cells)
         refined = self._tried(most, frame, options, self._joint_boxes(frame), stopped)
-        others = possible.placements[MOST_REFINED:]
         sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
-        return Left(refined.placements + others, sentences)
+        return Left((*refined.placements, *others), sentences)
 
     def _narrowed_in_space(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
         """Return the placements of robots among anchors; others are left as they are."""
@@ -281,46 +263,6 @@ def _carried_on(
     return sifted(placements, go_on)
 
 
-def sifted(
-    placements: Sequence[Placement], sift: Callable[[Placement], tuple[Placement | None, str]]
-) -> Left:
-    """
-    Return what is left of placements, those that are impossible left out.
-
-    Those whose headings are known least come first, each with all the time that is left: a part
-    of it would not do for any. Where time is short the others have their turn at the next
-    estimate, which knows of these then.
-
-    Parameters
-    ----------
-    placements : sequence of Placement
-    sift : callable
-        Returns what is left of a placement, or what ruled it out.
-
-    Returns
-    -------
-    Left
-
-    """
-    unknown_rad = [
-        np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
-    ]
-    order = np.argsort(-np.array(unknown_rad), kind='stable')
-    found = {int(number): sift(placements[number]) for number in order}
-    left: list[Placement] = []
-    ruled_out: list[str] = []
-    lone = True
-    for number, placement in enumerate(placements):
-        narrowed, cause = found[number]
-        image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
-        if narrowed is not None:
-            left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
-        else:
-            ruled_out.append(f'{"mirror image" if image else "hypothesis"} ruled out by {cause}')
-        lone = narrowed is None
-    return Left(tuple(left), tuple(ruled_out))
-
-
 def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
     """Return the points that pairs of bodies observe each other by."""
     robots = config.robots
@@ -388,6 +330,7 @@ def recall(
     most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
     return replace(
         recalled,
+        spans_s=spans_s | {pair: carried.span_s(pair, newest_s) for pair in near},
         readings={
             pair: carried.readings(pair, most, newest_s)
             for pair in near

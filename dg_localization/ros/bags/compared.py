@@ -86,9 +86,12 @@ def broken_bounds(
         half_width_rad = fleet.bearing_half_width_of(key.observer, key.target)
         found += list(_spans(key, one, np.abs(one.errors) > half_width_rad, 'rad'))
     found.sort()
-    sentences = [text for _, text in found[:MOST_NAMED]]
+    # The truth is that of the stamp: a robot that moves is elsewhere when a clock is wrong.
+    condition = ', if stamps are right' if fleet.stamp_error_s > 0.0 else ''
+    sentences = [f'{text}{condition}.' for _, text in found[:MOST_NAMED]]
     if len(found) > MOST_NAMED:
-        sentences.append(f'The stated bounds are broken {len(found) - MOST_NAMED} times more.')
+        more = len(found) - MOST_NAMED
+        sentences.append(f'The stated bounds are broken {more} times more{condition}.')
     return sentences
 
 
@@ -105,5 +108,5 @@ def _spans(
                 float(times_s[0]),
                 f'The stated bounds of {key} are broken from {times_s[0]:.1f} to '
                 f'{times_s[-1]:.1f} s: {len(times_s)} times, by readings that are off by up to '
-                f'{sizes.max():.2f} {unit}.',
+                f'{sizes.max():.2f} {unit}',
             )

@@ -193,7 +193,9 @@ def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
         if not columns.keys() >= set(triangle):
             continue
         stamps, lower, upper = zip(*(columns[side] for side in triangle), strict=True)
-        broken, count = triangle_contradictions(stamps, lower, upper, speed_m_s)
+        broken, count = triangle_contradictions(
+            stamps, lower, upper, speed_m_s, fleet.between_stamps_s
+        )
         looked_at += count
         if broken:
             yield (

@@ -316,7 +316,7 @@ def _budget(report: BagReport) -> str:
 
 def _contradictions(found: Sequence[Contradiction]) -> Iterator[str]:
     if not found:
-        yield 'No measurements contradicted each other.'
+        yield 'No measurements of one moment were found to contradict each other.'
         return
     rows = [
         (

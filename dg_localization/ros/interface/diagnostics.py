@@ -232,8 +232,8 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
         return Level.WARN, 'no placement'
     if not _is_measured(estimate, robot):
         if _was_ever_measured(report.inputs.values(), robot):
-            return Level.WARN, 'stale: no measurement of this robot is in use'
-        return Level.WARN, 'never measured: no measurement of this robot has been accepted'
+            return Level.WARN, 'stale: no range or bearing of this robot is in use'
+        return Level.WARN, 'never measured: no range or bearing of this robot has been accepted'
     enclosures = [placement.enclosure_m[row] for placement in estimate.placements]
     if not np.isfinite(enclosures).all():
         if not estimate.conflicts and _is_left_out(estimate, robot):
@@ -270,7 +270,9 @@ def _is_left_out(estimate: Estimate, robot: str) -> bool:
 
 
 def _was_ever_measured(inputs: Iterable[InputState], robot: str) -> bool:
-    return any(state.accepted and robot in _robots_of(state.key) for state in inputs)
+    # Odometry and elevations have no target; peers are counted one by one.
+    measured = [state.key for state in inputs if state.accepted and state.key.target]
+    return any(robot in _robots_of(key) for key in measured)
 
 
 def _input_statuses(report: Report) -> Iterator[Status]:

@@ -28,7 +28,7 @@ class CovarianceKind(StrEnum):
     """What the covariance of a pose is made from."""
 
     ENCLOSURE = 'enclosure'
-    """The bounds: no distribution inside them has a larger variance about the pose."""
+    """The bounds: no coordinate of a distribution inside has a larger variance about the pose."""
 
     ESTIMATE = 'estimate'
     """Least squares, for readings whose errors are independent and anywhere in their bounds."""

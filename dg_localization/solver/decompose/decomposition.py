@@ -268,6 +268,10 @@ class _Order:
         # The pairs that earlier pieces imply, by their smaller points.
         self._implied: dict[int, list[Pair]] = {}
         self._dimension = dimension
+        self._parts_with: dict[int, set[int]] = defaultdict(set)
+        for x, part in self._points.items():
+            for point in part:
+                self._parts_with[point].add(x)
         self._joints_of: dict[int, set[int]] = {x: set() for x in self._points}
         for number, (pieces, _, _) in enumerate(joints):
             for x in pieces:
@@ -317,12 +321,13 @@ class _Order:
         new = {pair for pair in shared if not self._is_implied(pair)}
         self._order.append(part)
         self._given.append(tuple(sorted(shared - new)))
+        # A part that shares no joint with this one may wait for the pair all the same.
+        concerned: set[int] = set()
         for pair in new:
             self._implied.setdefault(pair[0], []).append(pair)
-        if new:
-            neighbors = {x for number in self._joints_of[part] for x in self._joints[number][0]}
-            for x in sorted(neighbors & self._waiting):
-                self._queue_if_ready(x)
+            concerned |= self._parts_with[pair[0]] & self._parts_with[pair[1]]
+        for x in sorted(concerned & self._waiting):
+            self._queue_if_ready(x)
 
     def _merge(self) -> None:
         """Merge the waiting parts of one joint, or give up waiting where there is none."""
@@ -334,6 +339,8 @@ class _Order:
             stuck = [min(self._waiting, key=lambda x: (len(self._points[x]), x))]
         merged, *others = stuck
         self._points[merged] = tuple(sorted({p for x in stuck for p in self._points[x]}))
+        for point in self._points[merged]:
+            self._parts_with[point].add(merged)
         for x in others:
             self._waiting.remove(x)
             for number in self._joints_of.pop(x):
