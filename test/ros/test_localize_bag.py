@@ -566,6 +566,34 @@ def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     assert f'{len(times_ns)} ticks' in told
 
 
+def test_compiling_is_shown_and_a_signal_ends_it(localize, triangle_bag, monkeypatch, capsys):
+    def compile_for_minutes(report):
+        report('compiling the solver: 1 of 9 kernels')
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError('it goes on')
+
+    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
+    assert localize(triangle_bag) == (130, None)
+    told = capsys.readouterr().err
+    assert 'compiling the solver: 1 of 9 kernels' in told
+    assert 'interrupted; nothing is written' in told
+
+
+def test_a_bag_of_no_use_is_refused_before_minutes_of_compiling(localize, tmp_path, monkeypatch):
+    def compile_for_minutes(report):
+        raise AssertionError('it compiles first')
+
+    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
+    assert localize(tmp_path / 'nowhere') == (1, None)
+
+
+def test_a_slow_solver_is_said_to_be_slow(localize, triangle_bag, monkeypatch, capsys):
+    warnings = ('the solver runs in Python',)
+    monkeypatch.setattr(localize_bag_module, 'solver_warnings', lambda: warnings)
+    assert localize(triangle_bag)[0] == 0
+    assert 'the solver runs in Python' in capsys.readouterr().err
+
+
 def wait_for(condition, deadline_s=60.0):
     give_up_s = time.monotonic() + deadline_s
     while not (found := condition()):

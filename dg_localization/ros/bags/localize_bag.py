@@ -25,12 +25,13 @@ import os
 from pathlib import Path
 import time
 
-from dg_localization.fleet import Estimate, warm_up
+from dg_localization.fleet import Estimate, solver_warnings, warm_up
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many, many_as_markdown
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Event,
+    Inputs,
     Task,
     find_inputs,
     in_seconds,
@@ -59,7 +60,7 @@ class InterruptedRun(Exception):
 
 
 def localize_bag(
-    options: argparse.Namespace, task: Task, contents: Contents, stop: StopRequest
+    options: argparse.Namespace, task: Task, inputs: Inputs, contents: Contents, stop: StopRequest
 ) -> BagReport:
     """
     Do what the command line asks for.
@@ -69,6 +70,8 @@ def localize_bag(
     options : argparse.Namespace
         What `make_parser` returned.
     task : Task
+    inputs : Inputs
+        Those of the fleet among the topics of the bag.
     contents : Contents
         What the files of the bag hold.
     stop : StopRequest
@@ -87,7 +90,6 @@ def localize_bag(
 
     """
     settings = task.settings
-    inputs = find_inputs(settings, recorded_types(options.bag))
     with closing(Bag(options.bag, inputs.topics, contents.span_ns())) as bag:
         span_ns = _span_ns(bag, options, settings.rate_hz)
         with new_bag(options.output, options.storage) as writer:
@@ -308,6 +310,13 @@ def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
     )
 
 
+def _get_solver_ready() -> None:
+    """Load the kernels, or compile them in sight: that takes minutes, and a signal ends it."""
+    for warning in solver_warnings():
+        print_line(warning)
+    warm_up(print_line)
+
+
 def _shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[str]:
     """Return the arguments that are the same for each of several bags."""
     shared = ['--params', str(options.params.resolve()), '--storage', options.storage]
@@ -328,6 +337,9 @@ def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     """Localize several bags, print and write what came of all; return the exit code."""
     shared = _shared_arguments(options, args)
     bags, output = options.bags, options.output
+    if options.scheduler is None:
+        # Else each process would compile them, and nobody would see how far they are.
+        _get_solver_ready()
     try:
         outcomes = localize_many(bags, output, shared, options.jobs, options.scheduler)
         if options.report is not None:
@@ -365,11 +377,13 @@ def main(args: Sequence[str]) -> int:
         return _localize_many(options, args)
     options.bag = options.bags[0]
     try:
-        with contents_of(options.bag) as contents, stop_request() as stop:
-            warm_up()
-            began_s = time.perf_counter()
-            report = localize_bag(options, task, contents, stop)
-            _print_report(report, options.report, time.perf_counter() - began_s)
+        with contents_of(options.bag) as contents:
+            inputs = find_inputs(task.settings, recorded_types(options.bag))
+            _get_solver_ready()
+            with stop_request() as stop:
+                began_s = time.perf_counter()
+                report = localize_bag(options, task, inputs, contents, stop)
+                _print_report(report, options.report, time.perf_counter() - began_s)
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')
