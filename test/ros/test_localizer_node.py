@@ -8,6 +8,7 @@ import signal
 from threading import Event
 import time
 
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
@@ -55,6 +56,18 @@ def test_transition_that_is_not_possible_is_refused(bench, make_node):
     request = ChangeState.Request()
     request.transition.label = 'no_such_transition'
     assert not bench.call('/localizer/change_state', ChangeState, request).success
+
+
+@pytest.mark.parametrize('autostart', [True, False])
+def test_transition_of_another_state_is_refused(bench, make_node, autostart):
+    """It was never answered, and a lifecycle manager waited for ever."""
+    make_node(autostart=autostart)
+    bench.until(lambda: bench.state() == ('active' if autostart else 'unconfigured'), 'the state')
+    for wrong in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP):
+        request = ChangeState.Request()
+        request.transition.id = wrong
+        assert not bench.call('/localizer/change_state', ChangeState, request).success
+    assert bench.transition('deactivate' if autostart else 'configure')
 
 
 def play_with_clock(bench):
@@ -408,7 +421,7 @@ def test_broken_file_ends_the_executable_with_a_message(start_localizer, tmp_pat
     assert 'Traceback' not in process.output()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     # The line is written while the topics are still being made.

@@ -43,7 +43,7 @@ from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime, refuse_use_sim_time
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
-from dg_localization.ros.node.transitions import transition
+from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
 from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
@@ -93,6 +93,7 @@ class LocalizerNode(LifecycleNode):
         self, make_localizer: Callable[[FleetConfig], Localizer] = Localizer, **kwargs: Any
     ) -> None:
         super().__init__('localizer', **kwargs)
+        refuse_impossible_transitions(self)
         self.settings = declare_settings(self)
         if self.settings.publish_tf:
             transform_message_class()
@@ -391,6 +392,6 @@ class LocalizerNode(LifecycleNode):
 
 
 def main(args: Sequence[str]) -> int:
-    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    """Run the node until a signal; return the exit code."""
     spin(LocalizerNode, args, USAGE)
     return exit_code_despite_worker(0)
