@@ -104,7 +104,7 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
 
 def spin(make_node: Callable[[], Node], args: Sequence[str], usage: str) -> None:
     """
-    Make a node and spin it until SIGINT or SIGTERM, or print how it is used.
+    Make a node and spin it until a signal, or print how it is used.
 
     Parameters
     ----------

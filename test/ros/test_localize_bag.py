@@ -547,7 +547,7 @@ def start(*arguments):
     )
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     recorder.write_triangle(range(10_000))
     params = tmp_path / 'params.yaml'

@@ -153,7 +153,7 @@ def make_parser() -> argparse.ArgumentParser:
         description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
         'print them as parameters of the node.',
         epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT or SIGTERM.',
+        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )
     seconds, share = number(0.0, ' s'), number(0.0, '')
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')

@@ -56,7 +56,7 @@ REPORTS = {'.json': as_json, '.md': as_markdown}
 
 
 class InterruptedRun(Exception):
-    """SIGINT or SIGTERM came."""
+    """A signal came."""
 
 
 def localize_bag(
@@ -246,7 +246,7 @@ def make_parser() -> argparse.ArgumentParser:
         description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
         epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
         'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT or SIGTERM.',
+        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )
     seconds = number(0.0, ' s')
     parser.add_argument(
@@ -353,7 +353,7 @@ def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
 
 def main(args: Sequence[str]) -> int:
     """
-    Localize a bag, or several, until their end, SIGINT or SIGTERM.
+    Localize a bag, or several, until their end or a signal.
 
     Parameters
     ----------
@@ -373,10 +373,10 @@ def main(args: Sequence[str]) -> int:
     """
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
-    if len(options.bags) > 1 or options.scheduler is not None:
-        return _localize_many(options, args)
-    options.bag = options.bags[0]
     try:
+        if len(options.bags) > 1 or options.scheduler is not None:
+            return _localize_many(options, args)
+        options.bag = options.bags[0]
         with contents_of(options.bag) as contents:
             inputs = find_inputs(task.settings, recorded_types(options.bag))
             _get_solver_ready()
