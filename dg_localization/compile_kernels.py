@@ -59,6 +59,9 @@ def _compile() -> int:
 
     began_s = time.monotonic()
     warm_up(_print_progress)
+    if why_not_kept():
+        print(why_not_kept(), file=sys.stderr)
+        return 1
     took_s = time.monotonic() - began_s
     print(f'The kernels are ready after {took_s:.1f} s, in {cache_folder()}')
     return 0
