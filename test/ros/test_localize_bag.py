@@ -3,6 +3,7 @@
 
 """The executable `localize_bag`: small bags written here, and the real UWB recording."""
 
+import errno
 import json
 import os
 from pathlib import Path
@@ -585,6 +586,29 @@ def test_a_bag_of_no_use_is_refused_before_minutes_of_compiling(localize, tmp_pa
 
     monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
     assert localize(tmp_path / 'nowhere') == (1, None)
+
+
+def test_a_full_disk_is_named_with_what_was_written(localize, triangle_bag, monkeypatch, capsys):
+    def full(writer, connection, time_ns, data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Writer, 'write', full)
+    assert localize(triangle_bag) == (1, None)
+    told = capsys.readouterr().err
+    assert f'{localize.output} cannot be written: No space left on device' in told
+
+
+@pytest.mark.parametrize('kind', ['folder', 'yaml'])
+def test_what_is_no_bag_is_told_what_one_is(localize, tmp_path, kind, capsys):
+    path = tmp_path / 'no_bag.yaml'
+    if kind == 'folder':
+        path.mkdir()
+    else:
+        path.write_text('robots: []')
+    assert localize(path) == (1, None)
+    told = capsys.readouterr().err
+    assert 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file' in told
+    assert 'reindex' not in told
 
 
 def test_a_slow_solver_is_said_to_be_slow(localize, triangle_bag, monkeypatch, capsys):

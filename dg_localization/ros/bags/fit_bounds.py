@@ -238,5 +238,8 @@ def main(args: Sequence[str]) -> int:
     check_loads(text, options, args)
     for sentence in damage:
         print_line(sentence)
-    print_result(text)
+    try:
+        print_result(text)
+    except OSError as error:
+        raise ExecutableError(f'the bounds cannot be written: {error.strerror}') from error
     return EXIT_FAILED if damage else 0

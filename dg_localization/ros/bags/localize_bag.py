@@ -41,7 +41,7 @@ from dg_localization.ros.bags.offline import (
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
 from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
 from dg_localization.ros.bags.watch import TickWatch
-from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
+from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag, write_text
 from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
@@ -302,7 +302,7 @@ def _print_slowest(watch: TickWatch) -> None:
 def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
     """Print the report and how long it took, and write the file that was asked for."""
     if path is not None:
-        path.write_text(REPORTS[path.suffix](report), encoding='utf-8')
+        write_text(path, REPORTS[path.suffix](report))
     print_result(as_markdown(report))
     read_s = report.tally.last_s - report.start_s
     print_result(
@@ -312,9 +312,9 @@ def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
 
 def _get_solver_ready() -> None:
     """Load the kernels, or compile them in sight: that takes minutes, and a signal ends it."""
+    warm_up(print_line)
     for warning in solver_warnings():
         print_line(warning)
-    warm_up(print_line)
 
 
 def _shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[str]:
@@ -343,8 +343,7 @@ def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     try:
         outcomes = localize_many(bags, output, shared, options.jobs, options.scheduler)
         if options.report is not None:
-            text = MANY_REPORTS[options.report.suffix](outcomes)
-            options.report.write_text(text, encoding='utf-8')
+            write_text(options.report, MANY_REPORTS[options.report.suffix](outcomes))
     except OSError as error:
         raise ExecutableError(str(error)) from error
     print_result(many_as_markdown(outcomes))
