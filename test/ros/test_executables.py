@@ -93,6 +93,13 @@ def test_unknown_ros_argument_is_named_by_every_executable(name):
     )
 
 
+def test_a_machine_on_which_ros_cannot_start_is_no_wrong_argument(monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', '/proc/nowhere')
+    done = run('localizer', '--ros-args', '-p', "robots:=['a', 'b']")
+    assert done.returncode == 1 and done.stderr.startswith('ROS cannot start: ')
+    assert '/proc/nowhere' in done.stderr and 'set ROS_LOG_DIR' in done.stderr
+
+
 @pytest.mark.parametrize('option', ['-h', '--help'])
 @pytest.mark.parametrize(
     'name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'security_policy']

@@ -83,6 +83,15 @@ def play_with_clock(bench):
     return clock
 
 
+def test_a_missing_clock_is_in_the_log(bench, make_node, monkeypatch):
+    """The log said that the solver is ready, and no more."""
+    node = make_node(use_sim_time=True)
+    logged = []
+    monkeypatch.setattr(node.get_logger(), 'warning', lambda text, **_: logged.append(text))
+    wanted = 'use_sim_time is set and nothing has arrived on /clock'
+    bench.until(lambda: wanted in logged, 'a warning of the clock')
+
+
 def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
     make_node(use_sim_time=True, max_future=0.5)
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')

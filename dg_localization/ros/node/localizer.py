@@ -54,6 +54,7 @@ DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
+NO_CLOCK = 'use_sim_time is set and nothing has arrived on /clock'
 SILENT_CLOCK_S = 3.0
 # For each message, the longest time that an estimate which is late gets the interpreter for.
 LONGEST_REST_S = 0.01
@@ -302,6 +303,8 @@ class LocalizerNode(LifecycleNode):
             self._now_s()
             if self._watchdog.is_hopeless(self._worker.busy_s, self._worker.cpu_s):
                 self._give_up_estimate()
+            if self._clock_s() <= 0.0:
+                self.get_logger().warning(NO_CLOCK, throttle_duration_sec=REPEATED_PROGRESS_S)
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
             self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
         self._diagnostics.publish(self._diagnose())
@@ -342,7 +345,7 @@ class LocalizerNode(LifecycleNode):
             return f'the node is {self._state}'
         if not self._worker.warm_up.done():
             return warm_up_status()
-        return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
+        return '' if now_s > 0.0 else NO_CLOCK
 
     def _warnings(self) -> Iterator[str]:
         if self._has_namesake:
