@@ -65,7 +65,7 @@ setup(
     ],
     python_requires='>=3.11',
     packages=find_packages(include=[f'{PACKAGE}*', 'msg_adapters*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed'], 'msg_adapters': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -8,7 +8,7 @@ The solver's interface is here; it needs neither ROS nor a first guess. See `sol
 """
 
 from dg_localization.solver.decompose.joints import Joint, JointKind
-from dg_localization.solver.options import SolverOptions
+from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import (
     Chirality,
     InvalidProblemError,
@@ -20,6 +20,7 @@ from dg_localization.solver.result import Hypothesis, Piece, Result, Statistics,
 from dg_localization.solver.solve import solve
 
 __all__ = [
+    'Cancel',
     'Chirality',
     'Hypothesis',
     'InvalidProblemError',

@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from threading import Event, Thread
 import time
 
 EXIT_INTERRUPTED = 130
-REPORT_PERIOD_S = 0.5
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -60,34 +58,17 @@ def _compile() -> int:
     from dg_localization.fleet import warm_up
 
     began_s = time.monotonic()
-    finished = Event()
-    reporter = Thread(target=_report_until, args=(finished, began_s), daemon=True)
-    reporter.start()
-    try:
-        warm_up()
-    finally:
-        finished.set()
-        reporter.join()
+    warm_up(_print_progress)
+    if why_not_kept():
+        print(why_not_kept(), file=sys.stderr)
+        return 1
     took_s = time.monotonic() - began_s
     print(f'The kernels are ready after {took_s:.1f} s, in {cache_folder()}')
     return 0
 
 
-def _report_until(finished: Event, began_s: float) -> None:
-    """Print how far compiling has come whenever that changes; nothing where all is loaded."""
-    from dg_localization.interval.kernels import compile_progress
-
-    shown = 0
-    while not finished.wait(REPORT_PERIOD_S):
-        progress = compile_progress()
-        if progress.compiled > shown:
-            shown = progress.compiled
-            elapsed_s = time.monotonic() - began_s
-            print(
-                f'compiled {progress.compiled} of {progress.total} kernels, {elapsed_s:.0f} s',
-                file=sys.stderr,
-                flush=True,
-            )
+def _print_progress(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 if __name__ == '__main__':

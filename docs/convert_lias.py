@@ -131,6 +131,11 @@ def main() -> None:
     parser.add_argument('table', type=Path, help='UWB_static_..._posSITE_deg_DEGREES.csv')
     parser.add_argument('output', type=Path, help='the bag to write')
     options = parser.parse_args()
+    for path in (options.geometry, options.table):
+        if not path.is_file():
+            parser.error(f"'{path}' is no file")
+    if options.output.exists():
+        parser.error(f"'{options.output}' exists; name a folder that does not")
     missing = convert(options.geometry, options.table, options.output)
     print(f'{options.output} and {options.output}.yaml are written; {missing} ranges missing')
 

@@ -137,6 +137,10 @@ def main() -> None:
     parser.add_argument('folder', type=Path, help='with Barcodes.dat and the other files')
     parser.add_argument('output', type=Path, help='the bag to write')
     options = parser.parse_args()
+    if not (options.folder / 'Barcodes.dat').is_file():
+        parser.error(f"'{options.folder}' has no Barcodes.dat")
+    if options.output.exists():
+        parser.error(f"'{options.output}' exists; name a folder that does not")
     unknown = convert(options.folder, options.output)
     print(f'{options.output} and {options.output}.yaml are written; {unknown} barcodes unknown')
 

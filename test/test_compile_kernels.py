@@ -36,26 +36,34 @@ def test_ready_kernels_are_reported_with_their_folder():
 
 def test_progress_is_printed_while_it_goes_on():
     code = """
-from dg_localization import compile_kernels, fleet
-from dg_localization.interval import kernels
-compile_kernels.REPORT_PERIOD_S = 0.01
+import sys
 from threading import Event
+from dg_localization import compile_kernels
+from dg_localization.interval import kernels
+import dg_localization.fleet
+warming = sys.modules['dg_localization.fleet.warm_up']
+warming.REPORT_PERIOD_S = 0.01
 counts = iter([0, 0, 2, 2, 7])
 shown = Event()
+compiled = 0
 def progress():
-    count = next(counts, None)
-    if count is None:
+    global compiled
+    compiled = next(counts, None) if not shown.is_set() else 7
+    if compiled is None:
         shown.set()
-    return kernels.CompileProgress(7 if count is None else count, 9)
-kernels.compile_progress = progress
-fleet.warm_up = lambda: shown.wait(60.0)
+        compiled = 7
+    return kernels.CompileProgress(compiled, 9)
+warming.compile_progress = progress
+warming.warm_up_status = lambda: f'compiling the solver: {compiled} of 9 kernels'
+warming._load_all = lambda: shown.wait(60.0)
 raise SystemExit(compile_kernels.main([]))
 """
     pytest.importorskip('numba', reason='numba is not installed')
     done = compile_kernels(code=code, NUMBA_DISABLE_JIT='0')
     assert done.returncode == 0, done.stderr
     lines = [line.partition(',')[0] for line in done.stderr.splitlines()]
-    assert lines == ['compiled 2 of 9 kernels', 'compiled 7 of 9 kernels']
+    told = 'compiling the solver: {} of 9 kernels'
+    assert lines == [told.format(2), told.format(7)]
 
 
 def test_without_numba_it_says_how_to_install_it():

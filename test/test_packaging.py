@@ -53,6 +53,13 @@ def manifest():
     return ElementTree.parse(REPOSITORY / 'package.xml').getroot()
 
 
+@pytest.mark.parametrize('room', ROOMS)
+def test_types_are_installed(setup_arguments, room):
+    """A type checker does not look into a package without the mark."""
+    assert setup_arguments.package_data[room] == ['py.typed']
+    assert (REPOSITORY / room / 'py.typed').is_file()
+
+
 def test_manifest_and_setup_agree(setup_arguments, manifest):
     assert manifest.get('format') == '3'
     assert manifest.findtext('export/build_type') == 'ament_python'

@@ -33,6 +33,7 @@ from dg_localization.fleet.vocabulary import (
     RejectionReason,
 )
 from dg_localization.fleet.warm_up import solver_warnings, warm_up, warm_up_status
+from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.solver.options import Cancel
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     'Estimate',
     'FixedFrame',
     'FleetConfig',
+    'Forgotten',
     'FrameKind',
     'Group',
     'InputState',

@@ -75,7 +75,11 @@ class Admission:
         return rejection
 
     def check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
-        """Return a rejection when a stamp is not a time, or too far from now."""
+        """Return a rejection when a stamp, or now, is not a time, or they are too far apart."""
+        now = real_number(now_s)
+        if now is None or not math.isfinite(now):
+            text = f'the time now, {quoted(now_s)} s, is not a finite number'
+            return Rejection(RejectionReason.INVALID_STAMP, text)
         stamp = real_number(stamp_s)
         if stamp is None or not math.isfinite(stamp):
             text = f'stamp {quoted(stamp_s)} s is not a finite number'
@@ -83,7 +87,7 @@ class Admission:
         if stamp == 0.0:
             text = 'stamp 0 s: the source does not fill it in'
             return Rejection(RejectionReason.ZERO_STAMP, text)
-        age_s = now_s - stamp
+        age_s = now - stamp
         if age_s > self._config.max_age_s:
             text = f'stamp {stamp} s is {age_s:.3f} s old, max_age is {self._config.max_age_s} s'
             return Rejection(RejectionReason.TOO_OLD, text)

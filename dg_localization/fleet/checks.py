@@ -108,3 +108,10 @@ def require_mapping(name: str, value: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a copy that nobody can change; raise `ConfigError` unless it is a mapping."""
     require_kind(name, value, Mapping)
     return MappingProxyType(dict(value))
+
+
+def unlocked(value: Any) -> Any:
+    """Return a dict of what `require_mapping` returned, also inside; anything else as it is."""
+    if isinstance(value, Mapping):
+        return {key: unlocked(inside) for key, inside in value.items()}
+    return value

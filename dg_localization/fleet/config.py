@@ -11,8 +11,8 @@ message names the field, the value, and what would be right.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, partial
 import math
 from types import MappingProxyType
 from typing import Any
@@ -26,6 +26,7 @@ from dg_localization.fleet.checks import (
     require_members,
     require_name,
     require_number,
+    unlocked,
 )
 from dg_localization.fleet.contradictions.suspects import SuspectKind
 from dg_localization.fleet.odometry_error import OdometryErrorModel
@@ -230,6 +231,11 @@ class FleetConfig:
         elevations_m = checked_elevations(self.elevations_m, self.points, self.dimension)
         keep(self, elevations_m=elevations_m)
         check_elevation_errors(self.point_elevation_error, self.elevations_m)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Mappings that nobody can change cannot be pickled or copied.
+        settings = {one.name: unlocked(getattr(self, one.name)) for one in fields(self)}
+        return partial(type(self), **settings), ()
 
     def _check_kinds(self) -> None:
         """Raise `ConfigError` on a setting of another type."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.checks import require_kind
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.error_models import real_number
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
@@ -294,7 +295,15 @@ class Localizer:
         -------
         Snapshot
 
+        Raises
+        ------
+        ValueError
+            If `now_s` is no finite number.
+
         """
+        now = real_number(now_s)
+        if now is None or not math.isfinite(now):
+            raise ValueError(f'now_s: {now_s!r} is not allowed, it must be a finite number')
         follower = self._follower
         self._snapshots += 1
         return take_snapshot(
@@ -302,7 +311,7 @@ class Localizer:
             self._config,
             self._anchors,
             self._mounts,
-            float(now_s),
+            now,
             follower.forgotten,
             follower.left_out,
             tighten_seconds,
@@ -325,7 +334,14 @@ class Localizer:
         -------
         Estimate
 
+        Raises
+        ------
+        TypeError
+            If `snapshot` is no Snapshot.
+
         """
+        if not isinstance(snapshot, Snapshot):
+            raise TypeError(f'snapshot must be of type Snapshot, not {type(snapshot).__name__}')
         follower = self._begun(snapshot)
         estimate, proved = estimate_snapshot(
             snapshot,

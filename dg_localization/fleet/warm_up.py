@@ -5,11 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
 import math
+from threading import Event, Thread
+import time
 
 import numpy as np
 
@@ -21,18 +24,54 @@ from dg_localization.interval.kernels import COMPILED, compile_progress, why_not
 from dg_localization.solver.solve import load_kernels
 
 STAMP_S = 1.0
+REPORT_PERIOD_S = 0.5
 
 
-@cache
-def warm_up() -> None:
+def warm_up(report: Callable[[str], object] | None = None) -> None:
     """
     Load every kernel of the solver and the fleet, so that later estimates wait for none.
 
     The first time on a machine this compiles them, for two to three minutes of one processor;
-    `warm_up_status` reports how far it has come. Without numba there is nothing to load.
+    `warm_up_status` says how far it has come. Without numba there is nothing to load.
+
+    Parameters
+    ----------
+    report : callable, optional
+        Called from another thread with that line and the seconds so far, whenever more is
+        compiled, such as `print`; never where all kernels are only loaded.
+
     """
     if not COMPILED:
         return
+    with nullcontext() if report is None else _reporting(report):
+        _load_all()
+
+
+@contextmanager
+def _reporting(report: Callable[[str], object]) -> Iterator[None]:
+    """Report how far compiling has come whenever that changes, until the block ends."""
+    began_s, ended = time.monotonic(), Event()
+
+    def watch() -> None:
+        shown = 0
+        while not ended.wait(REPORT_PERIOD_S):
+            compiled = compile_progress().compiled
+            if compiled > shown:
+                shown = compiled
+                report(f'{warm_up_status()}, {time.monotonic() - began_s:.0f} s')
+
+    reporter = Thread(target=watch, name='compiling', daemon=True)
+    reporter.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        reporter.join()
+
+
+@cache
+def _load_all() -> None:
+    """Make estimates that need every kernel, once in a process."""
     load_kernels()
     for dimension in (2, 3):
         _estimate_small_fleet(dimension)

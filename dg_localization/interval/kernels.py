@@ -51,6 +51,9 @@ WORK_OF_A_STEP = WORK_PER_LOOK // 30
 """The work that takes as long as a step of some calls of NumPy."""
 
 
+COMPILED_ANEW = 'Every process compiles the solver anew, for about two minutes'
+
+
 class _Stopped(Exception):  # noqa: N818 (no error: it ends a block)
     """Ends a block of `until`."""
 
@@ -193,6 +196,15 @@ def _keep_as_numba_does(dispatcher: Any, _: Callable[..., Any]) -> None:
         numba.config.CACHE_DIR = previous
 
 
+def _not_kept(error: OSError) -> None:
+    """Remember why machine code could not be written."""
+    global _cache_refusal
+    _cache_refusal = (
+        f'compiled kernels cannot all be kept in {_folder}: {error}. {COMPILED_ANEW}; make room '
+        'there, or set NUMBA_CACHE_DIR to another folder'
+    )
+
+
 def _keep_nothing(_: Any, __: Callable[..., Any]) -> None:
     """Let a kernel be compiled anew in every process."""
 
@@ -205,7 +217,7 @@ def _make_keeper() -> Keeper:
         # It uses private parts of numba, and cannot be imported where they are gone.
         from dg_localization.interval.numba_cache import make_keeper
 
-        return make_keeper(_folder)
+        return make_keeper(_folder, _not_kept)
     except (AttributeError, ImportError):
         return _keep_as_numba_does
 
@@ -277,6 +289,6 @@ if COMPILED:
     try:
         _folder = open_folder()
     except CacheRefusedError as error:
-        _cache_refusal = f'{error}. Every process compiles the solver anew, for about two minutes'
+        _cache_refusal = f'{error}. {COMPILED_ANEW}'
         warnings.warn(_cache_refusal, RuntimeWarning, stacklevel=2)
     _keep = _make_keeper()

@@ -96,10 +96,15 @@ class KernelCache(caching.FunctionCache):
         The function that is compiled.
     folder : Path
         Where machine code is kept.
+    not_kept : callable
+        Called with the error where machine code cannot be written there.
 
     """
 
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+    def __init__(
+        self, function: Callable[..., Any], folder: Path, not_kept: Callable[[OSError], None]
+    ) -> None:
+        self._not_kept = not_kept
         self._writing = folder / 'writing'
         self._impl_class = lambda function: _Implementation(function, folder)
         super().__init__(function)
@@ -115,22 +120,35 @@ class KernelCache(caching.FunctionCache):
 
     def save_overload(self, *args: Any) -> None:
         """Keep machine code; what cannot be kept costs the next process time, no more."""
-        # Numba reads the index, adds to it and writes it: no other process must do so meanwhile.
-        with suppress(OSError), alone(self._writing):
-            try:
+        try:
+            # Numba reads the index, adds to it and writes it: no other process must meanwhile.
+            with alone(self._writing):
+                self._save_or_flush(*args)
+        except OSError as error:
+            self._not_kept(error)
+
+    def _save_or_flush(self, *args: Any) -> None:
+        try:
+            super().save_overload(*args)
+        except OSError:
+            raise
+        except Exception:  # the index is damaged
+            self.flush()
+            # Under load numba was seen to have no machine code left to write.
+            with suppress(RuntimeError):
                 super().save_overload(*args)
-            except OSError:
-                raise
-            except Exception:  # the index is damaged
-                self.flush()
-                # Under load numba was seen to have no machine code left to write.
-                with suppress(RuntimeError):
-                    super().save_overload(*args)
 
 
-def make_keeper(folder: Path) -> Keeper:
+def make_keeper(folder: Path, not_kept: Callable[[OSError], None]) -> Keeper:
     """
     Return what makes a dispatcher keep its machine code in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Where machine code is kept.
+    not_kept : callable
+        Called with the error where machine code cannot be written there, as on a full disk.
 
     Raises
     ------
@@ -142,6 +160,6 @@ def make_keeper(folder: Path) -> Keeper:
         raise ImportError('this system has no file locks')
 
     def keep(dispatcher: Any, function: Callable[..., Any]) -> None:
-        dispatcher._cache = KernelCache(function, folder)
+        dispatcher._cache = KernelCache(function, folder, not_kept)
 
     return keep

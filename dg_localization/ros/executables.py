@@ -7,10 +7,10 @@ The executables: how each of them starts, fails and ends.
 An executable is a module with a function `main`, which takes the command line and raises when it
 cannot go on. This is the one place that makes signals and errors an exit code:
 
-- 0: done; for a node, and for `replay`, also when SIGINT or SIGTERM ends it;
+- 0: done; for a node, and for `replay`, also when SIGINT, SIGTERM or SIGHUP ends it;
 - 1: it could not go on, for example because of a damaged bag;
 - 2: an argument or a parameter is wrong;
-- 130: SIGINT or SIGTERM came before the work was done.
+- 130: SIGINT, SIGTERM or SIGHUP came before the work was done.
 
 Importing rclpy and the messages is most of a start, so it happens after the signals are taken
 care of: an executable ends without a traceback from its first moment on.
@@ -102,7 +102,7 @@ def _run(module: str, args: Sequence[str] | None, interrupted: int = 0) -> int:
     args : sequence of str, optional
         The command line without the name of the executable; that of the process by default.
     interrupted : int
-        The exit code after SIGINT or SIGTERM.
+        The exit code after a signal.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""SIGINT and SIGTERM, which are handled alike everywhere."""
+"""SIGINT, SIGTERM and SIGHUP, which are handled alike everywhere."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,24 +10,26 @@ import socket
 from threading import Thread
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# The last one comes when the terminal is closed, or the connection of ssh is lost.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
 def handled_by(handler: Handler) -> Iterator[None]:
-    """Have both signals handled, also where a script had SIGINT ignored."""
-    before = [signal.signal(number, handler) for number in SIGNALS]
+    """Have the signals handled, also where SIGINT was ignored by a script, not SIGHUP by nohup."""
+    numbers = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+    before = [signal.signal(number, handler) for number in numbers]
     try:
         yield
     finally:
-        for number, former in zip(SIGNALS, before, strict=True):
+        for number, former in zip(numbers, before, strict=True):
             signal.signal(number, former)
 
 
 class StopRequest:
-    """Set by the first SIGINT or SIGTERM; a second one does not wait for a clean end."""
+    """Set by the first signal; a second SIGINT or SIGTERM does not wait for a clean end."""
 
     def __init__(self) -> None:
         self._is_set = False
@@ -38,7 +40,8 @@ class StopRequest:
 
     def handle(self, signal_number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        if self._is_set:
+        # The kernel and the shell send SIGHUP each when a terminal is closed.
+        if self._is_set and signal_number != signal.SIGHUP:
             raise KeyboardInterrupt
         self._is_set = True
 

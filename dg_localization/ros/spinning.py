@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from dg_localization.ros.executables import UsageError
+from dg_localization.ros.executables import ExecutableError, UsageError
 from dg_localization.ros.signals import StopRequest, stop_request, waking
 
 REPEATED_ERROR_S = 5.0
@@ -56,14 +56,27 @@ class BatchExecutor(SingleThreadedExecutor):
 
 @contextmanager
 def ros_arguments_checked() -> Iterator[None]:
-    """Make a UsageError of what rclpy raises about a command line or a file of parameters."""
+    """
+    Make a sentence of what rclpy raises about a command line, a file of parameters or a machine.
+
+    Raises
+    ------
+    UsageError
+        If an argument is wrong, or a file of parameters.
+    ExecutableError
+        If ROS cannot start here.
+
+    """
     try:
         yield
     except ParameterException as error:
         raise UsageError(str(error)) from error
     except RuntimeError as error:
         # rclpy has no public class for wrong arguments; what it raises derives from this one.
-        raise UsageError(f'wrong ROS arguments: {error}') from error
+        if not str(error).startswith('failed to initialize'):
+            raise UsageError(f'wrong ROS arguments: {error}') from error
+        advice = '; set ROS_LOG_DIR to a folder that can be written' * ('log' in str(error))
+        raise ExecutableError(f'ROS cannot start: {error}{advice}') from error
 
 
 def own_arguments(args: Sequence[str]) -> list[str]:
@@ -104,7 +117,7 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
 
 def spin(make_node: Callable[[], Node], args: Sequence[str], usage: str) -> None:
     """
-    Make a node and spin it until SIGINT or SIGTERM, or print how it is used.
+    Make a node and spin it until a signal, or print how it is used.
 
     Parameters
     ----------

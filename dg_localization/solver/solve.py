@@ -73,9 +73,9 @@ def solve(
     Notes
     -----
     The first call in a process loads the kernels; the first on a machine compiles them. Neither
-    counts as time of the search. See `load_kernels`. Without numba nothing is compiled, and the
-    kernels run in Python. The floating-point environment of the thread
-    is the default one during the call, whatever it was before.
+    counts as time of the search. `dg_localization.fleet.warm_up` does both before, and says how
+    far it is. Without numba nothing is compiled, and the kernels run in Python. The floating-point
+    environment of the thread is the default one during the call, whatever it was before.
 
     """
     options = SolverOptions() if options is None else options

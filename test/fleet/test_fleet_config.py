@@ -3,8 +3,10 @@
 
 """Settings are checked when made, and a wrong one is named with its value and what is right."""
 
+import copy
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -275,3 +277,34 @@ def test_settings_are_copies_of_what_the_caller_gave():
     assert config.elevation_m('a') == (0.4, 0.5)
     with pytest.raises(TypeError):
         config.mounts['a']['right'] = (1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    'copied', [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))]
+)
+def test_settings_can_be_copied_and_pickled(copied):
+    config = FleetConfig(
+        ('a', 'b'),
+        anchors={'x': Anchor((1.0, 2.0), 0.1)},
+        mounts={'a': {'left': (0.1, 0.0), 'right': Mount((0.2, 0.0), 0.01)}},
+        elevations_m={'a': (0.0, 1.0)},
+        robot_max_speed_m_s={'b': 0.2},
+    )
+    other = copied(config)
+    assert other == config and other.sensors == config.sensors
+    with pytest.raises(TypeError):
+        other.anchors['y'] = Anchor((0.0, 0.0))
+
+
+@pytest.mark.parametrize('now_s', [math.nan, math.inf, None, '1'])
+def test_a_time_now_that_is_none_is_named(now_s):
+    localizer = Localizer(FleetConfig(('a', 'b')))
+    rejection = localizer.add_range('a', 'b', 1.0, 1.0, now_s)
+    assert 'the time now' in rejection.text and repr(now_s) in rejection.text
+    with pytest.raises(ValueError, match='now_s: .* must be a finite number'):
+        localizer.step(now_s)
+
+
+def test_what_is_no_snapshot_is_named():
+    with pytest.raises(TypeError, match='snapshot must be of type Snapshot, not float'):
+        Localizer(FleetConfig(('a', 'b'))).estimate(1.0)

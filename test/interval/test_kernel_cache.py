@@ -199,6 +199,24 @@ def test_no_place_for_a_cache_is_no_crash(tiny, place):
     assert 'compiled kernels cannot be kept' in refusal and place in refusal
 
 
+FULL_DISK = """
+import errno, os
+from numba.core import caching
+def full(self, name, data):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+caching.IndexDataCacheFile._save_data = full
+"""
+
+
+def test_a_full_disk_is_told(tiny):
+    """Every process compiled for minutes, and nothing said why."""
+    answers, _, compiled, refusal = tiny.run(before=FULL_DISK)
+    assert (answers, compiled) == ([6.0], 1)
+    assert refusal.startswith('compiled kernels cannot all be kept in ')
+    assert str(tiny.cache) in refusal and 'No space left on device' in refusal
+    assert tiny.run() == [[6.0], 0, 1, '']
+
+
 def test_user_without_a_home_is_refused(home, monkeypatch):
     def fail():
         raise RuntimeError('Could not determine home directory.')

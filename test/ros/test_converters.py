@@ -5,6 +5,8 @@
 
 import json
 import math
+from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -172,3 +174,31 @@ def test_parameters_name_the_anchors_of_the_recording(tmp_path, shared):
     assert parameters['anchors']['names'] == [f'm{number}' for number in range(6, 21)]
     assert parameters['anchors']['m6']['position'] == pytest.approx([0.588427, -4.282097])
     assert json.dumps(parameters['robots']) == '["r1", "r2", "r3", "r4", "r5"]'
+
+
+def test_the_table_of_ranges_in_the_docs_is_localized(tmp_path, monkeypatch, localize):
+    page = (Path(convert_lias.__file__).parent / 'bags.md').read_text(encoding='utf-8')
+    (code,) = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
+    triangle = [('a', 'b', 3.0), ('a', 'c', 4.0), ('b', 'c', 5.0)]
+    rows = [f'{10.0 + 0.1 * k},{o},{t},{d}' for k in range(20) for o, t, d in triangle]
+    monkeypatch.chdir(tmp_path)
+    Path('ranges.csv').write_text('\n'.join(['stamp,observer,target,range', *rows]))
+    Path('my_bag.yaml').write_text("/**: {ros__parameters: {robots: ['a', 'b', 'c']}}")
+    exec(compile(code, 'bags.md', 'exec'), {})
+    found = localize(tmp_path / 'my_bag')
+    assert len(found) > 5 and all(len(estimate.placements) == 2 for _, estimate in found)
+
+
+@pytest.mark.parametrize('converter', [convert_mrclam, convert_lias])
+def test_wrong_paths_of_the_converters_are_a_sentence(converter, tmp_path, monkeypatch, capsys):
+    there, absent = tmp_path / 'Barcodes.dat', str(tmp_path / 'absent')
+    there.write_text('')
+    inputs = [str(tmp_path)] if converter is convert_mrclam else [str(there), str(there)]
+    for arguments, wanted in (
+        ([absent] * len(inputs) + ['out'], 'absent'),
+        ([*inputs, str(tmp_path)], 'exists; name a folder that does not'),
+    ):
+        monkeypatch.setattr('sys.argv', ['converter', *arguments])
+        with pytest.raises(SystemExit, match='2'):
+            converter.main()
+        assert wanted in capsys.readouterr().err

@@ -3,12 +3,15 @@
 
 """The executables before they have imported what they run."""
 
+import signal
 import subprocess
 import sys
 
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.ros.signals import stop_request  # noqa: E402
 
 # Sends the signal to itself when rclpy is asked for, in the middle of the imports.
 CODE = """
@@ -24,7 +27,7 @@ sys.exit(getattr(executables, sys.argv[1])())
 """
 
 
-@pytest.mark.parametrize('number', [2, 15], ids=['SIGINT', 'SIGTERM'])
+@pytest.mark.parametrize('number', [2, 15, 1], ids=['SIGINT', 'SIGTERM', 'SIGHUP'])
 @pytest.mark.parametrize(
     ('name', 'code'),
     [
@@ -44,6 +47,23 @@ def test_signal_during_the_imports_ends_the_process_cleanly(name, code, number):
         timeout=60.0,
     )
     assert (done.returncode, done.stdout, done.stderr) == (code, 'importing\n', '')
+
+
+def test_a_closed_terminal_is_told_twice_and_ends_nothing_by_force():
+    with stop_request() as stop:
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+        assert stop.is_set()
+
+
+def test_what_nohup_has_ignored_stays_ignored():
+    former = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stop_request() as stop:
+            signal.raise_signal(signal.SIGHUP)
+            assert not stop.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, former)
 
 
 def run(*arguments):
@@ -71,6 +91,13 @@ def test_unknown_ros_argument_is_named_by_every_executable(name):
         2,
         "wrong ROS arguments: ['--no-such-argument']\n",
     )
+
+
+def test_a_machine_on_which_ros_cannot_start_is_no_wrong_argument(monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', '/proc/nowhere')
+    done = run('localizer', '--ros-args', '-p', "robots:=['a', 'b']")
+    assert done.returncode == 1 and done.stderr.startswith('ROS cannot start: ')
+    assert '/proc/nowhere' in done.stderr and 'set ROS_LOG_DIR' in done.stderr
 
 
 @pytest.mark.parametrize('option', ['-h', '--help'])

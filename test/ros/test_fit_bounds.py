@@ -108,7 +108,7 @@ def learn(tmp_path, capsys):
         found = yaml.safe_load(run.output) if run.output else None
         return code, found['/**']['ros__parameters'] if found else None
 
-    run.params = params
+    run.params, run.capture = params, capsys.readouterr
     return run
 
 
@@ -626,6 +626,15 @@ def test_it_runs_as_a_process(tmp_path, learn):
     )
     assert done.returncode == 0, done.stderr
     assert yaml.safe_load(done.stdout)['/**']['ros__parameters']['links']
+
+
+def test_a_full_disk_is_a_sentence(tmp_path, learn, monkeypatch):
+    bag = record(tmp_path / 'bag', seconds=4.0, cameras=False)
+    with open('/dev/full', 'w', encoding='utf-8') as full:
+        monkeypatch.setattr(sys, 'stdout', full)
+        code = fit_bounds([str(bag), '--params', str(learn.params)])
+    _, errors = learn.capture()
+    assert code == 1 and 'the bounds cannot be written: No space left on device' in errors
 
 
 def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared, learn):

@@ -3,6 +3,7 @@
 
 """The executable `localize_bag`: small bags written here, and the real UWB recording."""
 
+import errno
 import json
 import os
 from pathlib import Path
@@ -547,7 +548,7 @@ def start(*arguments):
     )
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     recorder.write_triangle(range(10_000))
     params = tmp_path / 'params.yaml'
@@ -564,6 +565,57 @@ def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     times_ns, _ = read(output, '/localizer/feasible_poses')
     assert 0 < len(times_ns) < 5_000
     assert f'{len(times_ns)} ticks' in told
+
+
+def test_compiling_is_shown_and_a_signal_ends_it(localize, triangle_bag, monkeypatch, capsys):
+    def compile_for_minutes(report):
+        report('compiling the solver: 1 of 9 kernels')
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError('it goes on')
+
+    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
+    assert localize(triangle_bag) == (130, None)
+    told = capsys.readouterr().err
+    assert 'compiling the solver: 1 of 9 kernels' in told
+    assert 'interrupted; nothing is written' in told
+
+
+def test_a_bag_of_no_use_is_refused_before_minutes_of_compiling(localize, tmp_path, monkeypatch):
+    def compile_for_minutes(report):
+        raise AssertionError('it compiles first')
+
+    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
+    assert localize(tmp_path / 'nowhere') == (1, None)
+
+
+def test_a_full_disk_is_named_with_what_was_written(localize, triangle_bag, monkeypatch, capsys):
+    def full(writer, connection, time_ns, data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Writer, 'write', full)
+    assert localize(triangle_bag) == (1, None)
+    told = capsys.readouterr().err
+    assert f'{localize.output} cannot be written: No space left on device' in told
+
+
+@pytest.mark.parametrize('kind', ['folder', 'yaml'])
+def test_what_is_no_bag_is_told_what_one_is(localize, tmp_path, kind, capsys):
+    path = tmp_path / 'no_bag.yaml'
+    if kind == 'folder':
+        path.mkdir()
+    else:
+        path.write_text('robots: []')
+    assert localize(path) == (1, None)
+    told = capsys.readouterr().err
+    assert 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file' in told
+    assert 'reindex' not in told
+
+
+def test_a_slow_solver_is_said_to_be_slow(localize, triangle_bag, monkeypatch, capsys):
+    warnings = ('the solver runs in Python',)
+    monkeypatch.setattr(localize_bag_module, 'solver_warnings', lambda: warnings)
+    assert localize(triangle_bag)[0] == 0
+    assert 'the solver runs in Python' in capsys.readouterr().err
 
 
 def wait_for(condition, deadline_s=60.0):

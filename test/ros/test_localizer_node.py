@@ -8,6 +8,7 @@ import signal
 from threading import Event
 import time
 
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
@@ -57,6 +58,18 @@ def test_transition_that_is_not_possible_is_refused(bench, make_node):
     assert not bench.call('/localizer/change_state', ChangeState, request).success
 
 
+@pytest.mark.parametrize('autostart', [True, False])
+def test_transition_of_another_state_is_refused(bench, make_node, autostart):
+    """It was never answered, and a lifecycle manager waited for ever."""
+    make_node(autostart=autostart)
+    bench.until(lambda: bench.state() == ('active' if autostart else 'unconfigured'), 'the state')
+    for wrong in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP):
+        request = ChangeState.Request()
+        request.transition.id = wrong
+        assert not bench.call('/localizer/change_state', ChangeState, request).success
+    assert bench.transition('deactivate' if autostart else 'configure')
+
+
 def play_with_clock(bench):
     """Keep sending a simulated clock, and the ranges of three robots; return the clock."""
     clock = {'s': 1000.0}
@@ -68,6 +81,15 @@ def play_with_clock(bench):
 
     bench.sending = [send]
     return clock
+
+
+def test_a_missing_clock_is_in_the_log(bench, make_node, monkeypatch):
+    """The log said that the solver is ready, and no more."""
+    node = make_node(use_sim_time=True)
+    logged = []
+    monkeypatch.setattr(node.get_logger(), 'warning', lambda text, **_: logged.append(text))
+    wanted = 'use_sim_time is set and nothing has arrived on /clock'
+    bench.until(lambda: wanted in logged, 'a warning of the clock')
 
 
 def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
@@ -408,7 +430,7 @@ def test_broken_file_ends_the_executable_with_a_message(start_localizer, tmp_pat
     assert 'Traceback' not in process.output()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     # The line is written while the topics are still being made.

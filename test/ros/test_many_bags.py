@@ -12,7 +12,10 @@ pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not install
 
 from test_localize_bag import PARAMETERS, Recorder, counts  # noqa: E402
 
-from dg_localization.ros.bags import many_bags  # noqa: E402
+from dg_localization.ros.bags import (  # noqa: E402
+    localize_bag as localize_bag_module,
+    many_bags,
+)
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
 
@@ -58,6 +61,19 @@ def test_a_bag_that_fails_leaves_the_others_theirs(bags, localize, tmp_path):
     first, broken = text.splitlines()[-2:]
     assert first.startswith('| first |') and first.endswith('| at its end |')
     assert broken.startswith('| broken |') and 'broken.mcap' in broken
+
+
+def test_kernels_are_compiled_once_and_in_sight(bags, localize, tmp_path, monkeypatch, capsys):
+    def compile_for_minutes(report):
+        report('compiling the solver: 1 of 9 kernels')
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
+    assert localize(*bags) == (130, None)
+    told = capsys.readouterr().err
+    assert 'compiling the solver: 1 of 9 kernels' in told
+    assert 'interrupted; nothing is written' in told
+    assert not (tmp_path / 'out').exists()
 
 
 def test_ros_arguments_reach_every_process(bags, localize):

@@ -155,7 +155,7 @@ def constrain(
     config = snapshot.config
     rows = {name: row for row, name in enumerate(config.points)}
     lower, upper = given_distances(snapshot, dropped, rows, remembered)
-    unshared = lower.copy(), upper.copy()
+    measured = lower.copy(), upper.copy()
     share_on_robots(snapshot, rows, lower, upper)
     bundles = _bundles(snapshot, dropped, rows, lower)
     pairs = {observer: bundle.pairs() for observer, bundle in bundles.items()}
@@ -167,20 +167,27 @@ def constrain(
             else spatial_chiralities(bundle)
         )
     angles = angles_of(pairs.values())
-    shares = bool(snapshot.mounts.distances)
-    for bounds in ((lower, upper), unshared)[: 1 + shares]:
-        triangulate(*bounds, angles)
-        contract_by_angles(*bounds, angles.corners, angles.cosines(), ANGLE_SWEEPS)
+    _narrow_by_angles(lower, upper, angles)
+    if snapshot.mounts.distances:
+        _narrow_by_angles(*measured, angles)
+    else:
+        measured = lower, upper
     return Constraints(
         points=config.points,
         lower=lower,
         upper=upper,
-        measured=np.isfinite(unshared[1] if shares else upper),
+        measured=np.isfinite(measured[1]),
         chiralities=tuple(chiralities),
         rays={observer: bundle.now(snapshot.stamp_s) for observer, bundle in bundles.items()},
         angles=angles,
         dimension=config.dimension,
     )
+
+
+def _narrow_by_angles(lower: FloatArray, upper: FloatArray, angles: Angles) -> None:
+    """Bound distances by the angles between rays and by other distances, in place."""
+    triangulate(lower, upper, angles)
+    contract_by_angles(lower, upper, angles.corners, angles.cosines(), ANGLE_SWEEPS)
 
 
 def _bundles(

@@ -153,7 +153,7 @@ def make_parser() -> argparse.ArgumentParser:
         description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
         'print them as parameters of the node.',
         epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT or SIGTERM.',
+        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )
     seconds, share = number(0.0, ' s'), number(0.0, '')
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
@@ -238,5 +238,8 @@ def main(args: Sequence[str]) -> int:
     check_loads(text, options, args)
     for sentence in damage:
         print_line(sentence)
-    print_result(text)
+    try:
+        print_result(text)
+    except OSError as error:
+        raise ExecutableError(f'the bounds cannot be written: {error.strerror}') from error
     return EXIT_FAILED if damage else 0

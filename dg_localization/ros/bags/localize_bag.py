@@ -25,12 +25,13 @@ import os
 from pathlib import Path
 import time
 
-from dg_localization.fleet import Estimate, warm_up
+from dg_localization.fleet import Estimate, solver_warnings, warm_up
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many, many_as_markdown
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Event,
+    Inputs,
     Task,
     find_inputs,
     in_seconds,
@@ -40,7 +41,7 @@ from dg_localization.ros.bags.offline import (
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
 from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
 from dg_localization.ros.bags.watch import TickWatch
-from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag
+from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag, write_text
 from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
@@ -55,11 +56,11 @@ REPORTS = {'.json': as_json, '.md': as_markdown}
 
 
 class InterruptedRun(Exception):
-    """SIGINT or SIGTERM came."""
+    """A signal came."""
 
 
 def localize_bag(
-    options: argparse.Namespace, task: Task, contents: Contents, stop: StopRequest
+    options: argparse.Namespace, task: Task, inputs: Inputs, contents: Contents, stop: StopRequest
 ) -> BagReport:
     """
     Do what the command line asks for.
@@ -69,6 +70,8 @@ def localize_bag(
     options : argparse.Namespace
         What `make_parser` returned.
     task : Task
+    inputs : Inputs
+        Those of the fleet among the topics of the bag.
     contents : Contents
         What the files of the bag hold.
     stop : StopRequest
@@ -87,7 +90,6 @@ def localize_bag(
 
     """
     settings = task.settings
-    inputs = find_inputs(settings, recorded_types(options.bag))
     with closing(Bag(options.bag, inputs.topics, contents.span_ns())) as bag:
         span_ns = _span_ns(bag, options, settings.rate_hz)
         with new_bag(options.output, options.storage) as writer:
@@ -244,7 +246,7 @@ def make_parser() -> argparse.ArgumentParser:
         description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
         epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
         'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT or SIGTERM.',
+        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )
     seconds = number(0.0, ' s')
     parser.add_argument(
@@ -300,12 +302,19 @@ def _print_slowest(watch: TickWatch) -> None:
 def _print_report(report: BagReport, path: Path | None, took_s: float) -> None:
     """Print the report and how long it took, and write the file that was asked for."""
     if path is not None:
-        path.write_text(REPORTS[path.suffix](report), encoding='utf-8')
+        write_text(path, REPORTS[path.suffix](report))
     print_result(as_markdown(report))
     read_s = report.tally.last_s - report.start_s
     print_result(
         f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real time.'
     )
+
+
+def _get_solver_ready() -> None:
+    """Load the kernels, or compile them in sight: that takes minutes, and a signal ends it."""
+    warm_up(print_line)
+    for warning in solver_warnings():
+        print_line(warning)
 
 
 def _shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[str]:
@@ -328,11 +337,13 @@ def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     """Localize several bags, print and write what came of all; return the exit code."""
     shared = _shared_arguments(options, args)
     bags, output = options.bags, options.output
+    if options.scheduler is None:
+        # Else each process would compile them, and nobody would see how far they are.
+        _get_solver_ready()
     try:
         outcomes = localize_many(bags, output, shared, options.jobs, options.scheduler)
         if options.report is not None:
-            text = MANY_REPORTS[options.report.suffix](outcomes)
-            options.report.write_text(text, encoding='utf-8')
+            write_text(options.report, MANY_REPORTS[options.report.suffix](outcomes))
     except OSError as error:
         raise ExecutableError(str(error)) from error
     print_result(many_as_markdown(outcomes))
@@ -341,7 +352,7 @@ def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
 
 def main(args: Sequence[str]) -> int:
     """
-    Localize a bag, or several, until their end, SIGINT or SIGTERM.
+    Localize a bag, or several, until their end or a signal.
 
     Parameters
     ----------
@@ -361,15 +372,17 @@ def main(args: Sequence[str]) -> int:
     """
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
-    if len(options.bags) > 1 or options.scheduler is not None:
-        return _localize_many(options, args)
-    options.bag = options.bags[0]
     try:
-        with contents_of(options.bag) as contents, stop_request() as stop:
-            warm_up()
-            began_s = time.perf_counter()
-            report = localize_bag(options, task, contents, stop)
-            _print_report(report, options.report, time.perf_counter() - began_s)
+        if len(options.bags) > 1 or options.scheduler is not None:
+            return _localize_many(options, args)
+        options.bag = options.bags[0]
+        with contents_of(options.bag) as contents:
+            inputs = find_inputs(task.settings, recorded_types(options.bag))
+            _get_solver_ready()
+            with stop_request() as stop:
+                began_s = time.perf_counter()
+                report = localize_bag(options, task, inputs, contents, stop)
+                _print_report(report, options.report, time.perf_counter() - began_s)
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')

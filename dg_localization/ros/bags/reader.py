@@ -29,6 +29,7 @@ SAMPLES = 20
 # They are sought among so many messages of all topics; then among those of the others alone.
 MOST_SAMPLED = 50_000
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
+STORAGE_ENDINGS = ('.db3', '.mcap')
 RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
 
 
@@ -330,9 +331,18 @@ def _open(path: Path) -> Any:
         reader.open()
     except Exception as error:  # on damaged files whatever its parsers raise
         raise BagError(
-            f'{path} cannot be read as a rosbag2: {str(error) or type(error).__name__}; {RESCUE}'
+            f'{path} cannot be read as a rosbag2: {str(error) or type(error).__name__}; '
+            f'{_advice(path)}'
         ) from error
     return reader
+
+
+def _advice(path: Path) -> str:
+    """Return what to do about a path that cannot be read as a rosbag2."""
+    files = list(path.iterdir()) if path.is_dir() else [path]
+    if not any(ending in STORAGE_ENDINGS for file in files for ending in file.suffixes):
+        return 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file'
+    return RESCUE
 
 
 def find_message_class(type_name: str) -> type | None:

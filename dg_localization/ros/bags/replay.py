@@ -227,7 +227,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
 
 def main(args: Sequence[str]) -> int:
     """
-    Replay a bag until its end, SIGINT or SIGTERM.
+    Replay a bag until its end or a signal.
 
     Parameters
     ----------

@@ -13,6 +13,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from dg_localization.ros.bags.reader import Topic
+from dg_localization.ros.executables import ExecutableError
 
 STORAGES = ('mcap', 'sqlite3')
 # How rosbag2 writes a duration without limit.
@@ -27,6 +28,8 @@ class BagWriter:
     ----------
     writer : rosbags.rosbag2.Writer
         Open.
+    path : Path
+        Its folder, for the message where it cannot be written.
 
     Attributes
     ----------
@@ -35,11 +38,12 @@ class BagWriter:
 
     """
 
-    def __init__(self, writer: Any) -> None:
+    def __init__(self, writer: Any, path: Path) -> None:
         from rosbags.typesys import Stores, get_typestore
 
         self.holds_answers = False
         self._writer = writer
+        self._path = path
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Any] = {}
 
@@ -68,7 +72,8 @@ class BagWriter:
 
     def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
         """Write a message of another bag on a topic that was added."""
-        self._writer.write(self._connections[topic], time_ns, data)
+        with _writing(self._path):
+            self._writer.write(self._connections[topic], time_ns, data)
 
 
 @contextmanager
@@ -88,13 +93,19 @@ def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
     BagWriter
         Closed at the end of the block.
 
+    Raises
+    ------
+    ExecutableError
+        If the bag cannot be written, as on a full disk.
+
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     # Version 9 is Jazzy's.
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
-    writer.open()
-    bag_writer = BagWriter(writer)
+    with _writing(path):
+        writer.open()
+    bag_writer = BagWriter(writer, path)
     try:
         yield bag_writer
     except BaseException:
@@ -106,7 +117,32 @@ def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
             with suppress(OSError, sqlite3.Error):
                 writer.close()
         raise
-    writer.close()
+    with _writing(path):
+        writer.close()
+
+
+def write_text(path: Path, text: str) -> None:
+    """
+    Write a file, such as a report.
+
+    Raises
+    ------
+    ExecutableError
+        If it cannot be written.
+
+    """
+    with _writing(path):
+        path.write_text(text, encoding='utf-8')
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Name what cannot be written: a full disk does not."""
+    try:
+        yield
+    except (OSError, sqlite3.Error) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ExecutableError(f'{path} cannot be written: {reason}') from error
 
 
 def _recorded_qos(profile: QoSProfile) -> Any:

@@ -43,7 +43,7 @@ from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime, refuse_use_sim_time
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
-from dg_localization.ros.node.transitions import transition
+from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
 from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
 from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
 from dg_localization.ros.spinning import spin
@@ -54,6 +54,7 @@ DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
+NO_CLOCK = 'use_sim_time is set and nothing has arrived on /clock'
 SILENT_CLOCK_S = 3.0
 # For each message, the longest time that an estimate which is late gets the interpreter for.
 LONGEST_REST_S = 0.01
@@ -93,6 +94,7 @@ class LocalizerNode(LifecycleNode):
         self, make_localizer: Callable[[FleetConfig], Localizer] = Localizer, **kwargs: Any
     ) -> None:
         super().__init__('localizer', **kwargs)
+        refuse_impossible_transitions(self)
         self.settings = declare_settings(self)
         if self.settings.publish_tf:
             transform_message_class()
@@ -301,6 +303,8 @@ class LocalizerNode(LifecycleNode):
             self._now_s()
             if self._watchdog.is_hopeless(self._worker.busy_s, self._worker.cpu_s):
                 self._give_up_estimate()
+            if self._clock_s() <= 0.0:
+                self.get_logger().warning(NO_CLOCK, throttle_duration_sec=REPEATED_PROGRESS_S)
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
             self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
         self._diagnostics.publish(self._diagnose())
@@ -341,7 +345,7 @@ class LocalizerNode(LifecycleNode):
             return f'the node is {self._state}'
         if not self._worker.warm_up.done():
             return warm_up_status()
-        return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
+        return '' if now_s > 0.0 else NO_CLOCK
 
     def _warnings(self) -> Iterator[str]:
         if self._has_namesake:
@@ -391,6 +395,6 @@ class LocalizerNode(LifecycleNode):
 
 
 def main(args: Sequence[str]) -> int:
-    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    """Run the node until a signal; return the exit code."""
     spin(LocalizerNode, args, USAGE)
     return exit_code_despite_worker(0)

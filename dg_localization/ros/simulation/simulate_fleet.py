@@ -199,7 +199,7 @@ class FleetSimulator(Node):
 
 def main(args: Sequence[str]) -> int:
     """
-    Run the node until SIGINT or SIGTERM.
+    Run the node until a signal.
 
     Parameters
     ----------
