@@ -73,7 +73,7 @@ def ros_arguments_checked() -> Iterator[None]:
         raise UsageError(str(error)) from error
     except RuntimeError as error:
         # rclpy has no public class for wrong arguments; what it raises derives from this one.
-        if not str(error).startswith('failed to initialize'):
+        if 'parse' in str(error) or not str(error).startswith('failed to initialize'):
             raise UsageError(f'wrong ROS arguments: {error}') from error
         advice = '; set ROS_LOG_DIR to a folder that can be written' * ('log' in str(error))
         raise ExecutableError(f'ROS cannot start: {error}{advice}') from error

@@ -93,6 +93,11 @@ def test_unknown_ros_argument_is_named_by_every_executable(name):
     )
 
 
+def test_a_file_of_parameters_that_is_not_there_is_a_wrong_argument():
+    done = run('security_policy', '--params', 'nowhere.yaml')
+    assert done.returncode == 2 and 'nowhere.yaml' in done.stderr
+
+
 def test_a_machine_on_which_ros_cannot_start_is_no_wrong_argument(monkeypatch):
     monkeypatch.setenv('ROS_LOG_DIR', '/proc/nowhere')
     done = run('localizer', '--ros-args', '-p', "robots:=['a', 'b']")
