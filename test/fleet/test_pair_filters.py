@@ -124,7 +124,7 @@ def test_a_reading_that_comes_late_cuts_as_if_it_had_come_in_time():
 
 
 def test_filters_end_with_what_is_forgotten_at_a_reset_and_when_time_goes_back():
-    history = draw(3, 12.0)
+    history = draw(7, 12.0)
     localizer = localizer_of(history)
     for _time_s, estimate in history.play(localizer, np.arange(1.0, 12.0, 1.0)):
         assert not estimate.forgotten
@@ -148,7 +148,7 @@ def test_filters_end_with_what_is_forgotten_at_a_reset_and_when_time_goes_back()
 
 
 def test_what_a_cancelled_estimate_forgets_is_forgotten(monkeypatch):
-    history = draw(3, 12.0)
+    history = draw(7, 12.0)
     localizer = localizer_of(history)
     estimates = [estimate for _, estimate in history.play(localizer, np.arange(1.0, 12.0, 1.0))]
     assert filters_of(localizer)
