@@ -83,13 +83,16 @@ def play_with_clock(bench):
     return clock
 
 
-def test_a_missing_clock_is_in_the_log(bench, make_node, monkeypatch):
-    """The log said that the solver is ready, and no more."""
-    node = make_node(use_sim_time=True)
-    logged = []
-    monkeypatch.setattr(node.get_logger(), 'warning', lambda text, **_: logged.append(text))
-    wanted = 'use_sim_time is set and nothing has arrived on /clock'
-    bench.until(lambda: wanted in logged, 'a warning of the clock')
+def test_what_becomes_of_the_fleet_is_in_the_log(bench, make_node, monkeypatch):
+    node = make_node(use_sim_time=True, max_future=0.5)
+    logged, logger = [], node.get_logger()
+    monkeypatch.setattr(logger, 'warning', lambda text, **_: logged.append(text))
+    monkeypatch.setattr(logger, 'info', lambda text, **_: logged.append(text))
+    silent = 'fleet: use_sim_time is set and nothing has arrived on /clock'
+    bench.until(lambda: silent in logged, 'a line about the clock')
+    play_with_clock(bench)
+    bench.until(lambda: logged[-1].startswith('fleet: ambiguous: '), 'a line about the fleet')
+    assert len([text for text in logged if text.startswith('fleet: ')]) <= 3
 
 
 def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):

@@ -41,6 +41,7 @@ from dg_localization.ros.interface.parameters.settings import declare_settings
 from dg_localization.ros.interface.rate import Pace, RateMeter
 from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime, refuse_use_sim_time
+from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
@@ -54,7 +55,6 @@ DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
-NO_CLOCK = 'use_sim_time is set and nothing has arrived on /clock'
 SILENT_CLOCK_S = 3.0
 # For each message, the longest time that an estimate which is late gets the interpreter for.
 LONGEST_REST_S = 0.01
@@ -114,6 +114,7 @@ class LocalizerNode(LifecycleNode):
         is_simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = NodeTime(self._clock_s, is_simulated)
         self._diagnostics = DiagnosticsPublisher(self)
+        self._fleet_log = FleetLog(self.get_logger())
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_second, clock=self._steady)
@@ -219,9 +220,8 @@ class LocalizerNode(LifecycleNode):
         began_s = time.monotonic()
         rejection = self._intake.take(link, data, now_s, arrived_s)
         if rejection is not None:
-            self.get_logger().warning(
-                shortened(f'{link.topic}: {rejection}'), throttle_duration_sec=REPEATED_WARNING_S
-            )
+            text = shortened(f'{link.topic}: {rejection}')
+            self.get_logger().warning(text, throttle_duration_sec=REPEATED_WARNING_S)
         if self._watchdog.is_late(self._worker.busy_s):
             # More messages than can be taken must not starve the estimate that they are for.
             time.sleep(min(LONGEST_REST_S, time.monotonic() - began_s))
@@ -303,11 +303,12 @@ class LocalizerNode(LifecycleNode):
             self._now_s()
             if self._watchdog.is_hopeless(self._worker.busy_s, self._worker.cpu_s):
                 self._give_up_estimate()
-            if self._clock_s() <= 0.0:
-                self.get_logger().warning(NO_CLOCK, throttle_duration_sec=REPEATED_PROGRESS_S)
+        diagnostics = self._diagnose()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
             self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
-        self._diagnostics.publish(self._diagnose())
+        elif self._state == 'active':
+            self._fleet_log.look(diagnostics.statuses[0])
+        self._diagnostics.publish(diagnostics)
 
     def _give_up_estimate(self) -> None:
         """Take back the last answer, and answer the next snapshot in a new thread."""
@@ -345,7 +346,7 @@ class LocalizerNode(LifecycleNode):
             return f'the node is {self._state}'
         if not self._worker.warm_up.done():
             return warm_up_status()
-        return '' if now_s > 0.0 else NO_CLOCK
+        return '' if now_s > 0.0 else 'use_sim_time is set and nothing has arrived on /clock'
 
     def _warnings(self) -> Iterator[str]:
         if self._has_namesake:
@@ -368,9 +369,8 @@ class LocalizerNode(LifecycleNode):
         self._rate.clear()
         self._intake.forget()
         self._failure = ''
-        self.get_logger().info(
-            f'{reason}: all measurements are forgotten', throttle_duration_sec=1.0
-        )
+        text = f'{reason}: all measurements are forgotten'
+        self.get_logger().info(text, throttle_duration_sec=1.0)
         self._publish(self._no_estimate(reason))
 
     def _no_estimate(self, reason: str) -> Answer:

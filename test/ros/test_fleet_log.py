@@ -1,0 +1,62 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The log says what becomes of the fleet, once, when it lasts."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from dg_localization.ros.node.fleet_log import LOOKS_BETWEEN, FleetLog  # noqa: E402
+from msg_adapters import Level, Status  # noqa: E402
+
+
+class Logger:
+    def __init__(self):
+        self.lines = []
+
+    def info(self, text):
+        self.lines.append(('info', text))
+
+    def warning(self, text):
+        self.lines.append(('warning', text))
+
+    def error(self, text):
+        self.lines.append(('error', text))
+
+
+@pytest.fixture
+def logger():
+    return Logger()
+
+
+def look(fleet_log, *seen):
+    for level, message in seen:
+        fleet_log.look(Status(level, 'localizer: fleet', message, 'fleet', {}))
+
+
+def test_what_lasts_is_said_once_with_its_severity(logger):
+    fleet_log = FleetLog(logger)
+    stale = [(Level.WARN, f'all measurements are stale: the youngest is {s} s old') for s in '234']
+    wrong = (Level.ERROR, 'contradiction: a - b')
+    good = (Level.OK, 'localized: one hypothesis')
+    for seen in (stale, [good], [wrong], [good]):
+        look(fleet_log, *seen, *[seen[-1]] * LOOKS_BETWEEN)
+    assert logger.lines == [
+        ('warning', 'fleet: all measurements are stale: the youngest is 3 s old'),
+        ('info', 'fleet: localized: one hypothesis'),
+        ('error', 'fleet: contradiction: a - b'),
+        ('info', 'fleet: localized: one hypothesis'),
+    ]
+
+
+def test_what_comes_and_goes_is_not_said(logger):
+    good, wide = (Level.OK, 'localized'), (Level.WARN, 'one hypothesis, 6.2 m wide')
+    look(FleetLog(logger), good, good, wide, good, wide, good, good)
+    assert logger.lines == [('info', 'fleet: localized')]
+
+
+def test_what_comes_and_goes_slowly_is_said_at_times(logger):
+    good, wide = (Level.OK, 'localized'), (Level.WARN, 'one hypothesis, 6.2 m wide')
+    look(FleetLog(logger), *[good, good, wide, wide] * 10 * LOOKS_BETWEEN)
+    assert 10 <= len(logger.lines) <= 40
