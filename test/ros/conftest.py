@@ -139,6 +139,14 @@ def _nothing_lives_on():
     gc.collect()
 
 
+@pytest.fixture(autouse=True)
+def _hang_up_is_heard():
+    """Have SIGHUP end what tests start, also where nohup started the tests."""
+    former = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, former)
+
+
 class Bench:
     """A node beside the localizer: it plays the sensors and listens to every output."""
 

@@ -67,7 +67,8 @@ def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_
 
 def test_after_a_backlog_what_is_taken_is_young_enough(bench, make_node):
     node = make_node(robots=['robot_1', 'robot_2'], max_age=1.6)
-    bench.send_range('robot_1', 'robot_2', 3.0)
+    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0))
+    bench.until_count('input range robot_1->robot_2', 'accepted')
     bench.forget()
     bench.executor.remove_node(node)
     # The executor of the node gets no processor for three seconds, at 10 Hz.
