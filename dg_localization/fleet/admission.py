@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import math
-
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.error_models import quoted, real_number
+from dg_localization.fleet.error_models import finite_number, quoted
 from dg_localization.fleet.vocabulary import LinkKey, Rejection, RejectionReason
 
 
@@ -76,12 +74,12 @@ class Admission:
 
     def check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
         """Return a rejection when a stamp, or now, is not a time, or they are too far apart."""
-        now = real_number(now_s)
-        if now is None or not math.isfinite(now):
+        now = finite_number(now_s)
+        if now is None:
             text = f'the time now, {quoted(now_s)} s, is not a finite number'
             return Rejection(RejectionReason.INVALID_STAMP, text)
-        stamp = real_number(stamp_s)
-        if stamp is None or not math.isfinite(stamp):
+        stamp = finite_number(stamp_s)
+        if stamp is None:
             text = f'stamp {quoted(stamp_s)} s is not a finite number'
             return Rejection(RejectionReason.INVALID_STAMP, text)
         if stamp == 0.0:

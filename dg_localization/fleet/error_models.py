@@ -47,6 +47,12 @@ def real_number(value: object) -> float | None:
         return None
 
 
+def finite_number(value: object) -> float | None:
+    """Return what `real_number` does; None where it is infinite or no number."""
+    number = real_number(value)
+    return number if number is not None and math.isfinite(number) else None
+
+
 def is_single(value: object) -> bool:
     """Return whether a measurement is one value, such as a range, and no ray."""
     try:

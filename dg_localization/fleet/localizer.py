@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.checks import require_kind
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.error_models import real_number
+from dg_localization.fleet.error_models import finite_number
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
@@ -301,8 +301,8 @@ class Localizer:
             If `now_s` is no finite number.
 
         """
-        now = real_number(now_s)
-        if now is None or not math.isfinite(now):
+        now = finite_number(now_s)
+        if now is None:
             raise ValueError(f'now_s: {now_s!r} is not allowed, it must be a finite number')
         follower = self._follower
         self._snapshots += 1

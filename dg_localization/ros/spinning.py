@@ -75,7 +75,8 @@ def ros_arguments_checked() -> Iterator[None]:
         # rclpy has no public class for wrong arguments; what it raises derives from this one.
         if 'parse' in str(error) or not str(error).startswith('failed to initialize'):
             raise UsageError(f'wrong ROS arguments: {error}') from error
-        advice = '; set ROS_LOG_DIR to a folder that can be written' * ('log' in str(error))
+        about_logs = 'log' in str(error)
+        advice = '; set ROS_LOG_DIR to a folder that can be written' if about_logs else ''
         raise ExecutableError(f'ROS cannot start: {error}{advice}') from error
 
 
