@@ -29,8 +29,8 @@ from dg_localization.calibration.bounds import Choice  # noqa: E402
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel  # noqa: E402
 from dg_localization.ros.bags import fit_with_truth  # noqa: E402
 from dg_localization.ros.bags.compared import Compared, broken_bounds  # noqa: E402
+from dg_localization.ros.bags.ground_truth import read_truth_file  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
-from dg_localization.ros.bags.samples import read_truth_file  # noqa: E402
 from dg_localization.ros.executables import (  # noqa: E402
     UsageError,
     fit_bounds,

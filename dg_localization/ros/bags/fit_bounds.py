@@ -24,15 +24,11 @@ from dg_localization.ros.bags.fit_report import as_yaml
 from dg_localization.ros.bags.fit_with_truth import fit_with_truth
 from dg_localization.ros.bags.fit_without_truth import fit_without_truth
 from dg_localization.ros.bags.fitted import Fit
+from dg_localization.ros.bags.ground_truth import add_truth_argument, truth_reader
 from dg_localization.ros.bags.localize_bag import parameter_file
 from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, recorded_types
-from dg_localization.ros.bags.samples import (
-    Collector,
-    Samples,
-    find_truth,
-    read_truth_file,
-)
+from dg_localization.ros.bags.samples import Collector, Samples
 from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import make_progress, number, print_line, print_result
@@ -67,15 +63,11 @@ def collect(
         If there is nothing to learn from, or the bag cannot be read.
 
     """
-    settings, robots = task.settings, task.settings.fleet.robots
     recorded = recorded_types(options.bag)
-    inputs = find_inputs(settings, recorded)
-    file = _truth_file(options.truth)
-    truth = {} if file else find_truth(options.truth, robots, recorded)
-    collector = Collector(settings, inputs, truth)
-    if file:
-        collector.samples.truth.update(read_truth_file(file, robots, settings.fleet.dimension))
-    topics = list(dict.fromkeys([*inputs.topics, *truth]))
+    inputs = find_inputs(task.settings, recorded)
+    truth = truth_reader(options.truth, task.settings, recorded)
+    collector = Collector(task.settings, inputs, truth)
+    topics = list(dict.fromkeys([*inputs.topics, *truth.topics]))
     with closing(Bag(options.bag, topics, contents.span_ns())) as bag:
         classes = {topic.name: topic.message_class for topic in bag.topics}
         total_s = max(0.0, bag.duration_s - options.start)
@@ -96,19 +88,6 @@ def collect(
         if collector.malformed:
             print_line(f'{collector.malformed} messages could not be read')
         return collector.samples, inputs, damage
-
-
-def _truth_file(truth: Sequence[str]) -> Path | None:
-    """Return the file of the ground truth, if it is one."""
-    files = [name for name in truth if name.endswith('.csv')]
-    if not files:
-        return None
-    if len(truth) > 1:
-        raise UsageError(f'--truth: name topics or one .csv file, not {" and ".join(truth)}')
-    path = Path(files[0])
-    if not path.is_file():
-        raise UsageError(f"--truth: '{path}' is no file")
-    return path
 
 
 def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> None:
@@ -160,15 +139,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--params', type=parameter_file, required=True, metavar='FILE', help='of the node'
     )
-    parser.add_argument(
-        '--truth',
-        nargs='+',
-        default=[],
-        metavar='TRUTH',
-        help="where the robots truly were: '/mocap/{robot}/pose' with a pose for each robot, a "
-        'PoseArray of all in the order of the robots, or a .csv with the columns stamp, robot, x, '
-        'y, and z and yaw where they are known',
-    )
+    add_truth_argument(parser, 'to compare readings with')
     parser.add_argument(
         '--per', choices=GROUPS, default=GROUPS[0], help='what has bounds of its own (%(default)s)'
     )

@@ -35,6 +35,7 @@ from dg_localization.ros.bags.fitted import (
     gathered,
     range_parameters,
 )
+from dg_localization.ros.bags.ground_truth import tracks_of
 from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import Samples
 from dg_localization.ros.interface.parameters.odometry import odometry_error_parameters
@@ -61,7 +62,7 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
         If no reading has a truth at its time.
 
     """
-    tracks, dimension = samples.tracks(settings), settings.fleet.dimension
+    tracks, dimension = tracks_of(samples.truth, settings.fleet), settings.fleet.dimension
     ranges = compared_ranges(samples, tracks, dimension)
     bearings = compared_rays(samples, tracks, dimension)
     by_group = gathered(

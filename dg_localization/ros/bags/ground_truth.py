@@ -1,0 +1,271 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Where the robots truly were: in topics of a bag, or in a table."""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from dg_localization.calibration.truth import TrueTrack
+from dg_localization.fleet import FleetConfig
+from dg_localization.ros.bags.offline import in_seconds
+from dg_localization.ros.bags.reader import BagError, BagMessage, find_message_class
+from dg_localization.ros.executables import UsageError
+from dg_localization.ros.interface.parameters.settings import Settings
+from msg_adapters.geometry import xyz_from_message, xyzw_from_message
+from msg_adapters.headers import stamp_from_message
+
+Poses = dict[str, list[tuple[float, Any, Any]]]
+"""By robot its stamps in s, positions and quaternions."""
+
+POSE_TYPES = (
+    'geometry_msgs/msg/PoseStamped',
+    'geometry_msgs/msg/PoseWithCovarianceStamped',
+    'nav_msgs/msg/Odometry',
+)
+POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
+ROBOT = '{robot}'
+COLUMNS = ('stamp', 'robot', 'x', 'y')
+
+
+def add_truth_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
+    """Add `--truth` to a command line; `purpose` is what the truth is for."""
+    parser.add_argument(
+        '--truth',
+        nargs='+',
+        default=[],
+        metavar='TRUTH',
+        help=f"where the robots truly were, {purpose}: '/mocap/{{robot}}/pose' with a pose for "
+        'each robot, a PoseArray of all in the order of the robots, or a .csv with the columns '
+        'stamp, robot, x, y, and z and yaw where they are known',
+    )
+
+
+class TruthReader:
+    """
+    Gathers the poses of a ground truth.
+
+    Parameters
+    ----------
+    settings : Settings
+    topics : mapping of str to str
+        By topic, the robot; empty for the poses of all robots.
+    poses : dict of str to list of (float, ndarray, ndarray), optional
+        What is known without the topics.
+
+    Attributes
+    ----------
+    malformed : int
+        How many messages could not be read.
+
+    """
+
+    def __init__(
+        self, settings: Settings, topics: Mapping[str, str], poses: Poses | None = None
+    ) -> None:
+        self.topics = topics
+        self.poses: Poses = defaultdict(list, poses or {})
+        self.malformed = 0
+        self._settings = settings
+
+    def take(self, message: BagMessage, message_class: type) -> None:
+        """
+        Take a message on one of the topics.
+
+        Raises
+        ------
+        BagError
+            If a message has not as many poses as there are robots.
+
+        """
+        robot = self.topics[message.topic]
+        try:
+            decoded = deserialize_message(message.data, message_class)
+            stamp_s = stamp_from_message(decoded.header.stamp)
+            poses = [_pose_of(decoded)] if robot else decoded.poses
+            rows = [
+                (xyz_from_message(p.position), xyzw_from_message(p.orientation)) for p in poses
+            ]
+        except Exception:  # on damaged bytes whatever the decoder raises
+            self.malformed += 1
+            return
+        robots = [robot] if robot else self._settings.fleet.robots
+        if len(rows) != len(robots):
+            raise BagError(
+                f'{message.topic} has {len(rows)} poses, there are {len(robots)} robots: it must '
+                "hold one pose for each of the parameter 'robots', in that order"
+            )
+        if not self._settings.use_header_stamp:
+            stamp_s = in_seconds(message.time_ns)
+        for name, (position_m, orientation) in zip(robots, rows, strict=True):
+            self.poses[name].append((stamp_s, position_m, orientation))
+
+
+def truth_reader(
+    names: Sequence[str], settings: Settings, recorded: Mapping[str, Sequence[str]]
+) -> TruthReader:
+    """
+    Return what reads the ground truth that a command line names.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Topics, or one `.csv` file.
+    settings : Settings
+    recorded : mapping of str to sequence of str
+        By topic of the bag the types of its messages.
+
+    Raises
+    ------
+    UsageError
+        If the file is no table of poses, or is named beside others.
+    BagError
+        If a topic is not there or of a type that has no poses.
+
+    """
+    fleet = settings.fleet
+    files = [name for name in names if name.endswith('.csv')]
+    if not files:
+        return TruthReader(settings, find_truth(names, fleet.robots, recorded))
+    if len(names) > 1:
+        raise UsageError(f'--truth: name topics or one .csv file, not {" and ".join(names)}')
+    path = Path(files[0])
+    if not path.is_file():
+        raise UsageError(f"--truth: '{path}' is no file")
+    return TruthReader(settings, {}, read_truth_file(path, fleet.robots, fleet.dimension))
+
+
+def tracks_of(poses: Poses, fleet: FleetConfig) -> dict[str, TrueTrack]:
+    """Return the true paths of robots and sensors and the places of anchors, by name."""
+    tracks = {
+        robot: TrueTrack(*map(np.array, zip(*rows, strict=True))) for robot, rows in poses.items()
+    }
+    for name, anchor in fleet.anchors.items():
+        tracks.setdefault(name, TrueTrack.at_rest(anchor.coordinates_m))
+    for name, mount in fleet.sensors.items():
+        robot = tracks.get(fleet.robot_of(name))
+        if robot is not None:
+            tracks[name] = robot.carrying(mount.position_m)
+    return tracks
+
+
+def _pose_of(message: Any) -> Any:
+    """Return the pose of a message, with a covariance or without."""
+    return getattr(message.pose, 'pose', message.pose)
+
+
+def find_truth(
+    names: Iterable[str], robots: Sequence[str], recorded: Mapping[str, Sequence[str]]
+) -> dict[str, str]:
+    """
+    Find the topics of a ground truth.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Topics: with `{robot}` the pose of one robot each, without it those of all robots.
+    robots : sequence of str
+    recorded : mapping of str to sequence of str
+        By topic the types of its messages.
+
+    Returns
+    -------
+    dict of str to str
+        By topic the robot; empty for all robots.
+
+    Raises
+    ------
+    BagError
+        If a topic is not there or of a type that has no poses.
+
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        allowed = POSE_TYPES if ROBOT in name else (POSE_ARRAY,)
+        topics = {name.replace(ROBOT, r): r for r in robots} if ROBOT in name else {name: ''}
+        present = {topic: robot for topic, robot in topics.items() if topic in recorded}
+        if not present:
+            raise BagError(
+                f'no topic {" or ".join(topics)} in the bag; it has {", ".join(sorted(recorded))}'
+            )
+        for topic in present:
+            if len(recorded[topic]) != 1 or recorded[topic][0] not in allowed:
+                raise BagError(
+                    f'{topic} is {" and ".join(recorded[topic])}; a ground truth is '
+                    f'{" or ".join(allowed)}'
+                )
+            if find_message_class(recorded[topic][0]) is None:
+                raise BagError(f'{topic}: its type {recorded[topic][0]} is not installed')
+        found.update(present)
+    return found
+
+
+def read_truth_file(
+    path: Path, robots: Sequence[str], dimension: int
+) -> dict[str, list[tuple[float, Any, Any]]]:
+    """
+    Read a ground truth from a table in text.
+
+    Parameters
+    ----------
+    path : Path
+        A .csv with the columns stamp (s), robot, x, y (m), and z (m) and yaw (rad) where they are
+        known; in space z has to be. NaN stands for what is not known.
+    robots : sequence of str
+        Other names are passed over.
+    dimension : {2, 3}
+
+    Returns
+    -------
+    dict of str to list of (float, ndarray, ndarray)
+        By robot, stamps, positions and quaternions.
+
+    Raises
+    ------
+    UsageError
+        If the file is no such table, or a value is no number or infinite, or a stamp is not
+        known; the message names the line.
+
+    """
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            return _truth_of(path, csv.DictReader(file), robots, dimension)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UsageError(f'{path} is no table in UTF-8: {error}') from None
+
+
+def _truth_of(
+    path: Path, rows: 'csv.DictReader[str]', robots: Sequence[str], dimension: int
+) -> dict[str, list[tuple[float, Any, Any]]]:
+    """Return the ground truth in the rows of a table."""
+    truth: dict[str, list[tuple[float, Any, Any]]] = defaultdict(list)
+    wanted = COLUMNS if dimension == 2 else (*COLUMNS, 'z')
+    missing = [name for name in wanted if name not in (rows.fieldnames or ())]
+    if missing:
+        raise UsageError(
+            f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
+            'robot, x, y, in space z, and z and yaw where they are known'
+        )
+    flat = '0' if dimension == 2 else ''
+    for row in rows:
+        try:
+            stamp_s, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
+            z, half = float(row.get('z') or flat), float(row.get('yaw') or math.nan) / 2.0
+            if not math.isfinite(stamp_s):
+                raise ValueError(f'stamp {stamp_s} is not a finite number')
+            if any(map(math.isinf, (x, y, z, half))):
+                raise ValueError('no position and no yaw is infinite')
+        except (TypeError, ValueError) as error:
+            raise UsageError(f'{path}, line {rows.line_num}: {error}') from None
+        if row['robot'] in robots:
+            turn = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
+            truth[row['robot']].append((stamp_s, np.array([x, y, z]), turn))
+    return truth
