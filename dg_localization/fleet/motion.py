@@ -240,6 +240,11 @@ class Motion:
                 return after.T @ before, error_rad
         return NOT_TURNED, by_rate_rad
 
+    def newest(self, robot: str, stamp_s: float) -> OdometryReading | None:
+        """Return the newest odometry of a robot up to a time; None without one."""
+        readings = reversed(self.odometry.get(robot, ()))
+        return next((reading for reading in readings if reading.stamp_s <= stamp_s), None)
+
     def turn_up_rad(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of the angle by which `point` turned between two times."""
         rotation, half_width_rad = self.turn(point, first_s, second_s)

@@ -650,10 +650,74 @@ def test_unbounded_enclosures_are_reported(localize, recorder, capsys):
 
 def test_the_true_placement_is_in_every_answer(tmp_path, uwb_recording, capsys):
     paths = ('-o', tmp_path / 'out', '--params', REPOSITORY / CONFIG)
-    assert localize_bag([str(text) for text in (uwb_recording.path, *paths)]) == 0
+    truth = '--truth', '/vrpn_client_node/{robot}_cap/pose'
+    assert localize_bag([str(text) for text in (uwb_recording.path, *paths, *truth)]) == 0
     _, scenes = read(tmp_path / 'out', '/localizer/markers')
     assert uwb_recording.check(scenes) == 75
-    assert '85 ticks at 5 Hz, from 0.0 to 17.2 s of the bag.' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert '85 ticks at 5 Hz, from 0.0 to 17.2 s of the bag.' in printed
+    assert 'The truth is inside a hypothesis in 85 of 85 answers.' in printed
+
+
+def write_table(path, places, stamps_s):
+    """Write a ground truth as a table; a place may be a function of the stamp."""
+    rows = [
+        f'{START_NS * 1e-9 + stamp_s:.3f},{robot},{x},{y}'
+        for stamp_s in stamps_s
+        for robot, (x, y) in places(stamp_s).items()
+    ]
+    path.write_text('\n'.join(['stamp,robot,x,y', *rows]) + '\n')
+    return path
+
+
+def test_answers_are_compared_with_a_table_of_the_truth(localize, triangle_bag, tmp_path, capsys):
+    def places(stamp_s):
+        # Robot c is elsewhere for a while, and nobody knows where at the end.
+        c = {'c': (7.0, 9.0 if stamp_s < 0.95 else 9.5)} if stamp_s < 1.45 else {}
+        return {'a': (7.0, 5.0), 'b': (10.0, 5.0), **c}
+
+    table = write_table(tmp_path / 'truth.csv', places, np.arange(0.0, 2.2, 0.1))
+    code, report = localize(triangle_bag, '--truth', table, max_speed=0.0)
+    truth = report['truth']
+    # In the last answers the distance of a and b is compared.
+    assert code == 0 and truth['compared'] == report['ticks'] == 10
+    assert truth['held'] == 7 and truth['unlisted'] == 0
+    (missed,) = truth['missed']
+    assert missed['ticks'] == 3 and missed['robots'] == ['c']
+    assert (missed['first_s'], missed['last_s']) == pytest.approx((1.0, 1.4))
+    assert truth['errors']['c']['point_m']['percentile_95'] == pytest.approx(0.5, abs=1e-3)
+    assert truth['errors']['c']['point_m']['median'] == pytest.approx(0.0, abs=1e-3)
+    printed = capsys.readouterr().out
+    assert 'The truth is inside a hypothesis in 7 of 10 answers.' in printed
+    assert '| 1.0 to 1.4 s (3 ticks) | c  |' in printed
+    assert '| c     | 0.00 m (0.50)' in printed
+
+
+def test_what_cannot_be_compared_is_said(localize, triangle_bag, tmp_path, capsys):
+    table = write_table(tmp_path / 'truth.csv', lambda _: {'a': (0.0, 0.0)}, [1e6])
+    code, report = localize(triangle_bag, '--truth', table)
+    assert code == 0 and report['truth']['compared'] == 0
+    assert 'No answer has a ground truth at its time.' in capsys.readouterr().out
+    code, _ = localize(triangle_bag, '--truth', '/nowhere/{robot}')
+    assert code == 1
+    assert 'no topic /nowhere/a or /nowhere/b or /nowhere/c' in capsys.readouterr().err
+    assert not localize.output.exists()
+
+
+def test_hypotheses_that_are_not_listed_are_not_called_wrong(localize, recorder, tmp_path, capsys):
+    """Two triangles on one edge, and the truth is the hypothesis that is left out."""
+    across = 2.0 * 3.0 * 4.0 / 5.0
+    shape = {**TRIANGLE, ('b', 'd'): 3.0, ('c', 'd'): 4.0}
+    recorder.write_triangle(range(11), {**shape, ('a', 'd'): across})
+    places = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0), 'd': (0.0, 0.0)}
+    places['d'] = tuple(across / 5.0 * np.array([4.0, 3.0]))
+    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 1.2, 0.1))
+    bag, robots = recorder.close(), list('abcd')
+    _, report = localize(bag, '--truth', table, robots=robots, max_speed=0.0)
+    assert report['truth']['held'] == report['truth']['compared'] == report['ticks']
+    _, report = localize(bag, '--truth', table, robots=robots, max_speed=0.0, max_hypotheses=1)
+    truth = report['truth']
+    assert truth['held'] + truth['unlisted'] == report['ticks'] and not truth['missed']
 
 
 @pytest.mark.parametrize('streams', ['closed', 'broken'])

@@ -5,12 +5,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
-from test_localize_bag import PARAMETERS, Recorder, counts  # noqa: E402
+from test_localize_bag import PARAMETERS, Recorder, counts, write_table  # noqa: E402
 
 from dg_localization.ros.bags import (  # noqa: E402
     localize_bag as localize_bag_module,
@@ -52,6 +53,18 @@ def test_each_bag_is_localized_as_alone(bags, localize, tmp_path):
     code, alone = localize(bags[0], output='alone', report='alone.json')
     assert code == 0 and json.loads(alone) == merged['bags'][0]['report']
     assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
+
+
+def test_each_bag_is_compared_with_the_truth(bags, localize, tmp_path):
+    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
+    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
+    code, text = localize(*bags, '--jobs', '1', '--truth', table)
+    reports = [bag['report'] for bag in json.loads(text)['bags']]
+    assert code == 0
+    for report in reports:
+        assert report['truth']['held'] == report['truth']['compared'] == report['ticks'] > 0
+    code, text = localize(*bags, '--truth', table, output='again', report='all.md')
+    assert f'| {reports[0]["ticks"]} of {reports[0]["ticks"]} |' in text
 
 
 def test_a_bag_that_fails_leaves_the_others_theirs(bags, localize, tmp_path):

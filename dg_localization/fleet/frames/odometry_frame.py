@@ -94,8 +94,7 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
 
     """
     config, now_s = snapshot.config, snapshot.stamp_s
-    track = snapshot.motion.odometry.get(robot, ())
-    last = next((reading for reading in reversed(track) if reading.stamp_s <= now_s), None)
+    last = snapshot.motion.newest(robot, now_s)
     if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s:
         return None
     position_m = last.position_in_frame_m

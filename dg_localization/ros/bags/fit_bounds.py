@@ -19,13 +19,13 @@ from pathlib import Path
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
+from dg_localization.ros.bags.arguments import parameter_file
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.fit_report import as_yaml
 from dg_localization.ros.bags.fit_with_truth import fit_with_truth
 from dg_localization.ros.bags.fit_without_truth import fit_without_truth
 from dg_localization.ros.bags.fitted import Fit
 from dg_localization.ros.bags.ground_truth import add_truth_argument, truth_reader
-from dg_localization.ros.bags.localize_bag import parameter_file
 from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, recorded_types
 from dg_localization.ros.bags.samples import Collector, Samples

@@ -5,7 +5,8 @@
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 import csv
 import math
 from pathlib import Path
@@ -17,7 +18,7 @@ from rclpy.serialization import deserialize_message
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig
 from dg_localization.ros.bags.offline import in_seconds
-from dg_localization.ros.bags.reader import BagError, BagMessage, find_message_class
+from dg_localization.ros.bags.reader import Bag, BagError, BagMessage, find_message_class
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters.geometry import xyz_from_message, xyzw_from_message
@@ -47,6 +48,11 @@ def add_truth_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
         'each robot, a PoseArray of all in the order of the robots, or a .csv with the columns '
         'stamp, robot, x, y, and z and yaw where they are known',
     )
+
+
+def is_table(name: str) -> bool:
+    """Return whether a ground truth is that of a file."""
+    return name.endswith('.csv')
 
 
 class TruthReader:
@@ -132,7 +138,7 @@ def truth_reader(
 
     """
     fleet = settings.fleet
-    files = [name for name in names if name.endswith('.csv')]
+    files = [name for name in names if is_table(name)]
     if not files:
         return TruthReader(settings, find_truth(names, fleet.robots, recorded))
     if len(names) > 1:
@@ -141,6 +147,32 @@ def truth_reader(
     if not path.is_file():
         raise UsageError(f"--truth: '{path}' is no file")
     return TruthReader(settings, {}, read_truth_file(path, fleet.robots, fleet.dimension))
+
+
+def read_truth(bag: Path, reader: TruthReader) -> None:
+    """
+    Read the topics of a ground truth, up to the first damage of the bag.
+
+    Raises
+    ------
+    BagError
+        If nothing on its topics can be read, or a message has not as many poses as there are
+        robots.
+
+    """
+    if not reader.topics:
+        return
+    with closing(Bag(bag, list(reader.topics))) as recorded:
+        classes = {topic.name: topic.message_class for topic in recorded.topics}
+        for message in _before_damage(recorded):
+            reader.take(message, classes[message.topic])
+        reader.malformed += recorded.unreadable.total()
+
+
+def _before_damage(bag: Bag) -> Iterator[BagMessage]:
+    """Yield messages up to the first damage, which shows again when the bag is localized."""
+    with suppress(BagError):
+        yield from bag.messages()
 
 
 def tracks_of(poses: Poses, fleet: FleetConfig) -> dict[str, TrueTrack]:

@@ -5,8 +5,8 @@
 The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, and a report.
 
     localize_bag BAG [BAG ...] -o OUT --params FILE [--storage mcap|sqlite3] [--start S]
-                 [--duration S] [--report FILE] [--inputs] [--jobs N] [--scheduler ADDRESS]
-                 [--ros-args ...]
+                 [--duration S] [--truth TOPIC ... | --truth FILE.csv] [--report FILE] [--inputs]
+                 [--jobs N] [--scheduler ADDRESS] [--ros-args ...]
 
 It does in the time of the bag what the node does: the same parameters, the same inputs, the same
 estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
@@ -19,14 +19,15 @@ Dask cluster; OUT has a folder for each.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-import os
 from pathlib import Path
 import time
 
 from dg_localization.fleet import Estimate, solver_warnings, warm_up
+from dg_localization.ros.bags.arguments import REPORTS, make_parser, shared_arguments
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
+from dg_localization.ros.bags.ground_truth import read_truth, tracks_of, truth_reader
 from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many, many_as_markdown
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
@@ -39,20 +40,21 @@ from dg_localization.ros.bags.offline import (
     timeline,
 )
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
-from dg_localization.ros.bags.report import BagReport, Tally, as_json, as_markdown
+from dg_localization.ros.bags.report import BagReport, Tally, as_markdown
+from dg_localization.ros.bags.truth_tally import TruthTally
 from dg_localization.ros.bags.watch import TickWatch
-from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag, write_text
+from dg_localization.ros.bags.writer import BagWriter, new_bag, write_text
 from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
+from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import make_progress, number, print_line, print_result
+from dg_localization.ros.terminal import make_progress, print_line, print_result
 
 # Some weeks at 5 Hz; one damaged receive time makes a bag of a century.
 MAX_TICKS = 10_000_000
 # Stamps have 32 bits for the seconds.
 END_OF_ROS_TIME_NS = 2**31 * NS_PER_S
 SLOW_TICK_S = 5.0
-REPORTS = {'.json': as_json, '.md': as_markdown}
 
 
 class InterruptedRun(Exception):
@@ -60,7 +62,12 @@ class InterruptedRun(Exception):
 
 
 def localize_bag(
-    options: argparse.Namespace, task: Task, inputs: Inputs, contents: Contents, stop: StopRequest
+    options: argparse.Namespace,
+    task: Task,
+    inputs: Inputs,
+    truth: TruthTally | None,
+    contents: Contents,
+    stop: StopRequest,
 ) -> BagReport:
     """
     Do what the command line asks for.
@@ -72,6 +79,8 @@ def localize_bag(
     task : Task
     inputs : Inputs
         Those of the fleet among the topics of the bag.
+    truth : TruthTally or None
+        What compares the answers with where the robots truly were, if that is known.
     contents : Contents
         What the files of the bag hold.
     stop : StopRequest
@@ -95,7 +104,7 @@ def localize_bag(
         with new_bag(options.output, options.storage) as writer:
             copied = _add_copies(bag, writer) if options.inputs else ()
             localizer = BagLocalizer(task, inputs.links, writer, copied)
-            tally, ending = _write_answers(bag, options, span_ns, localizer, task, stop)
+            tally, ending = _write_answers(bag, options, span_ns, localizer, task, truth, stop)
         return BagReport(
             bag=options.bag.resolve().name,
             start_s=options.start,
@@ -111,6 +120,7 @@ def localize_bag(
             damage=tuple(damage_of(bag, contents, None if ending else _read_ns(span_ns, options))),
             checksums=contents.checksums,
             max_boxes=settings.fleet.solver.max_boxes,
+            truth=truth,
         )
 
 
@@ -120,6 +130,7 @@ def _write_answers(
     span_ns: tuple[int, int],
     localizer: BagLocalizer,
     task: Task,
+    truth: TruthTally | None,
     stop: StopRequest,
 ) -> tuple[Tally, str]:
     """Localize from the first to the last time; return the answers, and why they end early."""
@@ -132,7 +143,10 @@ def _write_answers(
     ):
         try:
             for time_ns, estimate in _answers(events, localizer, bag.start_ns, watch, stop):
-                tally.add(estimate, (time_ns - bag.start_ns) / NS_PER_S)
+                at_s = (time_ns - bag.start_ns) / NS_PER_S
+                tally.add(estimate, at_s)
+                if truth is not None and localizer.snapshot is not None:
+                    truth.add(estimate, localizer.snapshot, at_s)
                 progress.update(1.0 / rate_hz)
         except (BagError, InterruptedRun) as error:
             if not tally.ticks:
@@ -209,85 +223,17 @@ def _answers(
             raise InterruptedRun('interrupted')
 
 
-def _new_path(text: str) -> Path:
-    path = Path(text)
-    if path.exists():
-        raise argparse.ArgumentTypeError(f"'{text}' exists; name a folder that does not")
-    return path
-
-
-def parameter_file(text: str) -> Path:
-    """Return the path of a file that is there, for a command line."""
-    path = Path(text)
-    if not path.is_file():
-        raise argparse.ArgumentTypeError(f"'{text}' is no file")
-    return path
-
-
-def _report_path(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in REPORTS:
-        raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(REPORTS)}")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
-    return path
-
-
-def _jobs(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' must be an integer of at least 1")
-    return int(text)
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='localize_bag',
-        description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
-        epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
-        'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
-    )
-    seconds = number(0.0, ' s')
-    parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file'
-    )
-    parser.add_argument(
-        '-o', '--output', type=_new_path, required=True, metavar='OUT', help='folder to make'
-    )
-    parser.add_argument(
-        '--params',
-        type=parameter_file,
-        required=True,
-        metavar='FILE',
-        help='parameters of the node',
-    )
-    parser.add_argument(
-        '--storage', choices=STORAGES, default=STORAGES[0], help='of OUT (default %(default)s)'
-    )
-    parser.add_argument(
-        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
-    )
-    parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
-    parser.add_argument(
-        '--report', type=_report_path, metavar='FILE', help='write the report, as .json or .md'
-    )
-    parser.add_argument(
-        '--inputs', action='store_true', help='copy the messages that were used into OUT'
-    )
-    parser.add_argument(
-        '--jobs',
-        type=_jobs,
-        default=os.cpu_count() or 1,
-        metavar='N',
-        help='of several bags, localize so many at a time (default %(default)s)',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='localize several bags with the workers of the Dask scheduler at this address',
-    )
-    return parser
+def _truth_of(
+    options: argparse.Namespace, settings: Settings, recorded: Mapping[str, Sequence[str]]
+) -> TruthTally | None:
+    """Return what compares answers with the truth that the command line names, if it does."""
+    if not options.truth:
+        return None
+    reader = truth_reader(options.truth, settings, recorded)
+    read_truth(options.bag, reader)
+    if reader.malformed:
+        print_line(f'{reader.malformed} messages of the ground truth could not be read')
+    return TruthTally(settings.fleet, tracks_of(reader.poses, settings.fleet))
 
 
 def _print_slowest(watch: TickWatch) -> None:
@@ -317,25 +263,9 @@ def _get_solver_ready() -> None:
         print_line(warning)
 
 
-def _shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[str]:
-    """Return the arguments that are the same for each of several bags."""
-    shared = ['--params', str(options.params.resolve()), '--storage', options.storage]
-    shared += ['--start', str(options.start)]
-    if options.duration is not None:
-        shared += ['--duration', str(options.duration)]
-    if options.inputs:
-        shared.append('--inputs')
-    is_of_ros = False
-    for argument in args:
-        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
-        if is_of_ros:
-            shared.append(argument)
-    return shared
-
-
 def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     """Localize several bags, print and write what came of all; return the exit code."""
-    shared = _shared_arguments(options, args)
+    shared = shared_arguments(options, args)
     bags, output = options.bags, options.output
     if options.scheduler is None:
         # Else each process would compile them, and nobody would see how far they are.
@@ -377,11 +307,13 @@ def main(args: Sequence[str]) -> int:
             return _localize_many(options, args)
         options.bag = options.bags[0]
         with contents_of(options.bag) as contents:
-            inputs = find_inputs(task.settings, recorded_types(options.bag))
+            recorded = recorded_types(options.bag)
+            inputs = find_inputs(task.settings, recorded)
+            truth = _truth_of(options, task.settings, recorded)
             _get_solver_ready()
             with stop_request() as stop:
                 began_s = time.perf_counter()
-                report = localize_bag(options, task, inputs, contents, stop)
+                report = localize_bag(options, task, inputs, truth, contents, stop)
                 _print_report(report, options.report, time.perf_counter() - began_s)
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''

@@ -224,8 +224,8 @@ def many_as_markdown(outcomes: Sequence[BagOutcome]) -> str:
         f'# {len(outcomes)} bags',
         '',
         '| bag | ticks | with one hypothesis | contradictory | measurements | rejected '
-        '| median width, widest robot | ended |',
-        '|---|---|---|---|---|---|---|---|',
+        '| median width, widest robot | truth inside | ended |',
+        '|---|---|---|---|---|---|---|---|---|',
     ]
     lines += [_row(outcome) for outcome in outcomes]
     return '\n'.join(lines) + '\n'
@@ -235,9 +235,10 @@ def _row(outcome: BagOutcome) -> str:
     """Return the line of one bag."""
     report = outcome.report
     if report is None:
-        return f'| {outcome.name} | | | | | | | {" ".join(outcome.error.split())} |'
+        return f'| {outcome.name} | | | | | | | | {" ".join(outcome.error.split())} |'
     widths_m = report['median_enclosure_width_m'].values()
     width = 'not bounded' if None in widths_m else f'{max(widths_m):.2f} m'
+    truth = report['truth']
     cells = (
         outcome.name,
         report['ticks'],
@@ -246,6 +247,7 @@ def _row(outcome: BagOutcome) -> str:
         report['accepted'],
         sum(report['rejected'].values()),
         width,
+        f'{truth["held"]} of {truth["compared"]}' if truth else '',
         ' '.join(filter(None, [report['ending'], *report['damage']])) or 'at its end',
     )
     return f'| {" | ".join(map(str, cells))} |'

@@ -16,6 +16,7 @@ from typing import Any
 from rclpy.node import Node
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
+from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.reader import NS_PER_S, BagError, BagMessage
 from dg_localization.ros.bags.writer import BagWriter
 from dg_localization.ros.hidden_node import hidden_localizer
@@ -178,6 +179,12 @@ class BagLocalizer:
     copied : collection of str
         Topics whose messages go there too.
 
+    Attributes
+    ----------
+    intake : Intake
+    snapshot : Snapshot or None
+        What the last answer is to; None before the first.
+
     """
 
     def __init__(
@@ -188,6 +195,7 @@ class BagLocalizer:
         self._writer = writer
         self._copied = copied
         self._localizer = Localizer(task.settings.fleet)
+        self.snapshot: Snapshot | None = None
         self._estimate: Estimate | None = None
         self._outline: Any = None
         settings = task.settings
@@ -205,10 +213,11 @@ class BagLocalizer:
     def tick(self, time_ns: int, cancel: Cancel) -> Estimate | None:
         """Localize and write the answer; None, and nothing written, when it is cancelled."""
         answer_s = self._localizer.answer_time(in_seconds(time_ns))
-        estimate = self._localizer.estimate(self._localizer.snapshot(answer_s), cancel)
+        snapshot = self._localizer.snapshot(answer_s)
+        estimate = self._localizer.estimate(snapshot, cancel)
         if cancel.is_set():
             return None
-        self._estimate = estimate
+        self._estimate, self.snapshot = estimate, snapshot
         settings = self._task.settings
         for name, message in estimate_messages(
             estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance

@@ -4,7 +4,7 @@
 """The report on a whole bag: its answers are counted tick by tick and summed up at the end."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import math
@@ -12,6 +12,8 @@ from statistics import median_low
 from typing import Any
 
 from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
+from dg_localization.ros.bags.tables import span, table, ticks
+from dg_localization.ros.bags.truth_tally import TruthTally, truth_paragraphs, truth_tree
 from dg_localization.ros.interface.diagnostics import Malformed
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.solver.result import Verdict
@@ -155,6 +157,8 @@ class BagReport:
         Whether checksums protect all of its messages.
     max_boxes : int
         The budget of one answer.
+    truth : TruthTally or None
+        The answers beside a ground truth; None without one.
 
     """
 
@@ -172,6 +176,7 @@ class BagReport:
     damage: Sequence[str]
     checksums: bool
     max_boxes: int
+    truth: TruthTally | None = None
 
     @property
     def at_budget(self) -> int:
@@ -252,6 +257,7 @@ def as_json(report: BagReport) -> str:
             }
             for found in tally.contradictions
         ],
+        'truth': truth_tree(report.truth) if report.truth else None,
         'forgotten': [{'at_s': at_s, 'why': text} for at_s, text in tally.forgotten],
         'notices': list(report.notices),
     }
@@ -280,19 +286,20 @@ def as_markdown(report: BagReport) -> str:
     widths = {robot: _meters(width_m) for robot, width_m in tally.median_widths_m().items()}
     parts = [
         f'# {report.bag}',
-        f'{_ticks(tally.ticks)} at {report.rate_hz:g} Hz, from {report.start_s:.1f} to '
+        f'{ticks(tally.ticks)} at {report.rate_hz:g} Hz, from {report.start_s:.1f} to '
         f'{report.end_s:.1f} s of the bag.',
         report.ending,
         _damage(report.damage),
-        _table('hypotheses', 'ticks', sorted(tally.hypotheses.items())),
-        _table('verdict', 'ticks', sorted(tally.verdicts.items())),
+        table('hypotheses', 'ticks', sorted(tally.hypotheses.items())),
+        table('verdict', 'ticks', sorted(tally.verdicts.items())),
         _budget(report),
-        _table('robot', 'median width of its enclosure', widths.items()),
+        table('robot', 'median width of its enclosure', widths.items()),
+        *(truth_paragraphs(report.truth) if report.truth else ()),
         f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
-        _table('rejected because', 'measurements', sorted(report.rejected.items())),
-        _table('nothing accepted of', 'last rejected because', report.useless.items()),
+        table('rejected because', 'measurements', sorted(report.rejected.items())),
+        table('nothing accepted of', 'last rejected because', report.useless.items()),
         *_contradictions(tally.contradictions),
-        _table('forgotten at', 'because', [(f'{s:.1f} s', why) for s, why in tally.forgotten]),
+        table('forgotten at', 'because', [(f'{s:.1f} s', why) for s, why in tally.forgotten]),
         *report.notices,
         '' if report.checksums else WITHOUT_CHECKSUMS,
     ]
@@ -308,7 +315,7 @@ def _budget(report: BagReport) -> str:
     if not report.at_budget:
         return ''
     return (
-        f'The search of {_ticks(report.at_budget)} ended at solver.max_boxes, '
+        f'The search of {ticks(report.at_budget)} ended at solver.max_boxes, '
         f'{report.max_boxes} boxes: no placement is lost there, but the enclosures are wider, and '
         'the hypotheses may be more, than a longer search would leave.'
     )
@@ -320,29 +327,15 @@ def _contradictions(found: Sequence[Contradiction]) -> Iterator[str]:
         return
     rows = [
         (
-            f'{one.first_s:.1f} to {one.last_s:.1f} s ({_ticks(one.ticks)})',
+            span(one.first_s, one.last_s, one.ticks),
             '; '.join(', '.join(map(str, conflict)) for conflict in one.conflicts) or 'not found',
         )
         for one in found
     ]
-    yield _table('contradiction', 'between', rows)
-
-
-def _ticks(number: int) -> str:
-    return '1 tick' if number == 1 else f'{number} ticks'
+    yield table('contradiction', 'between', rows)
 
 
 def _meters(width_m: float) -> str:
     if math.isnan(width_m):
         return 'no placement'
     return f'{width_m:.2f} m' if math.isfinite(width_m) else 'not bounded'
-
-
-def _table(first: str, second: str, rows: Iterable[tuple[Any, Any]]) -> str:
-    """Return a table that reads well as it is, too; nothing without rows."""
-    cells = [(str(left), str(right)) for left, right in rows]
-    if not cells:
-        return ''
-    wide = [max(map(len, column)) for column in zip((first, second), *cells, strict=True)]
-    lines = [(first, second), ('-' * wide[0], '-' * wide[1]), *cells]
-    return '\n'.join(f'| {left:<{wide[0]}} | {right:<{wide[1]}} |' for left, right in lines)

@@ -1,0 +1,118 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command line of `localize_bag`."""
+
+import argparse
+from collections.abc import Sequence
+import os
+from pathlib import Path
+
+from dg_localization.ros.bags.ground_truth import add_truth_argument, is_table
+from dg_localization.ros.bags.report import as_json, as_markdown
+from dg_localization.ros.bags.writer import STORAGES
+from dg_localization.ros.terminal import number
+
+REPORTS = {'.json': as_json, '.md': as_markdown}
+"""What writes a report, by the ending of its file."""
+
+
+def _new_path(text: str) -> Path:
+    path = Path(text)
+    if path.exists():
+        raise argparse.ArgumentTypeError(f"'{text}' exists; name a folder that does not")
+    return path
+
+
+def parameter_file(text: str) -> Path:
+    """Return the path of a file that is there, for a command line."""
+    path = Path(text)
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"'{text}' is no file")
+    return path
+
+
+def _report_path(text: str) -> Path:
+    path = Path(text)
+    if path.suffix not in REPORTS:
+        raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(REPORTS)}")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
+    return path
+
+
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' must be an integer of at least 1")
+    return int(text)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='localize_bag',
+        description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
+        epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
+        'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
+        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
+    )
+    seconds = number(0.0, ' s')
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file'
+    )
+    parser.add_argument(
+        '-o', '--output', type=_new_path, required=True, metavar='OUT', help='folder to make'
+    )
+    parser.add_argument(
+        '--params',
+        type=parameter_file,
+        required=True,
+        metavar='FILE',
+        help='parameters of the node',
+    )
+    parser.add_argument(
+        '--storage', choices=STORAGES, default=STORAGES[0], help='of OUT (default %(default)s)'
+    )
+    parser.add_argument(
+        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
+    )
+    parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
+    add_truth_argument(parser, 'to compare the answers with')
+    parser.add_argument(
+        '--report', type=_report_path, metavar='FILE', help='write the report, as .json or .md'
+    )
+    parser.add_argument(
+        '--inputs', action='store_true', help='copy the messages that were used into OUT'
+    )
+    parser.add_argument(
+        '--jobs',
+        type=_jobs,
+        default=os.cpu_count() or 1,
+        metavar='N',
+        help='of several bags, localize so many at a time (default %(default)s)',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='localize several bags with the workers of the Dask scheduler at this address',
+    )
+    return parser
+
+
+def shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[str]:
+    """Return the arguments that are the same for each of several bags."""
+    shared = ['--params', str(options.params.resolve()), '--storage', options.storage]
+    shared += ['--start', str(options.start)]
+    if options.duration is not None:
+        shared += ['--duration', str(options.duration)]
+    if options.truth:
+        names = (str(Path(n).resolve()) if is_table(n) else n for n in options.truth)
+        shared += ['--truth', *names]
+    if options.inputs:
+        shared.append('--inputs')
+    is_of_ros = False
+    for argument in args:
+        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
+        if is_of_ros:
+            shared.append(argument)
+    return shared

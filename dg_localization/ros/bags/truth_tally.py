@@ -1,0 +1,209 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The answers of a bag beside a ground truth: counted tick by tick, and summed up at the end."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dg_localization.calibration.answers import TruePlacement, true_placement
+from dg_localization.calibration.truth import TrueTrack
+from dg_localization.fleet import Estimate, FleetConfig, FrameKind, Group, Placement
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.ros.bags.tables import span, table
+
+MOST_NAMED = 20
+"""Of the times when the truth is outside; the rest are counted."""
+
+
+@dataclass
+class Miss:
+    """
+    One run of ticks of which no hypothesis holds the truth.
+
+    Attributes
+    ----------
+    first_s, last_s : float
+        The first and the last of these ticks, from the start of the bag.
+    ticks : int
+        How many there are.
+    robots : tuple of str
+        Those that the nearest hypothesis does not hold.
+
+    """
+
+    first_s: float
+    last_s: float
+    ticks: int
+    robots: tuple[str, ...]
+
+
+class TruthTally:
+    """
+    Counts answers that hold the truth.
+
+    Parameters
+    ----------
+    fleet : FleetConfig
+    tracks : mapping of str to TrueTrack
+        Where robots and anchors truly are, by name.
+
+    Attributes
+    ----------
+    compared : int
+        Answers with a placement of which the truth is known.
+    held : int
+        Those of them that hold it.
+    unlisted : int
+        Those of which none that is listed holds it, and not all are listed.
+    misses : list of Miss
+        The others, in the order of time.
+
+    """
+
+    def __init__(self, fleet: FleetConfig, tracks: Mapping[str, TrueTrack]) -> None:
+        self.compared = 0
+        self.held = 0
+        self.unlisted = 0
+        self.misses: list[Miss] = []
+        self._fleet = fleet
+        self._tracks = tracks
+        self._errors_m: dict[str, list[float]] = defaultdict(list)
+        self._errors_rad: dict[str, list[float]] = defaultdict(list)
+        self._missed = False
+
+    def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
+        """Compare an answer to a snapshot with the truth, for a time from the start of the bag."""
+        answers: list[Estimate | Group] = [estimate, *estimate.groups]
+        found = [self._missed_by(answer, snapshot) for answer in answers if answer.placements]
+        known = [robots for robots in found if robots is not None]
+        was_missed, self._missed = self._missed, False
+        if not known:
+            return
+        self.compared += 1
+        missed = tuple(robot for robots in known for robot in robots)
+        if not missed:
+            self.held += 1
+        elif any(answer.n_hypotheses > len(answer.placements) for answer in answers):
+            self.unlisted += 1
+        else:
+            self._missed = True
+            self._add_miss(missed, time_s, was_missed)
+
+    def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
+        """Return whom the placement that is nearest to the truth misses; None if that is open."""
+        robots, stamp_s, frame = self._fleet.robots, snapshot.stamp_s, answer.frame
+        assert frame is not None, 'an answer with placements has a frame'
+        odometry = None
+        if frame.kind is FrameKind.ODOMETRY:
+            odometry = snapshot.motion.newest(frame.points[0], stamp_s)
+        truth = true_placement(
+            frame, robots, self._tracks, stamp_s, self._fleet.dimension, odometry
+        )
+        if not truth.tells:
+            return None
+        chosen = min(answer.placements, key=lambda placement: _distance_of(placement, truth))
+        self._add_errors(chosen, truth)
+        return tuple(np.array(robots)[truth.outside(chosen)].tolist())
+
+    def _add_errors(self, placement: Placement, truth: TruePlacement) -> None:
+        """Keep how far off a placement is."""
+        for errors, found in (
+            (self._errors_m, truth.point_errors_m(placement)),
+            (self._errors_rad, truth.heading_errors_rad(placement)),
+        ):
+            for robot, error in zip(self._fleet.robots, found.tolist(), strict=True):
+                if np.isfinite(error):
+                    errors[robot].append(error)
+
+    def _add_miss(self, robots: tuple[str, ...], time_s: float, was_missed: bool) -> None:
+        """Lengthen the last miss or begin one."""
+        if was_missed and self.misses[-1].robots == robots:
+            self.misses[-1].last_s = time_s
+            self.misses[-1].ticks += 1
+        else:
+            self.misses.append(Miss(time_s, time_s, 1, robots))
+
+    def errors(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """
+        Return how far best points and headings are off the truth in the nearest hypothesis.
+
+        Returns
+        -------
+        dict
+            By robot, under 'point_m' and 'heading_rad' as far as they are known, the median and
+            what 95 % are below.
+
+        """
+        found: dict[str, dict[str, tuple[float, float]]] = {}
+        for robot in self._fleet.robots:
+            kinds = {'point_m': self._errors_m[robot], 'heading_rad': self._errors_rad[robot]}
+            found[robot] = {
+                name: (float(np.median(errors)), float(np.percentile(errors, 95.0)))
+                for name, errors in kinds.items()
+                if errors
+            }
+        return found
+
+
+def _distance_of(placement: Placement, truth: TruePlacement) -> tuple[int, float]:
+    """Return a measure of how near a placement is to the truth: whom it holds comes first."""
+    errors_m = truth.point_errors_m(placement)
+    worst_m = float(np.max(errors_m, initial=0.0, where=np.isfinite(errors_m)))
+    return int(np.count_nonzero(truth.outside(placement))), worst_m
+
+
+def truth_tree(tally: TruthTally) -> dict[str, Any]:
+    """Return what is said of the truth, for programs."""
+    return {
+        'compared': tally.compared,
+        'held': tally.held,
+        'unlisted': tally.unlisted,
+        'missed': [vars(miss) | {'robots': list(miss.robots)} for miss in tally.misses],
+        'errors': {
+            robot: {
+                name: {'median': median, 'percentile_95': high}
+                for name, (median, high) in kinds.items()
+            }
+            for robot, kinds in tally.errors().items()
+        },
+    }
+
+
+def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
+    """Yield what is said of the truth, for a person."""
+    if not tally.compared:
+        yield 'No answer has a ground truth at its time.'
+        return
+    text = f'The truth is inside a hypothesis in {tally.held} of {tally.compared} answers.'
+    if tally.unlisted:
+        text += (
+            f' {tally.unlisted} answers have more hypotheses than max_hypotheses, and those that '
+            'are left out were not compared.'
+        )
+    yield text
+    rows = [
+        (span(miss.first_s, miss.last_s, miss.ticks), ', '.join(miss.robots))
+        for miss in tally.misses
+    ]
+    yield table('truth outside', 'of', rows[:MOST_NAMED])
+    if len(rows) > MOST_NAMED:
+        yield f'And {len(rows) - MOST_NAMED} times more.'
+    errors = {robot: kinds for robot, kinds in tally.errors().items() if kinds}
+    yield table(
+        'robot',
+        'off the truth in the nearest hypothesis, median (95 %)',
+        [(robot, _errors_text(kinds)) for robot, kinds in errors.items()],
+    )
+
+
+def _errors_text(kinds: Mapping[str, tuple[float, float]]) -> str:
+    """Return how far point and heading of a robot are off."""
+    return ', '.join(
+        f'{median:.2f} {name.rpartition("_")[2]} ({high:.2f})'
+        for name, (median, high) in kinds.items()
+    )
