@@ -44,7 +44,7 @@ class UsageError(ExecutableError):
 
 def localizer(args: Sequence[str] | None = None) -> int:
     """Run the node `localizer`; return the exit code."""
-    return _run('node.localizer', args)
+    return _run('node.process', args)
 
 
 def simulate_fleet(args: Sequence[str] | None = None) -> int:

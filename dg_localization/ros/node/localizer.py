@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The executable `localizer`: a managed node that publishes every feasible placement of a fleet.
+The managed node `localizer`, which publishes every feasible placement of a fleet.
 
 It converts messages, calls the ROS-free `Localizer`, and publishes what it answers. Measurements
 are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from threading import Event
 import time
@@ -46,11 +46,9 @@ from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
 from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
-from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker
-from dg_localization.ros.spinning import spin
+from dg_localization.ros.node.worker import EstimateWorker
 from msg_adapters import Diagnostics
 
-USAGE = 'usage: localizer --ros-args --params-file FILE [-p NAME:=VALUE] [-r FROM:=TO]'
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 REPEATED_WARNING_S = 5.0
@@ -75,6 +73,8 @@ class LocalizerNode(LifecycleNode):
     ----------
     make_localizer : callable
         Makes what takes measurements and answers them of the configuration of the fleet.
+    load : callable
+        Called without arguments from the thread of the worker, before the first answer.
     **kwargs
         Passed on to `rclpy.node.Node`, such as `context` and `parameter_overrides`.
 
@@ -91,9 +91,13 @@ class LocalizerNode(LifecycleNode):
     _warm_up_began_s: float
 
     def __init__(
-        self, make_localizer: Callable[[FleetConfig], Localizer] = Localizer, **kwargs: Any
+        self,
+        make_localizer: Callable[[FleetConfig], Localizer] = Localizer,
+        load: Callable[[], None] = warm_up,
+        **kwargs: Any,
     ) -> None:
         super().__init__('localizer', **kwargs)
+        self._load = load
         refuse_impossible_transitions(self)
         self.settings = declare_settings(self)
         if self.settings.publish_tf:
@@ -136,7 +140,7 @@ class LocalizerNode(LifecycleNode):
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
         is_warm = self._make_wake_up(self._on_warm)
-        self._worker = EstimateWorker(self._answer, answer_ready, warm_up, is_warm)
+        self._worker = EstimateWorker(self._answer, answer_ready, self._load, is_warm)
         self._watchdog = Watchdog(longest_estimate_s(self.settings.fleet))
         made.callback(self._worker.close)
         for warning in solver_warnings():
@@ -392,9 +396,3 @@ class LocalizerNode(LifecycleNode):
         if back_s > 0.0:
             self._forget(f'time jumped back by {back_s:.3f} s')
         return now_s if now_s > 0.0 else None
-
-
-def main(args: Sequence[str]) -> int:
-    """Run the node until a signal; return the exit code."""
-    spin(LocalizerNode, args, USAGE)
-    return exit_code_despite_worker(0)
