@@ -225,8 +225,7 @@ def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
 
 def test_solver_is_warmed_up_before_anything_else_and_says_so(bench, make_node, monkeypatch):
     release, logged = Event(), []
-    monkeypatch.setattr(localizer, 'warm_up', lambda: release.wait(DEADLINE_S))
-    node = make_node()
+    node = make_node(load=lambda: release.wait(DEADLINE_S))
     monkeypatch.setattr(node.get_logger(), 'info', lambda text, **_: logged.append(text))
     bench.play_triangle()
     bench.until_status('fleet', Level.WARN, 'the solver')
@@ -252,12 +251,11 @@ def test_slow_solver_is_logged_once_and_shown_for_as_long(bench, start_localizer
     assert 'compil' not in output.replace('slower than compiled', '')
 
 
-def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node, monkeypatch):
+def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node):
     def fail():
         raise ArithmeticError('no idea')
 
-    monkeypatch.setattr(localizer, 'warm_up', fail)
-    make_node()
+    make_node(load=fail)
     bench.play_triangle()
     bench.until_placements(2)
 
