@@ -8,6 +8,10 @@ Random trilaterable fleets; the pairs that were not measured, in the hypothesis 
 truth::
 
     python -m benchmarks.widths [--seeds 4] [--slices 2000]
+    python -m benchmarks.widths --networks
+
+The second line is for the networks in space of `benchmarks.pieces`, whose pairs that were measured
+to an interval are compared, too.
 """
 
 from __future__ import annotations
@@ -19,8 +23,9 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.exact import linearized_hull, unknown_pairs
-from benchmarks.problems import random_fleet, squared_distances
+from benchmarks.exact import linearized_hull, measured_pairs, unknown_pairs
+from benchmarks.pieces import network
+from benchmarks.problems import Pair, random_fleet, squared_distances
 from dg_localization import Problem, Result, SolverOptions, solve
 
 FloatArray = NDArray[np.float64]
@@ -68,6 +73,42 @@ def ratios_of(result: Result, problem: Problem, positions: FloatArray) -> list[f
     return []
 
 
+def networks(n_pairs: int = 20) -> None:
+    """Print the median widths of some pairs of each network, in its largest piece."""
+    print('Median widths in m of the linearized hull and of the answer, and the median ratio.\n')
+    print('| points | unmeasured | measured to 0.1 m |\n|---|---|---|')
+    options = SolverOptions(max_boxes=10**9, max_seconds=60.0)
+    for number in range(10):
+        problem, positions = network(number)
+        result = solve(problem, options)
+        inside = set(max((piece.points for piece in result.pieces), key=len))
+        known = [pair for pair in measured_pairs(problem) if _width_m(problem, pair) > 0.0]
+        cells = []
+        for pairs in (unknown_pairs(problem), known):
+            pairs = [pair for pair in pairs if inside.issuperset(pair)]
+            chosen = np.random.default_rng(0).permutation(len(pairs))[:n_pairs]
+            cells.append(_network_cell(result, problem, positions, [pairs[k] for k in chosen]))
+        print(f'| {problem.n_points} | {" | ".join(cells)} |', flush=True)
+
+
+def _network_cell(
+    result: Result, problem: Problem, positions: FloatArray, pairs: list[Pair]
+) -> str:
+    """Return the median widths of some pairs of a network, for a table."""
+    if not pairs:
+        return ''
+    hull_m = np.sqrt(np.maximum(linearized_hull(problem, positions, pairs), 0.0))
+    wide_m = hull_m[:, 1] - hull_m[:, 0]
+    found_m = np.array([_width_m(result, pair) for pair in pairs])
+    ratio = np.median(found_m / wide_m)
+    return f'{np.median(wide_m):.2f}, {np.median(found_m):.2f}: {ratio:.1f}'
+
+
+def _width_m(bounds: Problem | Result, pair: Pair) -> float:
+    """Return how wide the bounds of a distance are."""
+    return float(np.sqrt(bounds.upper[pair]) - np.sqrt(max(bounds.lower[pair], 0.0)))
+
+
 def timed(problem: Problem, options: SolverOptions) -> tuple[float, Result]:
     """Return the shortest time of a few solves in seconds, and the answer."""
     taken_s = []
@@ -83,7 +124,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--seeds', type=int, default=4, help='fleets of each kind')
     parser.add_argument('--slices', type=int, default=2000, help='most slices of a box')
+    parser.add_argument('--networks', action='store_true', help='only the networks in space')
     arguments = parser.parse_args()
+    if arguments.networks:
+        networks()
+        return
     # Linear programs come before slices, and one slice is none.
     ways = (0, 1, arguments.slices)
     print('Ratio: median / largest width over the linearized hull. Time: the median fleet.\n')
