@@ -29,6 +29,8 @@ DELAYS_S = (0.0, 0.05, 0.3)
 SECONDS = 8.0
 EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
 """So many histories have one that is long enough for filters to answer."""
+RATES_HZ = (1, 5)
+"""How often histories of a long run are answered: seldom, or as often as by the node."""
 LIMITS_S = (math.inf, 0.02, 0.002)
 """What an estimate of a long run may spend on the memory, and on the search. Where the time is
 over in the middle of something, the answer is wider, never wrong."""
@@ -365,12 +367,22 @@ def limited(history, seed):
     return history
 
 
-def play_without_a_loss(history, seconds, resets):
+def draw_rate_hz(seed):
+    """Draw how often the history of a seed is answered."""
+    return int(np.random.default_rng([seed, 12]).choice(RATES_HZ))
+
+
+def draw_ticks_s(rng, seconds, rate_hz):
+    """Draw when a history is answered."""
+    return np.sort(rng.uniform(0.3, seconds, round(rate_hz * seconds)))
+
+
+def play_without_a_loss(history, seconds, resets, rate_hz=1):
     """Play a history, with resets if so; return how many steps it had. No truth may be lost."""
-    ticks_s = np.sort(history.rng.uniform(0.3, seconds, round(seconds)))
+    ticks_s = draw_ticks_s(history.rng, seconds, rate_hz)
 
     def between(localizer, time_s):
-        if resets and history.rng.random() < 0.15:
+        if resets and history.rng.random() < 0.15 / rate_hz:
             localizer.reset()
         return localizer
 
@@ -388,7 +400,7 @@ def play_seed(seed):
     if seed % EVERY_FOLLOWED == 0:
         seconds, draw = FOLLOWED_S, draw_followed
     history = limited(at_its_bounds(draw(seed, seconds), seed), seed)
-    return play_without_a_loss(history, seconds, resets=seed % 2 == 1)
+    return play_without_a_loss(history, seconds, seed % 2 == 1, draw_rate_hz(seed))
 
 
 if __name__ == '__main__':

@@ -14,7 +14,15 @@ import math
 
 from drives import SAMPLE_S, draw_errors, draw_lost
 from flights import angle_rad, attitude, turn
-from histories import MAX_AGE_S, TOLERANCE, History, limited, localizer_of
+from histories import (
+    MAX_AGE_S,
+    TOLERANCE,
+    History,
+    draw_rate_hz,
+    draw_ticks_s,
+    limited,
+    localizer_of,
+)
 from long_run import play_many
 import numpy as np
 from offsets import at_its_bounds
@@ -263,12 +271,12 @@ def why_not(placement, places, rotations):
     return ''
 
 
-def play_without_a_loss(history, resets):
+def play_without_a_loss(history, resets, rate_hz=1):
     """Play a history, with resets if so; return how many steps it had. No truth may be lost."""
-    ticks_s = np.sort(history.rng.uniform(0.3, SECONDS, round(SECONDS)))
+    ticks_s = draw_ticks_s(history.rng, SECONDS, rate_hz)
 
     def between(localizer, time_s):
-        if resets and history.rng.random() < 0.15:
+        if resets and history.rng.random() < 0.15 / rate_hz:
             localizer.reset()
         return localizer
 
@@ -287,7 +295,7 @@ def play_without_a_loss(history, resets):
 def play_seed(seed):
     """Play the history of a seed, of an odd one with resets."""
     history = limited(at_its_bounds(SpaceHistory.draw_any(seed), seed), seed)
-    return play_without_a_loss(history, resets=seed % 2 == 1)
+    return play_without_a_loss(history, seed % 2 == 1, draw_rate_hz(seed))
 
 
 if __name__ == '__main__':
