@@ -32,27 +32,35 @@ class Drive:
         share = time_s / SAMPLE_S - low
         return self.true[low] + share * (self.true[low + 1] - self.true[low])
 
+    def start(self, place_m, yaw_rad=None):
+        """Let the robot start elsewhere, and look elsewhere where that is given."""
+        *before_m, before_rad = self.true[0]
+        turn_rad = 0.0 if yaw_rad is None else yaw_rad - before_rad
+        self.true[:, :2] -= before_m
+        self.true = posed(self.true, np.asarray(place_m), turn_rad)
+
     def kick(self, sample, step_m):
         """Move the robot at a sample, unnoticed by its odometry."""
         self.true[sample:, :2] += step_m
 
 
-def draw_drive(rng, count, error, worst, own):
+def draw_drive(rng, count, error, worst, own, pace=1.0, turning=1.0):
     """
     Drive about; every step of the odometry errs by its bound if `worst`, by less otherwise.
 
-    The constant errors of the poses are drawn of `own`.
+    The constant errors of the poses are drawn of `own`. A robot with `pace` 0 stands, one with
+    `turning` 0 drives straight ahead.
     """
-    goal_turn = rng.uniform(-0.8, 0.8)
+    goal_turn = turning * rng.uniform(-0.8, 0.8)
     true = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-3.0, 3.0)])
     stated = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-3.0, 3.0)])
-    speed = rng.uniform(0.0, 0.7)
+    speed = pace * rng.uniform(0.0, 0.7)
     sign, aim = rng.choice([-1.0, 1.0]), rng.uniform(-math.pi, math.pi)
     constant = draw_constant(own, error, 0.0, worst, np.zeros(3))
     poses = ([true], [stated + constant])
     for _sample in range(count):
         if rng.random() < 0.05:
-            goal_turn, speed = rng.uniform(-0.8, 0.8), rng.uniform(0.0, 0.7)
+            goal_turn, speed = turning * rng.uniform(-0.8, 0.8), pace * rng.uniform(0.0, 0.7)
         way, turn = speed * SAMPLE_S, goal_turn * SAMPLE_S
         c, s = math.cos(stated[2]), math.sin(stated[2])
         stated = stated + [c * way, s * way, turn]
@@ -73,6 +81,13 @@ def draw_drive(rng, count, error, worst, own):
         poses[0].append(true)
         poses[1].append(stated + constant)
     return Drive(np.array(poses[0]), np.array(poses[1]), error.translation_scale)
+
+
+def posed(poses, place_m, turn_rad):
+    """Return poses (x, y, yaw) turned about the origin and moved."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    places_m = poses[:, :2] @ np.array([[c, s], [-s, c]]) + place_m
+    return np.column_stack([places_m, poses[:, 2] + turn_rad])
 
 
 def draw_constant(rng, error, off_rad, worst, before):

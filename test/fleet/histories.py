@@ -15,7 +15,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
-from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost
+from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost, posed
+from formations import draw_formation
+from habits import draw_habits, draw_leap
 from heights import Heights
 from long_run import play_many
 import numpy as np
@@ -61,6 +63,18 @@ class History:
     """How much later than true the samples of each robot's odometry are stamped."""
     off_m: dict = field(default_factory=dict)
     """Where anchors truly are, seen from where they are said to be."""
+    limits: tuple = ()
+    """The least and the greatest range of the sensors (m), and the variance of readings (m^2)."""
+    observed: list = field(default_factory=list)
+    """The observer, the target and the time of each observation, in the order they are drawn."""
+    with_odometry: set = field(default_factory=set)
+    """The robots that have some."""
+    lies: dict = field(default_factory=dict)
+    """By how much (m and rad) some observations are wrong."""
+    answers_late: bool = False
+    """Whether answers are for a time a little before, as those of the node."""
+    asked_s: float | None = None
+    """When the answer of now was asked for, since the start."""
 
     @classmethod
     def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
@@ -112,8 +126,9 @@ class History:
         """List what is measured; each call is (arrival, call of a localizer)."""
         for robot, drive in enumerate(self.drives):
             if self.rng.random() < 0.9:
+                self.with_odometry.add(robot)
                 heard = [k for k in range(len(drive.true)) if k not in self.lost[robot]]
-                self.calls += [self._odometry(robot, drive, k) for k in heard]
+                self.calls += [self._odometry(robot, k) for k in heard]
         for robot, every_s in self.heights.every_s.items():
             self.calls += [
                 self._elevation(robot, at_s) for at_s in np.arange(0.0, seconds, every_s)
@@ -127,6 +142,7 @@ class History:
             every_s = float(self.rng.choice([0.25, 0.6]))
             offset_s = self.rng.uniform(0.0, every_s)
             for time_s in np.arange(offset_s, seconds, every_s):
+                self.observed.append((observer, target, time_s))
                 self.calls.append(self._range(observer, target, time_s))
                 if cameras and bodies[observer] is not None:
                     self.calls.append(self._ray(observer, target, time_s))
@@ -140,13 +156,13 @@ class History:
         body = self.body(point)
         return self.start_s + time_s + (0.0 if body is None else self.clocks_s[body])
 
-    def _odometry(self, robot, drive, sample):
-        x, y, yaw = drive.reported(sample)
+    def _odometry(self, robot, sample):
         arrival_s = self.start_s + sample * SAMPLE_S
-        orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
         name = self.config.robots[robot]
 
         def call(localizer, now_s):
+            x, y, yaw = self.drives[robot].reported(sample)
+            orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
             stamp_s = self._odometry_stamp_s(robot, sample)
             return localizer.add_odometry(
                 name, [x, y, 0.0], orientation, stamp_s, now_s, f'{name}/odom'
@@ -161,13 +177,14 @@ class History:
 
     def _newest_sample(self, robot, time_s):
         """Return the newest sample that has arrived and is not stamped later than a time."""
-        now_s, drive = self.start_s + time_s, self.drives[robot]
+        stamp_s, drive = self.start_s + time_s, self.drives[robot]
+        now_s = self.start_s + (time_s if self.asked_s is None else self.asked_s)
         return max(
             sample
             for sample in range(len(drive.true))
             if sample not in self.lost[robot]
             and self.start_s + sample * SAMPLE_S <= now_s
-            and self._odometry_stamp_s(robot, sample) <= now_s
+            and self._odometry_stamp_s(robot, sample) <= stamp_s
         )
 
     def _elevation(self, robot, time_s):
@@ -186,25 +203,33 @@ class History:
 
         def call(localizer, now_s):
             distance = math.hypot(*self._gap(observer, target, time_s))
-            model = self.config.range_error
-            absolute = share * model.max_error_m
+            model = self.config.range_error_of(*names)
+            absolute = model.min_error_m + share * (model.max_error_m - model.min_error_m)
             relative = model.min_error_relative + share * (
                 model.max_error_relative - model.min_error_relative
             )
+            if self.limits:
+                deviation = math.sqrt(self.limits[2])
+                absolute += (2.0 * share - 1.0) * model.sigma_factor * deviation
             reading = (distance + absolute) / (1.0 - relative)
-            return localizer.add_range(*names, reading, self._stamp_s(observer, time_s), now_s)
+            reading = max(0.0, reading + self.lies.get((observer, target, time_s), 0.0))
+            if self.limits:
+                reading = beyond_limits(reading, *self.limits[:2])
+            stamp_s = self._stamp_s(observer, time_s)
+            return localizer.add_range(*names, reading, stamp_s, now_s, *self.limits)
 
         return self._arrival_s(time_s), call
 
     def _ray(self, observer, target, time_s):
         names = self.config.points[observer], self.config.points[target]
-        half = self.config.bearing_half_width_rad
-        off = half * (
-            (-0.999, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform(-1, 1)
-        )
+        share = (-0.999, 0.999)[self.rng.integers(2)] if self.extreme else self.rng.uniform(-1, 1)
 
         def call(localizer, now_s):
             gap = self._gap(observer, target, time_s)
+            if not gap.any():
+                return None
+            off = share * self.config.bearing_half_width_of(*names)
+            off += self.lies.get((observer, target, time_s), 0.0)
             yaw = self.drives[self.body(observer)].pose(time_s)[2]
             if names[0] in self.config.sensors:
                 *_, z, w = self.config.sensors[names[0]].rotation_xyzw
@@ -239,6 +264,41 @@ class History:
         angle = self.rng.uniform(-math.pi, math.pi)
         off_m = 0.999 * mount.bound_m * np.array([math.cos(angle), math.sin(angle)])
         return np.array(mount.position_m) + off_m
+
+    def error_of(self, robot):
+        """Return the errors that the odometry of a robot was drawn with."""
+        config = self.config
+        return config.robot_odometry_error.get(config.robots[robot], config.odometry_error)
+
+    def go_straight(self, robot, rng):
+        """Let a robot drive straight ahead."""
+        count = len(self.drives[robot].true) - 1
+        error = self.error_of(robot)
+        self.drives[robot] = draw_drive(rng, count, error, self.extreme, rng, turning=0.0)
+
+    def start(self, robot, place_m, yaw_rad=None):
+        """Let a robot start elsewhere, and look elsewhere where that is given."""
+        self.drives[robot].start(place_m, yaw_rad)
+
+    def start_anew(self, robot, sample, rng):
+        """Let the odometry of a robot start anew at a sample."""
+        leap_m, turn_rad = draw_leap(rng)
+        stated = self.drives[robot].stated
+        stated[sample:] = posed(stated[sample:], leap_m, turn_rad)
+
+    def park(self, robot, rng):
+        """Let a robot stand still and be an anchor, whose heading is not known."""
+        place_m = self.drives[robot].true[0, :2]
+        count, bound_m = len(self.drives[robot].true) - 1, float(rng.choice([0.0, 0.05]))
+        error = self.error_of(robot)
+        drive = draw_drive(rng, count, error, self.extreme, rng, pace=0.0, turning=0.0)
+        drive.start(place_m)
+        drive.true[:] = drive.true[0]
+        self.drives[robot] = drive
+        angle = rng.uniform(-math.pi, math.pi)
+        stated_m = place_m + 0.999 * bound_m * np.array([math.cos(angle), math.sin(angle)])
+        anchors = {**self.config.anchors, self.config.robots[robot]: Anchor(stated_m, bound_m)}
+        self.config = replace(self.config, anchors=anchors)
 
     def place(self, point, time_s):
         """Return where a point truly is, some seconds after the start."""
@@ -291,7 +351,18 @@ class History:
                 assert call(localizer, arrival_s) is None
             done = due
             localizer = between(localizer, time_s)
+            self.asked_s = time_s
+            if self.answers_late:
+                now_s = localizer.answer_time(now_s)
+                time_s = now_s - self.start_s
             yield time_s, localizer.step(now_s)
+
+
+def beyond_limits(reading_m, least_m, most_m):
+    """Return what a sensor of limited range reads, as in REP-117."""
+    if least_m <= reading_m <= most_m:
+        return reading_m
+    return math.copysign(math.inf, reading_m - least_m)
 
 
 def draw_mounts(rng):
@@ -394,12 +465,17 @@ def play_without_a_loss(history, seconds, resets, rate_hz=1):
     return len(ticks_s)
 
 
+def hostile(history, seed):
+    """Return a history with all that a seed draws besides: shapes, offsets, habits."""
+    return draw_habits(at_its_bounds(draw_formation(history, seed), seed), seed)
+
+
 def play_seed(seed):
     """Play the history of a seed; every so many are long enough for filters."""
     seconds, draw = SECONDS, draw_any
     if seed % EVERY_FOLLOWED == 0:
         seconds, draw = FOLLOWED_S, draw_followed
-    history = limited(at_its_bounds(draw(seed, seconds), seed), seed)
+    history = limited(hostile(draw(seed, seconds), seed), seed)
     return play_without_a_loss(history, seconds, seed % 2 == 1, draw_rate_hz(seed))
 
 

@@ -14,18 +14,19 @@ import math
 
 from drives import SAMPLE_S, draw_errors, draw_lost
 from flights import angle_rad, attitude, turn
+from habits import draw_leap
 from histories import (
     MAX_AGE_S,
     TOLERANCE,
     History,
     draw_rate_hz,
     draw_ticks_s,
+    hostile,
     limited,
     localizer_of,
 )
 from long_run import play_many
 import numpy as np
-from offsets import at_its_bounds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Mount, RangeErrorModel
@@ -71,12 +72,17 @@ def cross(first, second):
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
-def draw_drive(rng, count, error, worst, steepest_rad):
-    """Fly about; odometry errs by its bounds if `worst`, by less otherwise."""
+def draw_drive(rng, count, error, worst, steepest_rad, turning=1.0):
+    """
+    Fly about; odometry errs by its bounds if `worst`, by less otherwise.
+
+    A robot with `turning` 0 keeps its heading.
+    """
     place, yaw = rng.uniform(-5.0, 5.0, 3) * [1.0, 1.0, 0.4], rng.uniform(-3.0, 3.0)
     track, track_yaw = rng.uniform(-5.0, 5.0, 3), rng.uniform(-3.0, 3.0)
     tilt, goal_tilt = rng.uniform(-steepest_rad, steepest_rad, (2, 2))
-    rate, velocity = rng.uniform(-0.8, 0.8), rng.uniform(0.0, FASTEST_M_S) * direction(rng)
+    rate = turning * rng.uniform(-0.8, 0.8)
+    velocity = rng.uniform(0.0, FASTEST_M_S) * direction(rng)
     aim, sign = direction(rng), rng.choice([-1.0, 1.0])
     true, stated, step, before_yaw = [], [], np.zeros(3), yaw
     for _sample in range(count):
@@ -93,7 +99,8 @@ def draw_drive(rng, count, error, worst, steepest_rad):
         true.append((place, yaw, *tilt))
         stated.append(reported)
         if rng.random() < 0.05:
-            rate, velocity = rng.uniform(-0.8, 0.8), rng.uniform(0.0, FASTEST_M_S) * direction(rng)
+            rate = turning * rng.uniform(-0.8, 0.8)
+            velocity = rng.uniform(0.0, FASTEST_M_S) * direction(rng)
             goal_tilt = rng.uniform(-steepest_rad, steepest_rad, 2)
         before_yaw, step = yaw, velocity * SAMPLE_S
         track, track_yaw = track + turn(2, track_yaw) @ step, track_yaw + rate * SAMPLE_S
@@ -162,12 +169,12 @@ class SpaceHistory(History):
         history.measure(SECONDS, cameras=bool(rng.random() < 0.5))
         return history
 
-    def _odometry(self, robot, drive, sample):
-        place, rotation = drive.stated[sample]
+    def _odometry(self, robot, sample):
         arrival_s, name = self.start_s + sample * SAMPLE_S, self.config.robots[robot]
-        stated = place / drive.scale, quaternion_of(rotation)
 
         def call(localizer, now_s):
+            place, rotation = self.drives[robot].stated[sample]
+            stated = place / self.drives[robot].scale, quaternion_of(rotation)
             stamp_s = self._odometry_stamp_s(robot, sample)
             return localizer.add_odometry(name, *stated, stamp_s, now_s, f'{name}/odom')
 
@@ -175,12 +182,14 @@ class SpaceHistory(History):
 
     def _ray(self, observer, target, time_s):
         names = self.config.points[observer], self.config.points[target]
-        off_rad = self.config.bearing_half_width_rad
-        off_rad *= 0.999 if self.extreme else self.rng.uniform()
+        share = 0.999 if self.extreme else self.rng.uniform()
         aside = direction(self.rng)
 
         def call(localizer, now_s):
             gap = self.place(target, time_s) - self.place(observer, time_s)
+            if not gap.any():
+                return None
+            off_rad = share * self.config.bearing_half_width_of(*names)
             _, rotation = self.drives[self.body(observer)].pose(time_s)
             mount = self.config.sensors.get(names[0])
             if mount is not None:
@@ -191,6 +200,26 @@ class SpaceHistory(History):
             return localizer.add_bearing(*names, ray, self.start_s + time_s, now_s)
 
         return self._arrival_s(time_s), call
+
+    def go_straight(self, robot, rng):
+        """Let a robot fly level, and turn nowhere."""
+        count, error = len(self.drives[robot].true), self.error_of(robot)
+        self.drives[robot] = draw_drive(rng, count, error, self.extreme, 0.0, turning=0.0)
+
+    def start(self, robot, place_m, yaw_rad=None):
+        """Let a robot start elsewhere; its heading stays."""
+        drive = self.drives[robot]
+        moved_m = place_m - drive.true[0][0]
+        drive.true = [(place + moved_m, *angles) for place, *angles in drive.true]
+
+    def start_anew(self, robot, sample, rng):
+        """Let the odometry of a robot start anew at a sample."""
+        (x_m, y_m), turn_rad = draw_leap(rng)
+        axes, stated = turn(2, turn_rad), self.drives[robot].stated
+        stated[sample:] = [
+            (axes @ place + [x_m, y_m, 0.0], axes @ rotation)
+            for place, rotation in stated[sample:]
+        ]
 
     def draw_arm(self, mount):
         """Return where a sensor truly is in the body frame: anywhere within its bound."""
@@ -235,11 +264,9 @@ def axes_along(edges):
     columns = []
     for edge in [*edges, *np.eye(3)]:
         rest = edge - sum(((edge @ column) * column for column in columns), np.zeros(3))
-        if np.linalg.norm(rest) > 1e-9 and len(columns) < 3:
+        if np.linalg.norm(rest) > 1e-9 and len(columns) < 2:
             columns.append(rest / np.linalg.norm(rest))
-    axes = np.array(columns).T
-    axes[:, 2] *= math.copysign(1.0, np.linalg.det(axes))
-    return axes
+    return np.column_stack([*columns, cross(*columns)])
 
 
 def draw_mounts(rng):
@@ -294,7 +321,7 @@ def play_without_a_loss(history, resets, rate_hz=1):
 
 def play_seed(seed):
     """Play the history of a seed, of an odd one with resets."""
-    history = limited(at_its_bounds(SpaceHistory.draw_any(seed), seed), seed)
+    history = limited(hostile(SpaceHistory.draw_any(seed), seed), seed)
     return play_without_a_loss(history, seed % 2 == 1, draw_rate_hz(seed))
 
 
