@@ -18,7 +18,6 @@ from std_srvs.srv import Trigger
 from dg_localization.fleet import Localizer
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
-from dg_localization.ros.node import localizer
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
 DEADLINE_S = 60.0
