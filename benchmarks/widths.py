@@ -81,7 +81,7 @@ def networks(n_pairs: int = 20) -> None:
     for number in range(10):
         problem, positions = network(number)
         result = solve(problem, options)
-        inside = set(max((piece.points for piece in result.pieces), key=len))
+        inside = set(max(result.pieces, key=lambda piece: len(piece.points)).points)
         known = [pair for pair in measured_pairs(problem) if _width_m(problem, pair) > 0.0]
         cells = []
         for pairs in (unknown_pairs(problem), known):
