@@ -11,6 +11,11 @@ import numpy as np
 from dg_localization.fleet import LinkOverride
 
 
+def has_resets(seed):
+    """Return whether the localizer of a seed is reset now and then."""
+    return seed % 2 == 1
+
+
 def draw_habits(history, seed):
     """
     Return a history with the habits that a seed draws.
@@ -38,7 +43,8 @@ def draw_habits(history, seed):
         history.start_anew(robot, int(rng.integers(5, len(history.drives[robot].true))), rng)
     if config.dimension == 2 and not history.heights.waves and rng.random() < 0.2:
         history.park(int(rng.integers(len(config.robots))), rng)
-    if config.dimension == 2 and config.memory_s > 0.0:
+    # After a reset nothing is known of a robot whose odometry is missing.
+    if config.dimension == 2 and config.memory_s > 0.0 and not has_resets(seed):
         history.lies = _draw_lies(history, rng)
     return history
 
@@ -50,8 +56,8 @@ def _draw_lies(history, rng):
     for observed in history.observed:
         bodies = [history.body(point) for point in observed[:2]]
         anchored = [body is None or config.robots[body] in config.anchors for body in bodies]
-        # What sensors on an anchor or robots without odometry say counts as it is.
-        if all(
+        # What sensors on an anchor, robots without odometry or two anchors say counts as it is.
+        if not all(anchored) and all(
             point < len(config.robots) or body is None
             if is_anchored
             else body in history.with_odometry

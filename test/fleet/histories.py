@@ -17,7 +17,7 @@ import math
 
 from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost, posed
 from formations import draw_formation
-from habits import draw_habits, draw_leap
+from habits import draw_habits, draw_leap, has_resets
 from heights import Heights
 from long_run import play_many
 import numpy as np
@@ -476,7 +476,7 @@ def play_seed(seed):
     if seed % EVERY_FOLLOWED == 0:
         seconds, draw = FOLLOWED_S, draw_followed
     history = limited(hostile(draw(seed, seconds), seed), seed)
-    return play_without_a_loss(history, seconds, seed % 2 == 1, draw_rate_hz(seed))
+    return play_without_a_loss(history, seconds, has_resets(seed), draw_rate_hz(seed))
 
 
 if __name__ == '__main__':

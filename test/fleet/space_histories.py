@@ -14,7 +14,7 @@ import math
 
 from drives import SAMPLE_S, draw_errors, draw_lost
 from flights import angle_rad, attitude, turn
-from habits import draw_leap
+from habits import draw_leap, has_resets
 from histories import (
     MAX_AGE_S,
     TOLERANCE,
@@ -322,7 +322,7 @@ def play_without_a_loss(history, resets, rate_hz=1):
 def play_seed(seed):
     """Play the history of a seed, of an odd one with resets."""
     history = limited(hostile(SpaceHistory.draw_any(seed), seed), seed)
-    return play_without_a_loss(history, seed % 2 == 1, draw_rate_hz(seed))
+    return play_without_a_loss(history, has_resets(seed), draw_rate_hz(seed))
 
 
 if __name__ == '__main__':

@@ -5,7 +5,15 @@
 
 import os
 
-from histories import History, draw_any, localizer_of, play_without_a_loss, truth_is_inside
+from habits import has_resets
+from histories import (
+    History,
+    draw_any,
+    hostile,
+    localizer_of,
+    play_without_a_loss,
+    truth_is_inside,
+)
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -19,15 +27,16 @@ STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
 
 
 @settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), resets=st.booleans())
-def test_the_truth_is_never_lost(seed, resets):
-    play_without_a_loss(draw_any(seed, SECONDS), SECONDS, resets)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_truth_is_never_lost(seed):
+    history = hostile(draw_any(seed, SECONDS), seed)
+    play_without_a_loss(history, SECONDS, has_resets(seed))
 
 
 @settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), resets=st.booleans())
-def test_the_truth_is_never_lost_in_space(seed, resets):
-    play_in_space(SpaceHistory.draw_any(seed), resets)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_truth_is_never_lost_in_space(seed):
+    play_in_space(hostile(SpaceHistory.draw_any(seed), seed), has_resets(seed))
 
 
 @pytest.mark.parametrize('seed', range(4))

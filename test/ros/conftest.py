@@ -42,7 +42,7 @@ from std_msgs.msg import ByteMultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from dg_localization.fleet import Localizer  # noqa: E402
+from dg_localization.fleet import Localizer, warm_up  # noqa: E402
 from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
     BearingReading,
@@ -425,10 +425,11 @@ def make_node(bench):
     """Make a localizer that spins beside the bench."""
     made = []
 
-    def make(*cli_args, make_localizer=Localizer, **parameters):
+    def make(*cli_args, make_localizer=Localizer, load=warm_up, **parameters):
         parameters.setdefault('robots', ['robot_1', 'robot_2', 'robot_3'])
         node = LocalizerNode(
             make_localizer=make_localizer,
+            load=load,
             context=bench.context,
             cli_args=['--ros-args', *cli_args],
             parameter_overrides=[
