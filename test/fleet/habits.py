@@ -51,25 +51,31 @@ def draw_habits(history, seed):
 
 def _draw_lies(history, rng):
     """Draw by how much observations are off, as many of each two bodies as are tolerated."""
-    config = history.config
     of_bodies = {}
     for observed in history.observed:
-        bodies = [history.body(point) for point in observed[:2]]
-        anchored = [body is None or config.robots[body] in config.anchors for body in bodies]
-        # What sensors on an anchor, robots without odometry or two anchors say counts as it is.
-        if not all(anchored) and all(
-            point < len(config.robots) or body is None
-            if is_anchored
-            else body in history.with_odometry
-            for point, body, is_anchored in zip(observed[:2], bodies, anchored, strict=True)
-        ):
-            pair = tuple(-1 if a else b for a, b in zip(anchored, bodies, strict=True))
-            of_bodies.setdefault(tuple(sorted(pair)), []).append(observed)
+        first, second = (_body_of(history, point) for point in observed[:2])
+        # What two anchors say of each other counts as it is.
+        if None not in (first, second) and first != second:
+            of_bodies.setdefault(frozenset({first, second}), []).append(observed)
     lies = {}
     for observations in of_bodies.values():
-        for k in rng.integers(len(observations), size=config.window_outliers):
+        for k in rng.integers(len(observations), size=history.config.window_outliers):
             lies[observations[k]] = rng.uniform(-4.0, 4.0)
     return lies
+
+
+def _body_of(history, point):
+    """
+    Return whose motion is known that a point is on: a robot, or the anchors all together.
+
+    Of robots without odometry and sensors on anchors nothing can be remembered: None.
+    """
+    config, body = history.config, history.body(point)
+    if body is None:
+        return 'anchors'
+    if config.robots[body] in config.anchors:
+        return 'anchors' if point < len(config.robots) else None
+    return body if body in history.with_odometry else None
 
 
 def _override_links(history, rng):
