@@ -39,6 +39,10 @@ class Drive:
         self.true[:, :2] -= before_m
         self.true = posed(self.true, np.asarray(place_m), turn_rad)
 
+    def start_anew(self, sample, leap_m, turn_rad):
+        """Let the odometry start anew at a sample, elsewhere and turned."""
+        self.stated[sample:] = posed(self.stated[sample:], leap_m, turn_rad)
+
     def kick(self, sample, step_m):
         """Move the robot at a sample, unnoticed by its odometry."""
         self.true[sample:, :2] += step_m

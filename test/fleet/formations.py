@@ -20,22 +20,22 @@ def draw_formation(history, seed):
     Return a history whose robots start in the formation that a seed draws, if any.
 
     In line or abreast they look the same way. Half of these go straight ahead, all alike, so that
-    their shape stays; together, at one place, each goes its own way. Half of the anchors of a
-    fleet are on the line of the robots.
+    their shape stays; together, at one place, each goes its own way. The anchors of half of these
+    fleets are on the line of the robots.
     """
     rng = np.random.default_rng([seed, 13])
     formation = str(rng.choice(FORMATIONS))
     if formation == 'none':
         return history
-    dimension = history.config.dimension
-    if formation != 'together' and rng.random() < 0.5:
+    dimension, are_together = history.config.dimension, formation == 'together'
+    if not are_together and rng.random() < 0.5:
         for robot in range(len(history.drives)):
             history.go_straight(robot, np.random.default_rng([seed, 13, 1]))
-    for robot in range(len(history.drives)):
+    for robot, drive in enumerate(history.drives):
         start_m = np.zeros(dimension)
-        if formation != 'together':
+        if not are_together:
             start_m[int(formation == 'abreast')] = SPACING_M * robot
-        history.start(robot, start_m, None if formation == 'together' else 0.0)
+        drive.start(start_m, None if are_together else 0.0)
     if rng.random() < 0.5:
         anchors = {
             name: Anchor((x_m, *np.zeros(dimension - 1)))

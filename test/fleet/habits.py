@@ -39,8 +39,8 @@ def draw_habits(history, seed):
     if rng.random() < 0.3:
         _limit_ranges(history, rng)
     if rng.random() < 0.2:
-        robot = int(rng.integers(len(config.robots)))
-        history.start_anew(robot, int(rng.integers(5, len(history.drives[robot].true))), rng)
+        drive = history.drives[int(rng.integers(len(config.robots)))]
+        drive.start_anew(int(rng.integers(5, len(drive.true))), *_draw_leap(rng))
     if config.dimension == 2 and not history.heights.waves and rng.random() < 0.2:
         history.park(int(rng.integers(len(config.robots))), rng)
     # After a reset nothing is known of a robot whose odometry is missing.
@@ -110,7 +110,7 @@ def _limit_ranges(history, rng):
     history.config = replace(config, range_error=replace(config.range_error, **told), links=links)
 
 
-def draw_leap(rng):
+def _draw_leap(rng):
     """Draw where an odometry goes on that starts anew, too far away to have driven there."""
     angle = rng.uniform(-math.pi, math.pi)
     return 100.0 * np.array([math.cos(angle), math.sin(angle)]), rng.uniform(-3.0, 3.0)

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
-from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost, posed
+from drives import SAMPLE_S, draw_drive, draw_errors, draw_lost
 from formations import draw_formation
-from habits import draw_habits, draw_leap, has_resets
+from habits import draw_habits, has_resets
 from heights import Heights
 from long_run import play_many
 import numpy as np
@@ -275,16 +275,6 @@ class History:
         count = len(self.drives[robot].true) - 1
         error = self.error_of(robot)
         self.drives[robot] = draw_drive(rng, count, error, self.extreme, rng, turning=0.0)
-
-    def start(self, robot, place_m, yaw_rad=None):
-        """Let a robot start elsewhere, and look elsewhere where that is given."""
-        self.drives[robot].start(place_m, yaw_rad)
-
-    def start_anew(self, robot, sample, rng):
-        """Let the odometry of a robot start anew at a sample."""
-        leap_m, turn_rad = draw_leap(rng)
-        stated = self.drives[robot].stated
-        stated[sample:] = posed(stated[sample:], leap_m, turn_rad)
 
     def park(self, robot, rng):
         """Let a robot stand still and be an anchor, whose heading is not known."""

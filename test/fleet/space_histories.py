@@ -14,7 +14,7 @@ import math
 
 from drives import SAMPLE_S, draw_errors, draw_lost
 from flights import angle_rad, attitude, turn
-from habits import draw_leap, has_resets
+from habits import has_resets
 from histories import (
     MAX_AGE_S,
     TOLERANCE,
@@ -53,6 +53,18 @@ class Drive:
     def place(self, time_s):
         """Return the true place since the start, evenly between samples."""
         return self._between(time_s, 1)[0]
+
+    def start(self, place_m, _yaw_rad=None):
+        """Let the robot start elsewhere; its attitude stays."""
+        moved_m = place_m - self.true[0][0]
+        self.true = [(place + moved_m, *angles) for place, *angles in self.true]
+
+    def start_anew(self, sample, leap_m, turn_rad):
+        """Let the odometry start anew at a sample, elsewhere and turned."""
+        axes, leap_m = turn(2, turn_rad), np.append(leap_m, 0.0)
+        self.stated[sample:] = [
+            (axes @ place + leap_m, axes @ rotation) for place, rotation in self.stated[sample:]
+        ]
 
     def _between(self, time_s, parts):
         low = min(int(time_s / SAMPLE_S), len(self.true) - 2)
@@ -205,21 +217,6 @@ class SpaceHistory(History):
         """Let a robot fly level, and turn nowhere."""
         count, error = len(self.drives[robot].true), self.error_of(robot)
         self.drives[robot] = draw_drive(rng, count, error, self.extreme, 0.0, turning=0.0)
-
-    def start(self, robot, place_m, yaw_rad=None):
-        """Let a robot start elsewhere; its heading stays."""
-        drive = self.drives[robot]
-        moved_m = place_m - drive.true[0][0]
-        drive.true = [(place + moved_m, *angles) for place, *angles in drive.true]
-
-    def start_anew(self, robot, sample, rng):
-        """Let the odometry of a robot start anew at a sample."""
-        (x_m, y_m), turn_rad = draw_leap(rng)
-        axes, stated = turn(2, turn_rad), self.drives[robot].stated
-        stated[sample:] = [
-            (axes @ place + [x_m, y_m, 0.0], axes @ rotation)
-            for place, rotation in stated[sample:]
-        ]
 
     def draw_arm(self, mount):
         """Return where a sensor truly is in the body frame: anywhere within its bound."""
