@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.calibration.truth import FloatArray, TrueTrack
-from dg_localization.fleet import FixedFrame, FrameKind, Placement
+from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
 from dg_localization.fleet.rotations import (
     level_rotations,
     rotation_angle_rad,
     rotation_of_quaternion,
 )
+from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import OdometryReading
 
 BoolArray = NDArray[np.bool_]
@@ -87,6 +88,31 @@ class TruePlacement:
                 for one, true in zip(stated, self.rotations, strict=True)
             ]
         )
+
+
+@dataclass(frozen=True)
+class FleetTruth:
+    """
+    Where the robots of a fleet truly were.
+
+    Parameters
+    ----------
+    fleet : FleetConfig
+    tracks : mapping of str to TrueTrack
+        Those of robots and anchors, by name.
+
+    """
+
+    fleet: FleetConfig
+    tracks: Mapping[str, TrueTrack]
+
+    def beside(self, frame: FixedFrame, snapshot: Snapshot) -> TruePlacement:
+        """Return the truth in the frame of an answer to a snapshot, at the time of both."""
+        odometry = None
+        if frame.kind is FrameKind.ODOMETRY:
+            odometry = snapshot.motion.newest(frame.points[0], snapshot.stamp_s)
+        robots, dimension = self.fleet.robots, self.fleet.dimension
+        return true_placement(frame, robots, self.tracks, snapshot.stamp_s, dimension, odometry)
 
 
 def true_placement(

@@ -30,6 +30,7 @@ from dg_localization.fleet import Estimate  # noqa: E402
 from dg_localization.fleet.window.forgetting import Forgotten  # noqa: E402
 from dg_localization.ros.bags import (  # noqa: E402
     localize_bag as localize_bag_module,
+    picture,
     reader as bag_module,
     watch,
 )
@@ -718,6 +719,32 @@ def test_hypotheses_that_are_not_listed_are_not_called_wrong(localize, recorder,
     _, report = localize(bag, '--truth', table, robots=robots, max_speed=0.0, max_hypotheses=1)
     truth = report['truth']
     assert truth['held'] + truth['unlisted'] == report['ticks'] and not truth['missed']
+
+
+def test_a_bag_is_drawn(localize, triangle_bag, tmp_path, capsys):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
+    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
+    path = tmp_path / 'picture.png'
+    code, report = localize(triangle_bag, '--plot', path, '--truth', table)
+    assert code == 0 and report['ticks'] == 10
+    assert path.read_bytes().startswith(b'\x89PNG')
+    assert f'drawing {path}' in capsys.readouterr().err
+    path.unlink()
+    path.mkdir()
+    code, report = localize(triangle_bag, '--plot', path)
+    assert code == 1 and report['ticks'] == 10
+    assert 'picture.png cannot be written' in capsys.readouterr().err
+
+
+def test_what_cannot_be_drawn_is_said_first(localize, triangle_bag, tmp_path, monkeypatch, capsys):
+    with pytest.raises(SystemExit):
+        localize(triangle_bag, '--plot', tmp_path / 'picture.jpeg')
+    assert "picture.jpeg' must end in .png or .svg or .pdf" in capsys.readouterr().err
+    monkeypatch.setattr(picture, 'find_spec', lambda name: None)
+    code, report = localize(triangle_bag, '--plot', tmp_path / 'picture.png')
+    assert code == 1 and report is None and not localize.output.exists()
+    assert '--plot needs matplotlib' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('streams', ['closed', 'broken'])

@@ -67,6 +67,14 @@ def test_each_bag_is_compared_with_the_truth(bags, localize, tmp_path):
     assert f'| {reports[0]["ticks"]} of {reports[0]["ticks"]} |' in text
 
 
+def test_each_bag_is_drawn(bags, localize, tmp_path):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    code, _ = localize(*bags, '--plot', tmp_path / 'picture.png')
+    assert code == 0
+    for bag in bags:
+        assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
+
+
 def test_a_bag_that_fails_leaves_the_others_theirs(bags, localize, tmp_path):
     (tmp_path / 'broken.mcap').write_bytes(b'no bag')
     code, text = localize(bags[0], tmp_path / 'broken.mcap', report='all.md')

@@ -4,11 +4,12 @@
 """The command line of `localize_bag`."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 import os
 from pathlib import Path
 
 from dg_localization.ros.bags.ground_truth import add_truth_argument, is_table
+from dg_localization.ros.bags.picture import PICTURES
 from dg_localization.ros.bags.report import as_json, as_markdown
 from dg_localization.ros.bags.writer import STORAGES
 from dg_localization.ros.terminal import number
@@ -32,13 +33,18 @@ def parameter_file(text: str) -> Path:
     return path
 
 
-def _report_path(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in REPORTS:
-        raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(REPORTS)}")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
-    return path
+def _path_ending_in(endings: Collection[str]) -> Callable[[str], Path]:
+    """Return what checks the name of a file to write, for a command line."""
+
+    def check(text: str) -> Path:
+        path = Path(text)
+        if path.suffix not in endings:
+            raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(endings)}")
+        if not path.parent.is_dir():
+            raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
+        return path
+
+    return check
 
 
 def _jobs(text: str) -> int:
@@ -79,7 +85,17 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
     add_truth_argument(parser, 'to compare the answers with')
     parser.add_argument(
-        '--report', type=_report_path, metavar='FILE', help='write the report, as .json or .md'
+        '--report',
+        type=_path_ending_in(REPORTS),
+        metavar='FILE',
+        help='write the report, as .json or .md',
+    )
+    parser.add_argument(
+        '--plot',
+        type=_path_ending_in(PICTURES),
+        metavar='FILE',
+        help='draw the answers over time, as .png, .svg or .pdf; of several bags each has a file '
+        'of this name beside its report',
     )
     parser.add_argument(
         '--inputs', action='store_true', help='copy the messages that were used into OUT'

@@ -5,8 +5,8 @@
 The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, and a report.
 
     localize_bag BAG [BAG ...] -o OUT --params FILE [--storage mcap|sqlite3] [--start S]
-                 [--duration S] [--truth TOPIC ... | --truth FILE.csv] [--report FILE] [--inputs]
-                 [--jobs N] [--scheduler ADDRESS] [--ros-args ...]
+                 [--duration S] [--truth TOPIC ... | --truth FILE.csv] [--report FILE]
+                 [--plot FILE] [--inputs] [--jobs N] [--scheduler ADDRESS] [--ros-args ...]
 
 It does in the time of the bag what the node does: the same parameters, the same inputs, the same
 estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
@@ -21,10 +21,13 @@ Dask cluster; OUT has a folder for each.
 import argparse
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 import time
 
+from dg_localization.calibration.answers import FleetTruth
 from dg_localization.fleet import Estimate, solver_warnings, warm_up
+from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.arguments import REPORTS, make_parser, shared_arguments
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.ground_truth import read_truth, tracks_of, truth_reader
@@ -39,11 +42,12 @@ from dg_localization.ros.bags.offline import (
     read_task,
     timeline,
 )
+from dg_localization.ros.bags.picture import AnswerPicture
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
 from dg_localization.ros.bags.report import BagReport, Tally, as_markdown
 from dg_localization.ros.bags.truth_tally import TruthTally
 from dg_localization.ros.bags.watch import TickWatch
-from dg_localization.ros.bags.writer import BagWriter, new_bag, write_text
+from dg_localization.ros.bags.writer import BagWriter, new_bag, write_text, writing
 from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, ExecutableError
 from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.ros.signals import StopRequest, stop_request
@@ -61,11 +65,40 @@ class InterruptedRun(Exception):
     """A signal came."""
 
 
+@dataclass(frozen=True)
+class Gathered:
+    """
+    What is made of all answers.
+
+    Parameters
+    ----------
+    tally : Tally
+        Counts them.
+    compared : TruthTally or None
+        Compares the answers with a ground truth, if there is one.
+    picture : AnswerPicture or None
+        Draws the answers, if that is asked for.
+
+    """
+
+    tally: Tally
+    compared: TruthTally | None
+    picture: AnswerPicture | None
+
+    def add(self, estimate: Estimate, snapshot: Snapshot | None, at_s: float) -> None:
+        """Add the answer to a snapshot, for a time from the start of the bag."""
+        self.tally.add(estimate, at_s)
+        if self.compared is not None and snapshot is not None:
+            self.compared.add(estimate, snapshot, at_s)
+        if self.picture is not None:
+            self.picture.add(estimate, snapshot, at_s)
+
+
 def localize_bag(
     options: argparse.Namespace,
     task: Task,
     inputs: Inputs,
-    truth: TruthTally | None,
+    gathered: Gathered,
     contents: Contents,
     stop: StopRequest,
 ) -> BagReport:
@@ -79,8 +112,8 @@ def localize_bag(
     task : Task
     inputs : Inputs
         Those of the fleet among the topics of the bag.
-    truth : TruthTally or None
-        What compares the answers with where the robots truly were, if that is known.
+    gathered : Gathered
+        Gets all answers.
     contents : Contents
         What the files of the bag hold.
     stop : StopRequest
@@ -104,14 +137,14 @@ def localize_bag(
         with new_bag(options.output, options.storage) as writer:
             copied = _add_copies(bag, writer) if options.inputs else ()
             localizer = BagLocalizer(task, inputs.links, writer, copied)
-            tally, ending = _write_answers(bag, options, span_ns, localizer, task, truth, stop)
+            ending = _write_answers(bag, options, span_ns, localizer, task, gathered, stop)
         return BagReport(
             bag=options.bag.resolve().name,
             start_s=options.start,
             end_s=(span_ns[1] - bag.start_ns) / NS_PER_S,
             rate_hz=settings.rate_hz,
             ending=ending,
-            tally=tally,
+            tally=gathered.tally,
             links=inputs.links,
             states=localizer.intake.states(in_seconds(span_ns[1])),
             malformed=localizer.intake.malformed,
@@ -120,7 +153,7 @@ def localize_bag(
             damage=tuple(damage_of(bag, contents, None if ending else _read_ns(span_ns, options))),
             checksums=contents.checksums,
             max_boxes=settings.fleet.solver.max_boxes,
-            truth=truth,
+            truth=gathered.compared,
         )
 
 
@@ -130,12 +163,11 @@ def _write_answers(
     span_ns: tuple[int, int],
     localizer: BagLocalizer,
     task: Task,
-    truth: TruthTally | None,
+    gathered: Gathered,
     stop: StopRequest,
-) -> tuple[Tally, str]:
-    """Localize from the first to the last time; return the answers, and why they end early."""
-    rate_hz = task.settings.rate_hz
-    tally, ending = Tally(task.settings.fleet.robots), ''
+) -> str:
+    """Localize from the first to the last time; return why the answers end early."""
+    rate_hz, ending = task.settings.rate_hz, ''
     events = timeline(bag.messages(options.start, options.duration), *span_ns, rate_hz)
     with (
         closing(make_progress((span_ns[1] - span_ns[0]) / NS_PER_S)) as progress,
@@ -144,16 +176,14 @@ def _write_answers(
         try:
             for time_ns, estimate in _answers(events, localizer, bag.start_ns, watch, stop):
                 at_s = (time_ns - bag.start_ns) / NS_PER_S
-                tally.add(estimate, at_s)
-                if truth is not None and localizer.snapshot is not None:
-                    truth.add(estimate, localizer.snapshot, at_s)
+                gathered.add(estimate, localizer.snapshot, at_s)
                 progress.update(1.0 / rate_hz)
         except (BagError, InterruptedRun) as error:
-            if not tally.ticks:
+            if not gathered.tally.ticks:
                 raise
-            ending = f'It ends at {tally.last_s:.1f} s: {error}.'
+            ending = f'It ends at {gathered.tally.last_s:.1f} s: {error}.'
     _print_slowest(watch)
-    return tally, ending
+    return ending
 
 
 def _span_ns(bag: Bag, options: argparse.Namespace, rate_hz: float) -> tuple[int, int]:
@@ -225,15 +255,34 @@ def _answers(
 
 def _truth_of(
     options: argparse.Namespace, settings: Settings, recorded: Mapping[str, Sequence[str]]
-) -> TruthTally | None:
-    """Return what compares answers with the truth that the command line names, if it does."""
+) -> FleetTruth | None:
+    """Return the truth that the command line names, if it does."""
     if not options.truth:
         return None
     reader = truth_reader(options.truth, settings, recorded)
     read_truth(options.bag, reader)
     if reader.malformed:
         print_line(f'{reader.malformed} messages of the ground truth could not be read')
-    return TruthTally(settings.fleet, tracks_of(reader.poses, settings.fleet))
+    return FleetTruth(settings.fleet, tracks_of(reader.poses, settings.fleet))
+
+
+def _gathering(
+    options: argparse.Namespace, settings: Settings, truth: FleetTruth | None
+) -> Gathered:
+    """Return what gathers the answers, as the command line asks."""
+    compared, picture = TruthTally(truth) if truth else None, None
+    if options.plot is not None:
+        name = options.bag.resolve().name
+        picture = AnswerPicture(settings.fleet, name, 1.0 / settings.rate_hz, truth)
+    return Gathered(Tally(settings.fleet.robots), compared, picture)
+
+
+def _draw(picture: AnswerPicture | None, path: Path) -> None:
+    """Draw the picture that was asked for."""
+    if picture is not None:
+        print_line(f'drawing {path}')
+        with writing(path):
+            picture.draw(path)
 
 
 def _print_slowest(watch: TickWatch) -> None:
@@ -271,7 +320,14 @@ def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
         # Else each process would compile them, and nobody would see how far they are.
         _get_solver_ready()
     try:
-        outcomes = localize_many(bags, output, shared, options.jobs, options.scheduler)
+        outcomes = localize_many(
+            bags,
+            output,
+            shared,
+            options.jobs,
+            options.scheduler,
+            options.plot and options.plot.name,
+        )
         if options.report is not None:
             write_text(options.report, MANY_REPORTS[options.report.suffix](outcomes))
     except OSError as error:
@@ -310,11 +366,13 @@ def main(args: Sequence[str]) -> int:
             recorded = recorded_types(options.bag)
             inputs = find_inputs(task.settings, recorded)
             truth = _truth_of(options, task.settings, recorded)
+            gathered = _gathering(options, task.settings, truth)
             _get_solver_ready()
             with stop_request() as stop:
                 began_s = time.perf_counter()
-                report = localize_bag(options, task, inputs, truth, contents, stop)
+                report = localize_bag(options, task, inputs, gathered, contents, stop)
                 _print_report(report, options.report, time.perf_counter() - began_s)
+                _draw(gathered.picture, options.plot)
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')

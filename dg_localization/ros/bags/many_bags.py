@@ -87,6 +87,7 @@ def localize_many(
     arguments: Sequence[str],
     jobs: int,
     scheduler: str | None,
+    picture: str | None = None,
 ) -> list[BagOutcome]:
     """
     Localize several bags.
@@ -103,6 +104,8 @@ def localize_many(
         How many bags to localize at a time on this machine.
     scheduler : str or None
         The address of a Dask scheduler; this machine does the work without one.
+    picture : str, optional
+        What the picture of each bag is called, beside its report; none is drawn without.
 
     Returns
     -------
@@ -119,11 +122,15 @@ def localize_many(
     stop = threading.Event()
     # No event reaches another machine: what runs there is left to end.
     localize = _localize if scheduler else partial(_localize, stopped=stop.is_set)
+
+    def drawn(folder: Path) -> list[str]:
+        return ['--plot', str(folder / picture)] if picture else []
+
     with _executor(jobs, scheduler) as executor:
         output.mkdir(parents=True)
         folders = [(output / name).resolve() for name in names]
         futures = [
-            executor.submit(localize, bag.resolve(), folder, list(arguments))
+            executor.submit(localize, bag.resolve(), folder, [*arguments, *drawn(folder)])
             for bag, folder in zip(bags, folders, strict=True)
         ]
         try:

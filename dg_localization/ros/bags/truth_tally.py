@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dg_localization.calibration.answers import TruePlacement, true_placement
-from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import Estimate, FleetConfig, FrameKind, Group, Placement
+from dg_localization.calibration.answers import FleetTruth, TruePlacement
+from dg_localization.fleet import Estimate, Group, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.tables import span, table
 
@@ -48,9 +47,7 @@ class TruthTally:
 
     Parameters
     ----------
-    fleet : FleetConfig
-    tracks : mapping of str to TrueTrack
-        Where robots and anchors truly are, by name.
+    truth : FleetTruth
 
     Attributes
     ----------
@@ -65,13 +62,13 @@ class TruthTally:
 
     """
 
-    def __init__(self, fleet: FleetConfig, tracks: Mapping[str, TrueTrack]) -> None:
+    def __init__(self, truth: FleetTruth) -> None:
         self.compared = 0
         self.held = 0
         self.unlisted = 0
         self.misses: list[Miss] = []
-        self._fleet = fleet
-        self._tracks = tracks
+        self._truth = truth
+        self._robots = truth.fleet.robots
         self._errors_m: dict[str, list[float]] = defaultdict(list)
         self._errors_rad: dict[str, list[float]] = defaultdict(list)
         self._missed = False
@@ -96,19 +93,13 @@ class TruthTally:
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
         """Return whom the placement that is nearest to the truth misses; None if that is open."""
-        robots, stamp_s, frame = self._fleet.robots, snapshot.stamp_s, answer.frame
-        assert frame is not None, 'an answer with placements has a frame'
-        odometry = None
-        if frame.kind is FrameKind.ODOMETRY:
-            odometry = snapshot.motion.newest(frame.points[0], stamp_s)
-        truth = true_placement(
-            frame, robots, self._tracks, stamp_s, self._fleet.dimension, odometry
-        )
+        assert answer.frame is not None, 'an answer with placements has a frame'
+        truth = self._truth.beside(answer.frame, snapshot)
         if not truth.tells:
             return None
         chosen = min(answer.placements, key=lambda placement: _distance_of(placement, truth))
         self._add_errors(chosen, truth)
-        return tuple(np.array(robots)[truth.outside(chosen)].tolist())
+        return tuple(np.array(self._robots)[truth.outside(chosen)].tolist())
 
     def _add_errors(self, placement: Placement, truth: TruePlacement) -> None:
         """Keep how far off a placement is."""
@@ -116,7 +107,7 @@ class TruthTally:
             (self._errors_m, truth.point_errors_m(placement)),
             (self._errors_rad, truth.heading_errors_rad(placement)),
         ):
-            for robot, error in zip(self._fleet.robots, found.tolist(), strict=True):
+            for robot, error in zip(self._robots, found.tolist(), strict=True):
                 if np.isfinite(error):
                     errors[robot].append(error)
 
@@ -140,7 +131,7 @@ class TruthTally:
 
         """
         found: dict[str, dict[str, tuple[float, float]]] = {}
-        for robot in self._fleet.robots:
+        for robot in self._robots:
             kinds = {'point_m': self._errors_m[robot], 'heading_rad': self._errors_rad[robot]}
             found[robot] = {
                 name: (float(np.median(errors)), float(np.percentile(errors, 95.0)))

@@ -72,7 +72,7 @@ class BagWriter:
 
     def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
         """Write a message of another bag on a topic that was added."""
-        with _writing(self._path):
+        with writing(self._path):
             self._writer.write(self._connections[topic], time_ns, data)
 
 
@@ -103,7 +103,7 @@ def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
 
     # Version 9 is Jazzy's.
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
-    with _writing(path):
+    with writing(path):
         writer.open()
     bag_writer = BagWriter(writer, path)
     try:
@@ -117,7 +117,7 @@ def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
             with suppress(OSError, sqlite3.Error):
                 writer.close()
         raise
-    with _writing(path):
+    with writing(path):
         writer.close()
 
 
@@ -131,12 +131,12 @@ def write_text(path: Path, text: str) -> None:
         If it cannot be written.
 
     """
-    with _writing(path):
+    with writing(path):
         path.write_text(text, encoding='utf-8')
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def writing(path: Path) -> Iterator[None]:
     """Name what cannot be written: a full disk does not."""
     try:
         yield

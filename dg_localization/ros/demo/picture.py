@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.ros.colors import ROBOT_COLORS
 from dg_localization.ros.demo.compare import ROUNDING_M, Scenario, count_text
 from dg_localization.simulation.moving_fleet import EDGES, ROBOTS, rotation
 
-# One for each robot, told apart by people of every color vision (Okabe and Ito).
-COLORS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9')
 FEASIBLE_COLOR = '0.8'
 NAME_OFFSET_POINTS = np.array([36.0, 20.0])
 TRUTH_STYLE: dict[str, Any] = {
@@ -60,7 +59,7 @@ def _draw_panel(panel: Any, scenario: Scenario) -> None:
     for a, b in EDGES:
         panel.plot(*answer.positions_m[:, [a, b]].T, color=FEASIBLE_COLOR, linewidth=0.7, zorder=1)
         panel.plot(*truth.positions_m[[a, b]].T, color='black', linewidth=1.2, zorder=4)
-    for robot, color in enumerate(COLORS):
+    for robot, color in enumerate(ROBOT_COLORS):
         _draw_boxes(panel, answer.enclosures_m[:, robot], color)
         panel.plot(*answer.positions_m[:, robot].T, 'o', color=color, markersize=6, zorder=5)
         for k, yaw_rad in enumerate(answer.yaws_rad[:, robot]):

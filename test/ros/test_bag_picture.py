@@ -1,0 +1,145 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The picture of a bag: what is drawn of its answers."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+
+from dg_localization.calibration.answers import FleetTruth  # noqa: E402
+from dg_localization.calibration.truth import TrueTrack  # noqa: E402
+from dg_localization.fleet import FleetConfig, Localizer  # noqa: E402
+from dg_localization.ros.bags import picture as picture_module  # noqa: E402
+from dg_localization.ros.bags.picture import HEADING, AnswerPicture  # noqa: E402
+
+
+class Answers:
+    """Answers of robots that stand at known places, and their picture."""
+
+    def __init__(self, places, *pairs, **settings):
+        robots = tuple(places)
+        self.config = FleetConfig(robots=robots, dimension=len(places[robots[0]]), **settings)
+        tracks = {name: TrueTrack.at_rest(place) for name, place in places.items()}
+        self.picture = AnswerPicture(self.config, 'bag', 0.2, FleetTruth(self.config, tracks))
+        self.places, self.pairs = places, pairs
+
+    def add(self, count, first=0):
+        """Add answers of as many times."""
+        localizer = Localizer(self.config)
+        for step in range(first, first + count):
+            time_s = 1.0 + 0.2 * step
+            for a, b in self.pairs:
+                range_m = math.dist(self.places[a], self.places[b])
+                assert localizer.add_range(a, b, range_m, stamp_s=time_s, now_s=time_s) is None
+            snapshot = localizer.snapshot(time_s)
+            self.picture.add(localizer.estimate(snapshot), snapshot, 0.2 * step)
+
+    def panels(self):
+        """Return the map and the panels of each robot."""
+        import matplotlib
+
+        matplotlib.use('Agg')
+        from matplotlib import pyplot
+
+        figure = self.picture._figure(pyplot)
+        figure.canvas.draw()
+        pyplot.close(figure)
+        the_map, *panels = figure.axes
+        n_columns = len(self.picture.columns)
+        return the_map, np.reshape(np.array(panels, dtype=object), (-1, n_columns))
+
+
+TRIANGLE = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
+SIDES = ('a', 'b'), ('a', 'c'), ('b', 'c')
+
+
+def rectangles_of(panel):
+    """Return the corners of what is drawn of the bounds."""
+    (collection,) = panel.collections
+    return [path.vertices for path in collection.get_paths()]
+
+
+def test_bounds_points_and_truth_of_every_robot_are_drawn():
+    answers = Answers(TRIANGLE, *SIDES)
+    answers.add(5)
+    the_map, panels = answers.panels()
+    assert panels.shape == (3, 3) and answers.picture.columns == ('x [m]', 'y [m]', HEADING)
+    points, true = panels[2, 1].lines
+    # Two hypotheses, mirror images of each other.
+    assert sorted(np.round(points.get_ydata(), 6)) == pytest.approx([-4.0] * 5 + [4.0] * 5)
+    assert np.allclose(true.get_ydata(), 4.0)
+    rectangles = rectangles_of(panels[2, 1])
+    assert len(rectangles) == 10
+    low, high = panels[2, 1].get_ylim()
+    assert low < -4.0 and high > 4.0
+    # No heading is known: everything is within the bounds.
+    for corners in rectangles_of(panels[1, 2]):
+        assert corners[:, 1].min() == -math.pi and corners[:, 1].max() == math.pi
+    assert 'origin at a, x towards b' in the_map.get_title()
+
+
+def test_bounds_without_an_end_fill_the_panel():
+    answers = Answers({**TRIANGLE, 'd': (9.0, 9.0)}, *SIDES, ('a', 'd'))
+    answers.add(2)
+    _, panels = answers.panels()
+    limits = panels[3, 0].get_ylim()
+    for corners in rectangles_of(panels[3, 0]):
+        assert limits[0] <= corners[:, 1].min() < corners[:, 1].max() <= limits[1]
+
+
+def test_times_without_an_answer_are_empty():
+    answers = Answers(TRIANGLE)
+    answers.add(3)
+    the_map, panels = answers.panels()
+    assert the_map.get_title() == 'frame: no answer has placements'
+    assert not any(rectangles_of(panel) for panel in panels.flat)
+
+
+def test_a_change_of_the_frame_is_marked():
+    answers = Answers(TRIANGLE, *SIDES)
+    answers.add(3)
+    answers.pairs = [('b', 'c')]
+    answers.add(2, first=3)
+    the_map, panels = answers.panels()
+    assert [line.get_xdata()[0] for line in panels[0, 0].lines[2:]] == pytest.approx([0.6])
+    assert 'origin at a' in the_map.get_title()
+    assert '2 answers have other frames' in the_map.get_title().replace('\n', ' ')
+
+
+def test_in_space_there_are_three_coordinates():
+    places = {'a': (0.0, 0.0, 0.0), 'b': (3.0, 0.0, 0.0), 'c': (0.0, 4.0, 0.0), 'd': (1.0, 1.0, 2)}
+    pairs = [(a, b) for a in places for b in places if a < b]
+    answers = Answers(places, *pairs)
+    answers.add(2)
+    _, panels = answers.panels()
+    assert panels.shape == (4, 3) and answers.picture.columns == ('x [m]', 'y [m]', 'z [m]')
+    points, _ = panels[3, 2].lines
+    assert sorted(np.round(points.get_ydata(), 6)) == pytest.approx([-2.0, -2.0, 2.0, 2.0])
+
+
+def test_of_many_answers_only_some_are_drawn(monkeypatch):
+    monkeypatch.setattr(picture_module, 'MOST_MOMENTS', 8)
+    answers = Answers(TRIANGLE, *SIDES)
+    answers.add(20)
+    _, panels = answers.panels()
+    times_s = np.unique(panels[2, 0].lines[1].get_xdata())
+    assert len(times_s) <= 8 and times_s[0] == 0.0
+    # What is drawn is as wide as what is left out.
+    width_s = np.ptp(rectangles_of(panels[2, 1])[0][:, 0])
+    assert np.diff(times_s) == pytest.approx(np.full(len(times_s) - 1, width_s))
+    assert times_s[-1] + width_s > 19 * 0.2
+
+
+def test_many_robots_are_on_the_map(monkeypatch, tmp_path):
+    monkeypatch.setattr(picture_module, 'MOST_ROWS', 2)
+    answers = Answers(TRIANGLE, *SIDES)
+    answers.add(1)
+    _, panels = answers.panels()
+    assert len(panels) == 2
+    answers.picture.draw(tmp_path / 'picture.svg')
+    assert 'robots after the first 2 are on the map only' in (tmp_path / 'picture.svg').read_text()
