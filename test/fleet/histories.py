@@ -36,6 +36,8 @@ RATES_HZ = (1, 5)
 LIMITS_S = (math.inf, 0.02, 0.002)
 """What an estimate of a long run may spend on the memory, and on the search. Where the time is
 over in the middle of something, the answer is wider, never wrong."""
+CONFLICT_LIMITS_S = (2.0, 0.02, 0.002)
+"""What it may spend on each search for what explains a contradiction; the first is the default."""
 TOLERANCE = 1e-7
 
 
@@ -423,8 +425,12 @@ def limited(history, seed):
     """Return a history whose localizer has the limits of time that a seed draws."""
     rng, config = np.random.default_rng([seed, 9]), history.config
     memory_s, search_s = float(rng.choice(LIMITS_S)), float(rng.choice(LIMITS_S))
-    solver = replace(config.solver, max_seconds=search_s)
-    history.config = replace(config, memory_max_seconds=memory_s, solver=solver)
+    history.config = replace(
+        config,
+        memory_max_seconds=memory_s,
+        solver=replace(config.solver, max_seconds=search_s),
+        max_conflict_seconds=float(np.random.default_rng([seed, 15]).choice(CONFLICT_LIMITS_S)),
+    )
     return history
 
 
