@@ -9,17 +9,19 @@ work goes on.
 """
 
 import argparse
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 import os
 import sys
+from threading import Event, Thread
 import time
 from typing import Any, Protocol, TextIO
 
 from dg_localization.optional import install_hint
 
 LINE_PERIOD_S = 10.0
+WAIT_PERIOD_S = 2.0
 
 
 class Progress(Protocol):
@@ -142,6 +144,34 @@ def print_line(text: str) -> None:
     """Print a line for the person at the terminal, apart from what the executable puts out."""
     with suppress(OSError):
         _print(text, sys.stderr)
+
+
+@contextmanager
+def told_while_waiting(text: str) -> Iterator[None]:
+    """
+    Print what is done in a block, and for how long, now and then while it takes long.
+
+    For what has no end that is known before: a progress bar is better where there is one.
+
+    Parameters
+    ----------
+    text : str
+        What is done, such as 'checking my_bag'.
+
+    """
+    ended, began_s = Event(), time.monotonic()
+
+    def tell() -> None:
+        while not ended.wait(WAIT_PERIOD_S):
+            print_line(f'{text}: {time.monotonic() - began_s:.0f} s')
+
+    thread = Thread(target=tell, name='told while waiting', daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def print_result(text: str) -> None:

@@ -28,12 +28,15 @@ from uwb_recording import CONFIG  # noqa: E402
 
 from dg_localization.fleet import Estimate  # noqa: E402
 from dg_localization.fleet.window.forgetting import Forgotten  # noqa: E402
+from dg_localization.ros import terminal  # noqa: E402
 from dg_localization.ros.bags import (  # noqa: E402
+    contents as contents_module,
     localize_bag as localize_bag_module,
     picture,
     reader as bag_module,
     watch,
 )
+from dg_localization.ros.bags.contents import read_contents  # noqa: E402
 from dg_localization.ros.bags.offline import (  # noqa: E402
     BagLocalizer,
     Event,
@@ -729,12 +732,27 @@ def test_a_bag_is_drawn(localize, triangle_bag, tmp_path, capsys):
     code, report = localize(triangle_bag, '--plot', path, '--truth', table)
     assert code == 0 and report['ticks'] == 10
     assert path.read_bytes().startswith(b'\x89PNG')
-    assert f'drawing {path}' in capsys.readouterr().err
     path.unlink()
     path.mkdir()
     code, report = localize(triangle_bag, '--plot', path)
     assert code == 1 and report['ticks'] == 10
     assert 'picture.png cannot be written' in capsys.readouterr().err
+
+
+def test_what_takes_long_before_and_after_the_answers_is_told(
+    localize, triangle_bag, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(terminal, 'WAIT_PERIOD_S', 0.05)
+
+    def read_slowly(path):
+        time.sleep(0.3)
+        return read_contents(path)
+
+    monkeypatch.setattr(contents_module, 'read_contents', read_slowly)
+    assert localize(triangle_bag)[0] == 0
+    told = capsys.readouterr().err
+    assert f'checking {triangle_bag}: 0 s' in told
+    assert 'ground truth' not in told
 
 
 def test_what_cannot_be_drawn_is_said_first(localize, triangle_bag, tmp_path, monkeypatch, capsys):

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from dg_localization.optional import install_hint
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError
 from dg_localization.ros.executables import ExecutableError
+from dg_localization.ros.terminal import told_while_waiting
 
 # After the field of its checksum a file has its magic; the checksum has 4 bytes.
 MCAP_MAGIC_BYTES = 8
@@ -153,7 +154,8 @@ def contents_of(path: Path) -> Iterator[Contents]:
     """
     contents = Contents()
     try:
-        contents = read_contents(path)
+        with told_while_waiting(f'checking {path}'):
+            contents = read_contents(path)
         yield contents
     except BagError as error:
         raise BagError('\n'.join([str(error), *contents.damage])) from error

@@ -31,7 +31,13 @@ from dg_localization.ros.bags.reader import NS_PER_S, Bag, recorded_types
 from dg_localization.ros.bags.samples import Collector, Samples
 from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
 from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import make_progress, number, print_line, print_result
+from dg_localization.ros.terminal import (
+    make_progress,
+    number,
+    print_line,
+    print_result,
+    told_while_waiting,
+)
 
 GROUPS = ('link', 'sensor', 'all')
 
@@ -109,9 +115,10 @@ def fit(options: argparse.Namespace, task: Task, samples: Samples) -> Fit:
 
     """
     choice = Choice(options.keep, options.margin)
-    if options.truth:
-        return fit_with_truth(samples, task.settings, options.per, choice)
-    return fit_without_truth(samples, task.settings, options.per, choice, options.bias)
+    with told_while_waiting('learning the bounds'):
+        if options.truth:
+            return fit_with_truth(samples, task.settings, options.per, choice)
+        return fit_without_truth(samples, task.settings, options.per, choice, options.bias)
 
 
 def _share(text: str) -> float:

@@ -52,7 +52,12 @@ from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, Execu
 from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import make_progress, print_line, print_result
+from dg_localization.ros.terminal import (
+    make_progress,
+    print_line,
+    print_result,
+    told_while_waiting,
+)
 
 # Some weeks at 5 Hz; one damaged receive time makes a bag of a century.
 MAX_TICKS = 10_000_000
@@ -260,7 +265,8 @@ def _truth_of(
     if not options.truth:
         return None
     reader = truth_reader(options.truth, settings, recorded)
-    read_truth(options.bag, reader)
+    with told_while_waiting('reading the ground truth'):
+        read_truth(options.bag, reader)
     if reader.malformed:
         print_line(f'{reader.malformed} messages of the ground truth could not be read')
     return FleetTruth(settings.fleet, tracks_of(reader.poses, settings.fleet))
@@ -280,8 +286,7 @@ def _gathering(
 def _draw(picture: AnswerPicture | None, path: Path) -> None:
     """Draw the picture that was asked for."""
     if picture is not None:
-        print_line(f'drawing {path}')
-        with writing(path):
+        with told_while_waiting(f'drawing {path}'), writing(path):
             picture.draw(path)
 
 
