@@ -21,11 +21,11 @@ from dg_localization.ros.bags.picture import HEADING, AnswerPicture  # noqa: E40
 class Answers:
     """Answers of robots that stand at known places, and their picture."""
 
-    def __init__(self, places, *pairs, **settings):
+    def __init__(self, places, *pairs, title='bag', **settings):
         robots = tuple(places)
         self.config = FleetConfig(robots=robots, dimension=len(places[robots[0]]), **settings)
         tracks = {name: TrueTrack.at_rest(place) for name, place in places.items()}
-        self.picture = AnswerPicture(self.config, 'bag', 0.2, FleetTruth(self.config, tracks))
+        self.picture = AnswerPicture(self.config, title, 0.2, FleetTruth(self.config, tracks))
         self.places, self.pairs = places, pairs
 
     def add(self, count, first=0):
@@ -90,6 +90,19 @@ def test_bounds_without_an_end_fill_the_panel():
     limits = panels[3, 0].get_ylim()
     for corners in rectangles_of(panels[3, 0]):
         assert limits[0] <= corners[:, 1].min() < corners[:, 1].max() <= limits[1]
+
+
+def test_what_is_absurdly_far_away_is_not_drawn():
+    answers = Answers({**TRIANGLE, 'd': (1e300, 0.0)}, *SIDES, ('a', 'd'))
+    answers.add(2)
+    _, panels = answers.panels()
+    assert np.isfinite([panel.get_ylim() for panel in panels.flat]).all()
+
+
+def test_a_name_is_no_formula(tmp_path):
+    answers = Answers(TRIANGLE, *SIDES, title='bag_$^^$')
+    answers.add(1)
+    answers.picture.draw(tmp_path / 'picture.svg')
 
 
 def test_times_without_an_answer_are_empty():

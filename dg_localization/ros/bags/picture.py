@@ -41,6 +41,9 @@ DOTS_PER_IN = 100
 MARGIN, LEAST_MARGIN_M = 0.05, 0.1
 """Of an axis around what it shows, as a share of that, and at least."""
 
+LARGEST_M = 1e9
+"""What is farther away is not drawn, and not a bound."""
+
 COORDINATES = ('x', 'y', 'z')
 HEADING = 'heading [rad]'
 
@@ -132,6 +135,8 @@ class AnswerPicture:
             true = self._true_columns(self._truth.beside(estimate.frame, snapshot))
         landmarks_m = placements[0].landmarks_m if placements else np.empty((0, self._dimension))
         frame = str(estimate.frame or '')
+        for values, beyond in ((best, np.nan), (true, np.nan), (low, -np.inf), (high, np.inf)):
+            values[np.abs(values) > LARGEST_M] = beyond
         self._moments.append(_Moment(time_s, frame, best, low, high, true, landmarks_m))
         if len(self._moments) > MOST_MOMENTS:
             del self._moments[1::2]
@@ -154,7 +159,7 @@ class AnswerPicture:
     def _true_columns(self, truth: TruePlacement) -> FloatArray:
         """Return what is true in all columns."""
         if self._dimension == 3:
-            return truth.positions_m
+            return np.array(truth.positions_m)
         yaws_rad = np.arctan2(truth.rotations[:, 1, 0], truth.rotations[:, 0, 0])
         return np.column_stack([truth.positions_m, yaws_rad])
 
@@ -189,7 +194,8 @@ class AnswerPicture:
             panels[-1, column].set_xlabel('time from the start of the bag [s]')
         is_cut = len(self._robots) > n_rows
         cut = f' (robots after the first {n_rows} are on the map only)' if is_cut else ''
-        figure.suptitle(self._title + cut)
+        # A name with $ is no formula.
+        figure.suptitle(self._title + cut, parse_math=False)
         figure.legend(handles=self._legend(), loc='outside lower center', ncols=6, frameon=False)
         return figure
 
@@ -215,7 +221,7 @@ class AnswerPicture:
         panel.grid(color='0.93')
         others = frames.total() - count
         left_out = f'; {others} answers have other frames' if others else ''
-        panel.set_title(f'frame: {frame}{left_out}', fontsize=10, wrap=True)
+        panel.set_title(f'frame: {frame}{left_out}', fontsize=10, wrap=True, parse_math=False)
 
     def _draw_panel(self, panel: Any, row: int, column: int) -> None:
         """Draw one column of a robot over time."""
