@@ -33,8 +33,9 @@ CONTRADICTIONS = Section(
             'observation',
             'what counts as one of `max_outliers`',
             choices=tuple(kind.value for kind in SuspectKind),
-            details='A `sensor` is a camera, a ranging, or one mounted sensor, with all that it '
-            'says; a `robot` is all that it measures and that is measured of it.',
+            details='A `sensor` is the camera or the range sensor of a robot, or one mounted '
+            'sensor, with all that it says; a `robot` is all that it measures and that is '
+            'measured of it.',
         ),
         Spec(
             'conflicts.max_solves',

@@ -37,7 +37,7 @@ def mount_specs(name: str) -> tuple[Spec, ...]:
             f'{prefix}.rotation',
             DOUBLES,
             [0.0, 0.0, 0.0],
-            'roll, pitch and yaw from the body frame to that of the sensor',
+            'orientation of the sensor in the body frame: roll, pitch and yaw about fixed axes',
             'rad',
         ),
     )
