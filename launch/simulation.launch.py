@@ -4,7 +4,7 @@
 """
 The simulated fleet of the paper with the localizer, and RViz behind an argument.
 
-    ros2 launch dg_localization simulation.launch.py rviz:=true cameras:=false
+    ros2 launch dg_localization simulation.launch.py rviz:=true cameras:=false frame:=fleet
 """
 
 from pathlib import Path
