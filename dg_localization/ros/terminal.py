@@ -147,7 +147,7 @@ def print_line(text: str) -> None:
 
 
 @contextmanager
-def told_while_waiting(text: str) -> Iterator[None]:
+def told_while_waiting(text: str, period_s: float | None = None) -> Iterator[None]:
     """
     Print what is done in a block, and for how long, now and then while it takes long.
 
@@ -157,12 +157,14 @@ def told_while_waiting(text: str) -> Iterator[None]:
     ----------
     text : str
         What is done, such as 'checking my_bag'.
+    period_s : float, optional
+        How often; every two seconds by default.
 
     """
     ended, began_s = Event(), time.monotonic()
 
     def tell() -> None:
-        while not ended.wait(WAIT_PERIOD_S):
+        while not ended.wait(period_s or WAIT_PERIOD_S):
             print_line(f'{text}: {time.monotonic() - began_s:.0f} s')
 
     thread = Thread(target=tell, name='told while waiting', daemon=True)

@@ -701,11 +701,24 @@ def test_what_cannot_be_compared_is_said(localize, triangle_bag, tmp_path, capsy
     table = write_table(tmp_path / 'truth.csv', lambda _: {'a': (0.0, 0.0)}, [1e6])
     code, report = localize(triangle_bag, '--truth', table)
     assert code == 0 and report['truth']['compared'] == 0
-    assert 'No answer has a ground truth at its time.' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert 'No answer has a ground truth at its time.' in printed
+    assert 'There is no ground truth of b, c.' in printed
+    others = write_table(tmp_path / 'others.csv', lambda _: {'A': (0.0, 0.0)}, [1e6])
+    assert localize(triangle_bag, '--truth', others) == (2, None)
+    assert 'is the truth of A; the robots are a, b, c' in capsys.readouterr().err
     code, _ = localize(triangle_bag, '--truth', '/nowhere/{robot}')
     assert code == 1
     assert 'no topic /nowhere/a or /nowhere/b or /nowhere/c' in capsys.readouterr().err
     assert not localize.output.exists()
+
+
+def test_a_bag_that_is_too_short_is_told_so(localize, recorder, capsys):
+    recorder.write_triangle([0])
+    path = recorder.close()
+    assert localize(path) == (1, None)
+    told = capsys.readouterr().err
+    assert 'the bag has 0.0 s; there must be 0.2 s' in told and '--start' not in told
 
 
 def test_hypotheses_that_are_not_listed_are_not_called_wrong(localize, recorder, tmp_path, capsys):

@@ -4,6 +4,12 @@
 """The executable `localize_bag` with several bags: each as alone, and one report on all."""
 
 import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -17,6 +23,7 @@ from dg_localization.ros.bags import (  # noqa: E402
     localize_bag as localize_bag_module,
     many_bags,
 )
+from dg_localization.ros.bags.arguments import make_parser, shared_arguments  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
 
@@ -73,6 +80,99 @@ def test_each_bag_is_drawn(bags, localize, tmp_path):
     assert code == 0
     for bag in bags:
         assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_a_bag_is_drawn_with_arguments_of_ros(bags, localize, tmp_path):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    path = tmp_path / 'picture.png'
+    code, text = localize(*bags, '--plot', path, '--ros-args', '-p', 'rate:=1.0')
+    assert code == 0 and '"exit_code": 0' in text
+    assert (tmp_path / 'out/first/picture.png').exists()
+
+
+def test_what_fails_after_the_report_is_told(bags, localize, tmp_path, monkeypatch):
+    """The picture has the name of the bag with the answers."""
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    monkeypatch.setattr(many_bags, 'ANSWERS', 'answers.svg')
+    code, text = localize(*bags, '--plot', tmp_path / 'answers.svg', report='all.md')
+    assert code == 1
+    for row in text.splitlines()[-2:]:
+        assert 'answers.svg cannot be written' in row and 'at its end' not in row
+
+
+def test_files_of_parameters_are_found_from_any_folder(bags, localize, tmp_path, monkeypatch):
+    bounds = tmp_path / 'bounds.yaml'
+    bounds.write_text(json.dumps({'/**': {'ros__parameters': {'rate': 1.0}}}))
+    monkeypatch.chdir(tmp_path)
+    arguments = ['--ros-args', '--params-file', 'bounds.yaml', '-p', 'rate:=2.0', '--']
+    options = make_parser().parse_args(['bag', '-o', 'out', '--params', 'bounds.yaml'])
+    shared = shared_arguments(options, arguments)
+    assert shared[-5:] == ['--ros-args', '--params-file', str(bounds), '-p', 'rate:=2.0']
+
+
+def test_a_worker_that_is_lost_leaves_the_other_bags_theirs(bags, localize, tmp_path, monkeypatch):
+    whole = many_bags._localize
+
+    def lost(bag, *rest, **more):
+        if bag.name == 'first':
+            raise RuntimeError('the worker is gone')
+        return whole(bag, *rest, **more)
+
+    monkeypatch.setattr(many_bags, '_localize', lost)
+    code, text = localize(*bags, report='all.md')
+    assert code == 1
+    first, second = text.splitlines()[-2:]
+    assert 'RuntimeError: the worker is gone' in first and 'at its end' in second
+
+
+def test_what_a_lost_worker_began_is_begun_anew(bags, tmp_path):
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'out' / 'answers').mkdir()
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    outcome = many_bags._localize(bags[0], tmp_path / 'out', ['--params', str(params)])
+    assert outcome.exit_code == 0 and outcome.report['ticks'] == 5
+
+
+def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
+    """A terminal sends its signal to all processes of the group."""
+    bags = []
+    for name in ('first', 'second'):
+        recorder = Recorder(tmp_path / name)
+        recorder.write_triangle(range(400))
+        bags.append(recorder.close())
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': {**PARAMETERS, 'rate': 100.0}}}))
+    command = [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *bags]
+    command += ['-o', tmp_path / 'out', '--params', params, '--jobs', '2']
+    process = subprocess.Popen(
+        [*map(str, command)], stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    answers = [tmp_path / 'out' / bag.name / many_bags.ANSWERS for bag in bags]
+    deadline_s = time.monotonic() + 120.0
+    while not all(any(path.glob('*.mcap')) for path in answers):
+        assert process.poll() is None and time.monotonic() < deadline_s
+        time.sleep(0.02)
+    # The one that is told to stop by the terminal and by the command stops in the middle.
+    threads = Path(f'/proc/{process.pid}/task').glob('*/children')
+    started = [int(pid) for thread in threads for pid in thread.read_text().split()]
+    assert len(started) == 2
+    assert all(os.getpgid(pid) != process.pid for pid in started)
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(timeout=60.0) == 130
+    for path in answers:
+        assert not path.exists() or (path / 'metadata.yaml').exists()
+
+
+def test_a_fleet_without_a_placement_has_no_width(localize, tmp_path):
+    contradiction = {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0}
+    paths = []
+    for name in ('first', 'second'):
+        recorder = Recorder(tmp_path / name)
+        recorder.write_triangle(range(11), contradiction)
+        paths.append(recorder.close())
+    _, text = localize(*paths, report='all.md')
+    assert '| no placement |' in text and 'not bounded' not in text
 
 
 def test_a_bag_that_fails_leaves_the_others_theirs(bags, localize, tmp_path):

@@ -208,6 +208,27 @@ def test_rate_and_gaps_of_the_clock(small_bag, listener):
     assert len(listener.on('/clock')) >= 15
 
 
+def test_a_recorded_clock_is_not_played(tmp_path, listener):
+    path, store = tmp_path / 'bag', get_typestore(Stores.ROS2_JAZZY)
+    types, name = store.types, 'rosgraph_msgs/msg/Clock'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        clock = writer.add_connection('/clock', name, typestore=store)
+        other = writer.add_connection('/name', 'std_msgs/msg/String', typestore=store)
+        text = types['std_msgs/msg/String']('here')
+        for k in range(10):
+            stamp = types['builtin_interfaces/msg/Time'](5 + k, 0)
+            data = store.serialize_cdr(types[name](stamp), name)
+            writer.write(clock, START_NS + k * STEP_NS, data)
+            data = store.serialize_cdr(text, other.msgtype)
+            writer.write(other, START_NS + k * STEP_NS, data)
+    process = start(path, '--wait', '1')
+    listener.spin_while(lambda: process.poll() is None)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 0 and '10 messages published' in told
+    assert '/clock is passed over' in told
+    assert min(time_ns(clock) for clock in listener.on('/clock')) == START_NS
+
+
 def test_loop_goes_on_until_interrupted(small_bag, listener):
     process = start(small_bag, '--loop', '--rate', '10')
     listener.spin_while(lambda: len(listener.on('/a/range/b')) < 3 * COUNT)

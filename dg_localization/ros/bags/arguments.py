@@ -126,9 +126,11 @@ def shared_arguments(options: argparse.Namespace, args: Sequence[str]) -> list[s
         shared += ['--truth', *names]
     if options.inputs:
         shared.append('--inputs')
-    is_of_ros = False
+    is_of_ros, is_file = False, False
     for argument in args:
         is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
         if is_of_ros:
-            shared.append(argument)
+            # Who localizes may have another working folder.
+            shared.append(str(Path(argument).resolve()) if is_file else argument)
+            is_file = argument == '--params-file'
     return shared

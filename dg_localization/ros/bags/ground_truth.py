@@ -286,6 +286,7 @@ def _truth_of(
             f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
             'robot, x, y, in space z, and z and yaw where they are known'
         )
+    others: dict[str, None] = {}
     flat = '0' if dimension == 2 else ''
     for row in rows:
         try:
@@ -300,4 +301,10 @@ def _truth_of(
         if row['robot'] in robots:
             turn = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
             truth[row['robot']].append((stamp_s, np.array([x, y, z]), turn))
+        else:
+            others.setdefault(row['robot'])
+    if others and not truth:
+        raise UsageError(
+            f'{path} is the truth of {", ".join(others)}; the robots are {", ".join(robots)}'
+        )
     return truth

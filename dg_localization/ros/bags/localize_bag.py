@@ -31,7 +31,12 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.arguments import REPORTS, make_parser, shared_arguments
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
 from dg_localization.ros.bags.ground_truth import read_truth, tracks_of, truth_reader
-from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many, many_as_markdown
+from dg_localization.ros.bags.many_bags import (
+    MANY_REPORTS,
+    by_name,
+    localize_many,
+    many_as_markdown,
+)
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Event,
@@ -42,7 +47,7 @@ from dg_localization.ros.bags.offline import (
     read_task,
     timeline,
 )
-from dg_localization.ros.bags.picture import AnswerPicture
+from dg_localization.ros.bags.picture import AnswerPicture, check_can_draw
 from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, recorded_types
 from dg_localization.ros.bags.report import BagReport, Tally, as_markdown
 from dg_localization.ros.bags.truth_tally import TruthTally
@@ -199,10 +204,11 @@ def _span_ns(bag: Bag, options: argparse.Namespace, rate_hz: float) -> tuple[int
         end_ns = min(end_ns, start_ns + round(options.duration * NS_PER_S))
     period_s, span_s = 1.0 / rate_hz, (end_ns - start_ns) / NS_PER_S
     if span_s < period_s:
+        is_cut = options.start > 0.0 or options.duration is not None
+        cut = f'--start and --duration leave {max(0.0, span_s):.1f} of them; ' if is_cut else ''
         raise BagError(
-            f'--start and --duration leave {max(0.0, span_s):.1f} of the '
-            f'{bag.duration_s:.1f} s of the bag; there must be {period_s:g} s, one period of '
-            "the parameter 'rate'"
+            f'the bag has {bag.duration_s:.1f} s; {cut}there must be {period_s:g} s, one period '
+            "of the parameter 'rate'"
         )
     received = f'received from {start_ns / NS_PER_S:.3f} to {end_ns / NS_PER_S:.3f} s'
     if start_ns < 0 or end_ns >= END_OF_ROS_TIME_NS:
@@ -320,14 +326,14 @@ def _get_solver_ready() -> None:
 def _localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     """Localize several bags, print and write what came of all; return the exit code."""
     shared = shared_arguments(options, args)
-    bags, output = options.bags, options.output
+    bags = by_name(options.bags)
     if options.scheduler is None:
         # Else each process would compile them, and nobody would see how far they are.
         _get_solver_ready()
     try:
         outcomes = localize_many(
             bags,
-            output,
+            options.output,
             shared,
             options.jobs,
             options.scheduler,
@@ -363,6 +369,8 @@ def main(args: Sequence[str]) -> int:
     """
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
+    if options.plot is not None:
+        check_can_draw()
     try:
         if len(options.bags) > 1 or options.scheduler is not None:
             return _localize_many(options, args)

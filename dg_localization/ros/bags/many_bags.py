@@ -10,13 +10,14 @@ cluster read the bags and write the answers under the paths that are given here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 import json
 from pathlib import Path
+import shutil
 import subprocess
 import sys
 from tempfile import TemporaryFile
@@ -25,7 +26,7 @@ from typing import Any
 
 from dg_localization.optional import install_hint
 from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
-from dg_localization.ros.terminal import print_line
+from dg_localization.ros.terminal import LINE_PERIOD_S, print_line, told_while_waiting
 
 REPORT = 'report.json'
 """What the report of one bag is called, beside its answers."""
@@ -54,7 +55,7 @@ class BagOutcome:
     report : dict or None
         Its report as JSON has it; None where there is none.
     error : str
-        What was said last where there is no report.
+        What was said last where there is no report, or it does not say what went wrong.
 
     """
 
@@ -64,9 +65,9 @@ class BagOutcome:
     error: str
 
 
-def names_of(bags: Sequence[Path]) -> list[str]:
+def by_name(bags: Sequence[Path]) -> dict[str, Path]:
     """
-    Return what the folder of each bag is called.
+    Return bags by what the folder of each is called.
 
     Raises
     ------
@@ -78,11 +79,11 @@ def names_of(bags: Sequence[Path]) -> list[str]:
     for name in names:
         if names.count(name) > 1:
             raise UsageError(f"two bags are called '{name}'; their answers need different names")
-    return names
+    return dict(zip(names, bags, strict=True))
 
 
 def localize_many(
-    bags: Sequence[Path],
+    bags: Mapping[str, Path],
     output: Path,
     arguments: Sequence[str],
     jobs: int,
@@ -94,8 +95,8 @@ def localize_many(
 
     Parameters
     ----------
-    bags : sequence of Path
-        The bags.
+    bags : mapping of str to Path
+        The bags, by what the folder of each is called.
     output : Path
         A folder to make, with a folder for each bag.
     arguments : sequence of str
@@ -115,10 +116,9 @@ def localize_many(
     Raises
     ------
     UsageError
-        If two bags have the same name, or there is no such scheduler.
+        If there is no such scheduler.
 
     """
-    names = names_of(bags)
     stop = threading.Event()
     # No event reaches another machine: what runs there is left to end.
     localize = _localize if scheduler else partial(_localize, stopped=stop.is_set)
@@ -126,21 +126,32 @@ def localize_many(
     def drawn(folder: Path) -> list[str]:
         return ['--plot', str(folder / picture)] if picture else []
 
-    with _executor(jobs, scheduler) as executor:
+    telling = told_while_waiting(f'localizing {len(bags)} bags', LINE_PERIOD_S)
+    with _executor(jobs, scheduler) as executor, telling:
         output.mkdir(parents=True)
-        folders = [(output / name).resolve() for name in names]
-        futures = [
-            executor.submit(localize, bag.resolve(), folder, [*arguments, *drawn(folder)])
-            for bag, folder in zip(bags, folders, strict=True)
-        ]
+        futures = {}
+        for name, bag in bags.items():
+            folder = (output / name).resolve()
+            # What follows the arguments of ROS would be taken for one of these.
+            given = [*drawn(folder), *arguments]
+            futures[executor.submit(localize, bag.resolve(), folder, given)] = name
         try:
             for done, future in enumerate(as_completed(futures), start=1):
-                print_line(f'{done} of {len(bags)} bags: {_progress_of(future.result())}')
+                outcome = _outcome_of(future, futures[future])
+                print_line(f'{done} of {len(bags)} bags: {_progress_of(outcome)}')
         finally:
             stop.set()
             for future in futures:
                 future.cancel()
-        return [future.result() for future in futures]
+        return [_outcome_of(future, name) for future, name in futures.items()]
+
+
+def _outcome_of(future: Future[BagOutcome], name: str) -> BagOutcome:
+    """Return what became of a bag, also where the worker that had it is lost."""
+    try:
+        return future.result()
+    except Exception as error:  # of a task that is lost, whatever its executor raises
+        return BagOutcome(name, EXIT_FAILED, None, f'{type(error).__name__}: {error}')
 
 
 @contextmanager
@@ -161,6 +172,8 @@ def _executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         text = f"--scheduler '{scheduler}': no Dask scheduler answers: {error}"
         raise UsageError(text) from None
+    if not client.scheduler_info()['workers']:
+        print_line(f'the Dask scheduler {scheduler} has no workers; waiting for some')
     with client, client.get_executor(pure=False) as executor:
         yield executor
 
@@ -176,12 +189,19 @@ def _localize(
     stopped: Callable[[], bool] = _never,
 ) -> BagOutcome:
     """Localize one bag in a process of its own, where this is called."""
+    if folder.exists():
+        # A cluster repeats what a lost worker had begun.
+        shutil.rmtree(folder)
     folder.mkdir()
     report = folder / REPORT
     command = [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', str(bag)]
     command += ['-o', str(folder / ANSWERS), '--report', str(report), *arguments]
     with TemporaryFile('w+', encoding='utf-8') as errors:
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors)
+        # Ctrl-C reaches all processes of a session: one that is told to stop twice stops at once,
+        # and leaves a bag that cannot be read.
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True
+        )
         while process.poll() is None:
             if stopped():
                 process.terminate()
@@ -194,7 +214,10 @@ def _localize(
     code = process.returncode if process.returncode >= 0 else EXIT_FAILED
     if not report.exists():
         return BagOutcome(folder.name, code or EXIT_FAILED, None, said)
-    return BagOutcome(folder.name, code, json.loads(report.read_text(encoding='utf-8')), '')
+    found = json.loads(report.read_text(encoding='utf-8'))
+    is_told = not code or found['ending'] or found['damage']
+    last = '' if is_told else ''.join(said.splitlines()[-1:])
+    return BagOutcome(folder.name, code, found, last)
 
 
 def _progress_of(outcome: BagOutcome) -> str:
@@ -244,7 +267,10 @@ def _row(outcome: BagOutcome) -> str:
     if report is None:
         return f'| {outcome.name} | | | | | | | | {" ".join(outcome.error.split())} |'
     widths_m = report['median_enclosure_width_m'].values()
-    width = 'not bounded' if None in widths_m else f'{max(widths_m):.2f} m'
+    if report['ticks_by_hypotheses'].keys() <= {'0'}:
+        width = 'no placement'
+    else:
+        width = 'not bounded' if None in widths_m else f'{max(widths_m):.2f} m'
     truth = report['truth']
     cells = (
         outcome.name,
@@ -255,7 +281,8 @@ def _row(outcome: BagOutcome) -> str:
         sum(report['rejected'].values()),
         width,
         f'{truth["held"]} of {truth["compared"]}' if truth else '',
-        ' '.join(filter(None, [report['ending'], *report['damage']])) or 'at its end',
+        ' '.join(filter(None, [report['ending'], *report['damage'], outcome.error]))
+        or 'at its end',
     )
     return f'| {" | ".join(map(str, cells))} |'
 

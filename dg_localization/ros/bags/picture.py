@@ -48,6 +48,20 @@ COORDINATES = ('x', 'y', 'z')
 HEADING = 'heading [rad]'
 
 
+def check_can_draw() -> None:
+    """
+    Check that pictures can be drawn, before the work begins.
+
+    Raises
+    ------
+    ExecutableError
+        If matplotlib is missing.
+
+    """
+    if find_spec('matplotlib') is None:
+        raise ExecutableError(f'--plot needs matplotlib: {install_hint("matplotlib")}')
+
+
 @dataclass(frozen=True)
 class _Moment:
     """
@@ -94,18 +108,11 @@ class AnswerPicture:
     truth : FleetTruth or None
         Where the robots truly were, if that is known.
 
-    Raises
-    ------
-    ExecutableError
-        If matplotlib is missing: that is told before the work begins.
-
     """
 
     def __init__(
         self, fleet: FleetConfig, title: str, period_s: float, truth: FleetTruth | None = None
     ) -> None:
-        if find_spec('matplotlib') is None:
-            raise ExecutableError(f'--plot needs matplotlib: {install_hint("matplotlib")}')
         self._robots = fleet.robots
         self._dimension = fleet.dimension
         self._title = title

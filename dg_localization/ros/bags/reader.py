@@ -143,7 +143,8 @@ class Bag:
             if reason:
                 self.notices.append(f'{name} is passed over: {reason}')
         if not self.topics:
-            raise BagError('nothing in the bag can be read: ' + '; '.join(self.notices))
+            why = '; '.join(self.notices) or 'it has no topics'
+            raise BagError(f'nothing in the bag can be read: {why}')
 
     def _take(self, name: str, info: Any, samples: Sequence[bytes]) -> str:
         """Take a topic among those to read, or return why not."""

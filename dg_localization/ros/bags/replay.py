@@ -25,6 +25,7 @@ from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage,
 from dg_localization.ros.spinning import own_arguments, rclpy_running
 from dg_localization.ros.terminal import Progress, make_progress, number, print_line
 
+CLOCK = '/clock'
 QUEUE_DEPTH = 100
 # Between messages the clock goes on, so that timers in bag time run through a gap.
 CLOCK_PERIOD_S = 0.05
@@ -56,7 +57,7 @@ class Replayer:
             topic.name: node.create_publisher(topic.message_class, topic.name, _qos(topic.latched))
             for topic in topics
         }
-        self._clock = node.create_publisher(Clock, '/clock', _qos(latched=False))
+        self._clock = node.create_publisher(Clock, CLOCK, _qos(latched=False))
 
     def wait_for_subscribers(self, timeout_s: float) -> int:
         """
@@ -204,15 +205,20 @@ def replay(node: Node, options: argparse.Namespace) -> None:
             raise BagError(
                 f'--start {options.start:g} s is after the end: the bag has {bag.duration_s:.1f} s'
             )
-        replayer = Replayer(node, bag.topics, options.rate)
-        print_line(f'{len(bag.topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
+        # The time of the recording is told by the replay itself.
+        topics = [topic for topic in bag.topics if topic.name != CLOCK]
+        if len(topics) < len(bag.topics):
+            print_line(f'{CLOCK} is passed over: replay publishes the time of the bag there')
+        replayer = Replayer(node, topics, options.rate)
+        print_line(f'{len(topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
         if not replayer.wait_for_subscribers(options.wait):
             print_line(f'nobody subscribed within {options.wait:g} s; playing all the same')
         start_ns = bag.start_ns + round(options.start * NS_PER_S)
         total_s = left_s if options.duration is None else min(left_s, options.duration)
         while True:
             next_pass_s = time.monotonic() + SHORTEST_PASS_S
-            messages = bag.messages(options.start, options.duration)
+            recorded = bag.messages(options.start, options.duration)
+            messages = (message for message in recorded if message.topic != CLOCK)
             with closing(make_progress(total_s)) as progress:
                 count = replayer.play(messages, start_ns, progress)
             replayer.flush()

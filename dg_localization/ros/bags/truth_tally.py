@@ -59,6 +59,8 @@ class TruthTally:
         Those of which none that is listed holds it, and not all are listed.
     misses : list of Miss
         The others, in the order of time.
+    unknown : tuple of str
+        The robots without a truth.
 
     """
 
@@ -69,6 +71,7 @@ class TruthTally:
         self.misses: list[Miss] = []
         self._truth = truth
         self._robots = truth.fleet.robots
+        self.unknown = tuple(name for name in self._robots if name not in truth.tracks)
         self._errors_m: dict[str, list[float]] = defaultdict(list)
         self._errors_rad: dict[str, list[float]] = defaultdict(list)
         self._missed = False
@@ -76,20 +79,29 @@ class TruthTally:
     def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
         """Compare an answer to a snapshot with the truth, for a time from the start of the bag."""
         answers: list[Estimate | Group] = [estimate, *estimate.groups]
-        found = [self._missed_by(answer, snapshot) for answer in answers if answer.placements]
-        known = [robots for robots in found if robots is not None]
+        compared = [
+            (answer, robots)
+            for answer in answers
+            if answer.placements and (robots := self._missed_by(answer, snapshot)) is not None
+        ]
         was_missed, self._missed = self._missed, False
-        if not known:
+        if not compared:
             return
         self.compared += 1
-        missed = tuple(robot for robots in known for robot in robots)
-        if not missed:
-            self.held += 1
-        elif any(answer.n_hypotheses > len(answer.placements) for answer in answers):
-            self.unlisted += 1
-        else:
+        # One that is not listed may hold what the listed ones of its answer miss.
+        missed = tuple(
+            robot
+            for answer, robots in compared
+            if answer.n_hypotheses == len(answer.placements)
+            for robot in robots
+        )
+        if missed:
             self._missed = True
             self._add_miss(missed, time_s, was_missed)
+        elif any(robots for _, robots in compared):
+            self.unlisted += 1
+        else:
+            self.held += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
         """Return whom the placement that is nearest to the truth misses; None if that is open."""
@@ -154,6 +166,7 @@ def truth_tree(tally: TruthTally) -> dict[str, Any]:
         'compared': tally.compared,
         'held': tally.held,
         'unlisted': tally.unlisted,
+        'without_truth': list(tally.unknown),
         'missed': [vars(miss) | {'robots': list(miss.robots)} for miss in tally.misses],
         'errors': {
             robot: {
@@ -167,6 +180,8 @@ def truth_tree(tally: TruthTally) -> dict[str, Any]:
 
 def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
     """Yield what is said of the truth, for a person."""
+    if tally.unknown:
+        yield f'There is no ground truth of {", ".join(tally.unknown)}.'
     if not tally.compared:
         yield 'No answer has a ground truth at its time.'
         return
