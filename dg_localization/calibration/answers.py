@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.calibration.truth import FloatArray, TrueTrack
-from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
-from dg_localization.fleet.rotations import (
-    level_rotations,
-    rotation_angle_rad,
-    rotation_of_quaternion,
+from dg_localization.calibration.truth import (
+    FloatArray,
+    TrueTrack,
+    without_heights,
+    without_tilt,
 )
+from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
+from dg_localization.fleet.rotations import rotation_angle_rad, rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import OdometryReading
 
@@ -157,7 +158,7 @@ def true_placement(
         if odometry is None:
             axes = np.full((3, 3), np.nan)
         else:
-            axes = bodies[0] @ _leveled(odometry.rotation[None], dimension)[0].T
+            axes = bodies[0] @ without_tilt(odometry.rotation[None], dimension)[0].T
             offset_m = odometry.position_in_frame_m
     positions_m = (places - origin_m) @ axes + offset_m
     between_m = places[:, None, :dimension] - places[None, :, :dimension]
@@ -175,14 +176,7 @@ def _poses(
         if name in tracks:
             places[row] = tracks[name].positions_at([stamp_s])[0]
             turns[row] = tracks[name].rotations_at([stamp_s])[0]
-    if dimension == 2:
-        places[:, 2] = 0.0
-    return places, _leveled(turns, dimension)
-
-
-def _leveled(rotations: FloatArray, dimension: int) -> FloatArray:
-    """Return rotations, in the plane without roll and pitch."""
-    return level_rotations(rotations) if dimension == 2 else rotations
+    return without_heights(places, dimension), without_tilt(turns, dimension)
 
 
 def _axes_along(edges_m: FloatArray) -> FloatArray:

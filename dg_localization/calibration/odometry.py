@@ -16,13 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept
-from dg_localization.calibration.truth import TrueTrack
+from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
 
 FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
 WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
 EVERY_S = 0.5
+MOST_STRETCHED = 1.5
+"""A window that is this many times as long as it should be ends behind a gap of odometry."""
+
 STEEPEST = 1.0
 SLOPES = 401
 
@@ -40,7 +44,7 @@ class OdometryWindows:
         How far the robot went and turned along the samples.
     stated_m, true_m : ndarray, shape (k, 3)
         From where it was at their beginning to where it was at their end, by the samples along
-        true headings and in truth.
+        true headings and in truth; in the plane their heights are zero.
     error_rad : ndarray, shape (k,)
         Of the turn: about the vertical axis, or of the whole body.
 
@@ -129,7 +133,7 @@ def odometry_windows(
     upright: bool = True,
 ) -> OdometryWindows:
     """
-    Compare odometry with the truth over windows of 0.5 to 40 s.
+    Compare odometry with the truth over windows of about 0.5 to 40 s.
 
     Parameters
     ----------
@@ -140,17 +144,19 @@ def odometry_windows(
         From body to odometry frame.
     truth : TrueTrack
     dimension : {2, 3}, optional
-        In the plane only headings turn.
+        In the plane only headings turn, and heights, roll and pitch of the truth do not count.
+        A rise that odometry reports is a part of the way there, too, as it is to the localizer.
     upright : bool, optional
         Whether the errors of roll and pitch are stated otherwise, so that those of turns are those
         of headings.
 
     """
     stamps = np.asarray(stamps_s, dtype=float)
-    turns = np.asarray(rotations, dtype=float)
-    true_m, true = truth.positions_at(stamps), truth.rotations_at(stamps)
+    turns = without_tilt(np.asarray(rotations, dtype=float), dimension)
+    true_m = without_heights(truth.positions_at(stamps), dimension)
+    true = without_tilt(truth.rotations_at(stamps), dimension)
     steps_m = np.diff(np.asarray(positions_m, dtype=float), axis=0)
-    in_body = np.einsum('mji,mj->mi', turns[:-1], steps_m)
+    in_body = np.einsum('mji,mj->mi', turns[:-1], without_heights(steps_m, dimension))
     along_m = np.einsum('mij,mj->mi', true[:-1], in_body)
     yaws, true_yaws = (np.arctan2(r[:, 1, 0], r[:, 0, 0]) for r in (turns, true))
     way_m = _cumulative(np.linalg.norm(steps_m, axis=1))
@@ -159,11 +165,10 @@ def odometry_windows(
         steps_rad = _angles(turns[:-1], turns[1:])
     turned_rad = _cumulative(steps_rad)
     # As many of each length: the short ones must not decide alone.
-    begins = np.searchsorted(stamps, np.arange(stamps[0], stamps[-1], EVERY_S))
+    begins = _begins(stamps)
     parts = []
     for seconds in WINDOWS_S:
-        ends = np.searchsorted(stamps, stamps[begins] + seconds)
-        first, last = begins[ends < len(stamps)], ends[ends < len(stamps)]
+        first, last = _ends(stamps, begins, seconds)
         whole_m = np.array(
             [along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)]
         ).reshape(-1, 3)
@@ -226,6 +231,27 @@ def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float
     scale = 10.0**DECIMALS
     constant, slope = np.ceil(np.array([constants[best], slopes[best]]) * widened * scale) / scale
     return float(constant), float(slope)
+
+
+def _begins(stamps_s: FloatArray) -> IndexArray:
+    """
+    Return the first sample of every piece of time that has one.
+
+    It goes through the samples, not through the time between them: one wrong stamp makes that
+    years long.
+    """
+    pieces = np.floor((stamps_s - stamps_s[0]) / EVERY_S)
+    return np.unique(pieces, return_index=True)[1]
+
+
+def _ends(
+    stamps_s: FloatArray, begins: IndexArray, seconds: float
+) -> tuple[IndexArray, IndexArray]:
+    """Return the first and the last samples of the windows of one length."""
+    ends = np.searchsorted(stamps_s, stamps_s[begins] + seconds)
+    begins, ends = begins[ends < len(stamps_s)], ends[ends < len(stamps_s)]
+    whole = stamps_s[ends] - stamps_s[begins] < MOST_STRETCHED * seconds
+    return begins[whole], ends[whole]
 
 
 def _cumulative(steps: FloatArray) -> FloatArray:

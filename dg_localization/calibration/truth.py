@@ -6,12 +6,15 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.fleet.rotations import rotation_of_quaternion
+from dg_localization.fleet.rotations import level_rotations, rotation_of_quaternion
 
 FloatArray = NDArray[np.float64]
 
 MOST_GAP_S = 1.0
 """Between samples that are farther apart nothing is taken as known."""
+
+SAME_TIME_S = 1e-6
+"""A time this near to a sample is that of the sample: the same stamp is rounded in two ways."""
 
 
 class TrueTrack:
@@ -60,7 +63,7 @@ class TrueTrack:
         Parameters
         ----------
         arm_m : array_like, shape (q,)
-            Its place in the body frame.
+            Its place in the body frame; in the plane roll and pitch do not move it.
 
         """
         return _Carried(self, arm_m)
@@ -76,16 +79,21 @@ class TrueTrack:
         return rotation_of_quaternion(quaternions / lengths)
 
     def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
-        """Interpolate between the two samples around each time."""
+        """Return the sample at each time, or interpolate between the two around it."""
         stamps = self._stamps_s
-        after = np.clip(np.searchsorted(stamps, times_s), 1, max(1, len(stamps) - 1))
-        known = (times_s >= stamps[0]) & (times_s <= stamps[-1])
-        if len(stamps) == 1:
-            return np.where(known[:, None], values[0], np.nan)
-        gaps_s = stamps[after] - stamps[after - 1]
-        share = ((times_s - stamps[after - 1]) / gaps_s)[:, None]
-        found = (1.0 - share) * values[after - 1] + share * values[after]
-        return np.where((known & (gaps_s <= MOST_GAP_S))[:, None], found, np.nan)
+        after = np.minimum(np.searchsorted(stamps, times_s), len(stamps) - 1)
+        before = np.maximum(after - 1, 0)
+        since_s, until_s = times_s - stamps[before], stamps[after] - times_s
+        gaps_s = stamps[after] - stamps[before]
+        # Before the first sample there is none on the other side, and no gap between two.
+        between = (gaps_s > 0.0) & (gaps_s <= MOST_GAP_S) & (until_s >= 0.0)
+        share = np.divide(since_s, gaps_s, out=np.zeros_like(gaps_s), where=between)[:, None]
+        found = (1.0 - share) * values[before] + share * values[after]
+        found[~between] = np.nan
+        # What is known of a sample needs no neighbor.
+        nearest = np.where(np.abs(since_s) < np.abs(until_s), before, after)
+        same = np.abs(times_s - stamps[nearest]) <= SAME_TIME_S
+        return np.where(same[:, None], values[nearest], found)
 
 
 class _AtRest(TrueTrack):
@@ -99,14 +107,32 @@ class _Carried(TrueTrack):
     """The track of a sensor that a robot carries."""
 
     def __init__(self, robot: TrueTrack, arm_m: ArrayLike) -> None:
-        self._robot, self._arm_m = robot, np.zeros(3)
-        self._arm_m[: np.size(arm_m)] = arm_m
+        self._robot, self._arm_m, self._dimension = robot, np.zeros(3), np.size(arm_m)
+        self._arm_m[: self._dimension] = arm_m
 
     def positions_at(self, times_s: ArrayLike) -> FloatArray:
-        return self._robot.positions_at(times_s) + self.rotations_at(times_s) @ self._arm_m
+        bodies = without_tilt(self.rotations_at(times_s), self._dimension)
+        return self._robot.positions_at(times_s) + bodies @ self._arm_m
 
     def rotations_at(self, times_s: ArrayLike) -> FloatArray:
         return self._robot.rotations_at(times_s)
+
+
+def without_heights(vectors_m: FloatArray, dimension: int) -> FloatArray:
+    """Return positions or ways, shape (m, 3), in the plane with heights of zero."""
+    if dimension == 3:
+        return vectors_m
+    # Not a product with zero: a height that is not known must not count either.
+    return np.column_stack([vectors_m[:, :2], np.zeros(len(vectors_m))])
+
+
+def without_tilt(rotations: FloatArray, dimension: int) -> FloatArray:
+    """Return rotations, shape (m, 3, 3), in the plane without roll and pitch."""
+    if dimension == 3:
+        return rotations
+    # The upright axis of a heading that is not known would seem to be.
+    known = np.isfinite(rotations).all(axis=(1, 2), keepdims=True)
+    return np.where(known, level_rotations(rotations), np.nan)
 
 
 def range_errors_m(
@@ -149,6 +175,7 @@ def ray_errors_rad(
     rays : array_like, shape (m, 3)
         In the body frame of the observer.
     dimension : {2, 3}
+        In the plane heights, roll and pitch of the truth do not count.
 
     Returns
     -------
@@ -157,7 +184,8 @@ def ray_errors_rad(
 
     """
     way_m = target.positions_at(stamps_s) - observer.positions_at(stamps_s)
-    true = np.einsum('mji,mj->mi', observer.rotations_at(stamps_s), way_m)
+    bodies = without_tilt(observer.rotations_at(stamps_s), dimension)
+    true = np.einsum('mji,mj->mi', bodies, without_heights(way_m, dimension))
     seen = np.asarray(rays, dtype=float)
     if dimension == 2:
         across = true[:, 0] * seen[:, 1] - true[:, 1] * seen[:, 0]

@@ -11,6 +11,7 @@ import pytest
 from dg_localization.calibration.bounds import Choice
 from dg_localization.calibration.odometry import OdometryWindows, fit_odometry, odometry_windows
 from dg_localization.calibration.truth import TrueTrack
+from dg_localization.fleet.rotations import quaternion_product
 from dg_localization.simulation.moving_fleet import FleetMotion, Path
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 
@@ -146,6 +147,94 @@ def test_a_share_of_windows_may_be_left_out():
     assert fit.excluded(windows) <= 0.2 * len(windows.seconds)
     assert fit_odometry(windows, Choice(0.9, 0.0)).constant_m < 1.0
     assert fit_odometry(windows, EXACT).constant_m > 40.0
+
+
+def planar_drive(seconds=60.0, every_s=0.1):
+    """Return stamps, places and yaws on a circle, with steps along the headings."""
+    stamps = np.arange(0.0, seconds, every_s)
+    yaws = 0.1 * stamps
+    steps = 0.3 * every_s * np.column_stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws])
+    return stamps, np.cumsum(steps, axis=0) - steps, yaws
+
+
+def exact(fit):
+    """Return whether bounds are those of perfect odometry, but for rounding."""
+    bounds = fit.constant_m, fit.translation_per_m, fit.constant_rad, fit.rotation_per_rad
+    return max(bounds) <= 1e-4 and fit.translation_scale == 1.0
+
+
+@pytest.mark.parametrize('height_m', [0.3, np.nan])
+def test_in_the_plane_heights_of_the_truth_are_no_errors(height_m):
+    stamps, places, yaws = planar_drive()
+    true = places + np.column_stack([0.0 * stamps, 0.0 * stamps, height_m * np.sin(stamps)])
+    truth = TrueTrack(stamps, true, quaternions(yaws))
+    windows = odometry_windows(stamps, places, rotations(yaws), truth, dimension=2)
+    assert len(windows.seconds) > 400
+    assert exact(fit_odometry(windows, EXACT))
+
+
+@pytest.mark.parametrize('tilt_rad', [0.1, 0.3])
+def test_in_the_plane_tilt_of_the_truth_is_no_error(tilt_rad):
+    """Markers that are mounted askew, or a ramp."""
+    stamps, places, yaws = planar_drive()
+    pitch = np.array([0.0, np.sin(tilt_rad / 2.0), 0.0, np.cos(tilt_rad / 2.0)])
+    turns = [quaternion_product(yaw, pitch) for yaw in quaternions(yaws)]
+    truth = TrueTrack(stamps, places, turns)
+    windows = odometry_windows(stamps, places, rotations(yaws), truth, dimension=2)
+    assert exact(fit_odometry(windows, EXACT))
+    in_space = odometry_windows(stamps, places, rotations(yaws), truth, dimension=3)
+    assert fit_odometry(in_space, EXACT).translation_per_m > 0.05
+
+
+def test_in_the_plane_a_rise_that_odometry_reports_is_a_way_and_no_error():
+    stamps, places, yaws = planar_drive()
+    truth = TrueTrack(stamps, places, quaternions(yaws))
+    risen = places + np.column_stack([0.0 * stamps, 0.0 * stamps, 0.4 * stamps])
+    windows = odometry_windows(stamps, risen, rotations(yaws), truth, dimension=2)
+    # 0.3 m/s ahead and 0.4 m/s up.
+    np.testing.assert_allclose(windows.way_m, 0.5 * windows.seconds, atol=1e-9)
+    assert exact(fit_odometry(windows, EXACT))
+
+
+@pytest.mark.parametrize('stamp_s', [0.0, 1e15])
+def test_one_wrong_stamp_costs_no_memory_and_tells_nothing(stamp_s):
+    stamps, places, yaws = planar_drive()
+    stamps += 1.7e9
+    turns = rotations(yaws)
+    truth = TrueTrack(stamps, places, quaternions(yaws))
+    order = [0, *range(len(stamps))] if stamp_s == 0.0 else [*range(len(stamps)), -1]
+    mixed = np.sort([*stamps, stamp_s])
+    windows = odometry_windows(mixed, places[order], turns[order], truth)
+    assert len(windows.seconds) > 400
+    assert windows.seconds.max() < 41.0
+    assert exact(fit_odometry(windows, EXACT))
+
+
+def test_a_pause_repeats_no_window_and_is_in_none():
+    stamps, places, yaws = planar_drive()
+    # The truth goes on while the odometry pauses for 10 min.
+    paused = np.where(stamps < 30.0, stamps, stamps + 600.0)
+    known = np.arange(0.0, 700.0, 0.5)
+    truth = TrueTrack(
+        known,
+        np.column_stack([np.interp(known, paused, places[:, axis]) for axis in range(3)]),
+        quaternions(np.interp(known, paused, yaws)),
+    )
+    windows = odometry_windows(paused, places, rotations(yaws), truth)
+    spans = set(zip(windows.begin_s, windows.seconds, strict=True))
+    assert len(windows.seconds) == len(spans) > 200
+    ends_s = windows.begin_s + windows.seconds
+    assert np.all((ends_s < 30.0) | (windows.begin_s > 600.0))
+
+
+@pytest.mark.parametrize('every_s', [0.4, 1.0, 2.0, 3.0])
+def test_windows_of_slow_odometry_are_not_repeated(every_s):
+    stamps, places, yaws = planar_drive(300.0, every_s)
+    known, true, true_yaws = planar_drive(300.0)
+    truth = TrueTrack(known, true, quaternions(true_yaws))
+    windows = odometry_windows(stamps, places, rotations(yaws), truth)
+    spans = set(zip(windows.begin_s, windows.seconds, strict=True))
+    assert len(windows.seconds) == len(spans) > 200
 
 
 def test_windows_without_truth_are_passed_over():
