@@ -26,8 +26,14 @@ from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
 from dg_localization.calibration.bounds import Choice  # noqa: E402
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel  # noqa: E402
-from dg_localization.ros.bags import fit_with_truth  # noqa: E402
+from dg_localization.fleet import (  # noqa: E402
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    RangeErrorModel,
+)
+from dg_localization.ros.bags import fit_with_truth, samples  # noqa: E402
 from dg_localization.ros.bags.compared import Compared, broken_bounds  # noqa: E402
 from dg_localization.ros.bags.ground_truth import read_truth_file  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
@@ -348,6 +354,195 @@ def test_without_truth_the_bias_is_left_open(tmp_path, learn):
     assert found['range']['min_error'] < 0.9 and found['range']['max_error'] > 1.1
     # Readings of about 8 m to 1 %, beside the median of their neighbors.
     assert found['range']['max_error'] - found['range']['min_error'] < 0.2 + 0.6
+
+
+@pytest.fixture
+def told(tmp_path, learn):
+    """Let the node read what was learned after what was stated; return what it tells the fleet."""
+
+    def read():
+        bounds = tmp_path / 'bounds.yaml'
+        bounds.write_text(learn.output)
+        arguments = ['--ros-args', '--params-file', str(bounds)]
+        return read_task(learn.params, arguments).settings.fleet
+
+    return read
+
+
+def state(learn, **fleet):
+    """Write the parameters of three robots with ranges to 0.1 m."""
+    stated = {
+        'robots': ['r1', 'r2', 'r3'],
+        'range': {
+            'min_error': -0.1,
+            'max_error': 0.1,
+            'min_error_relative': 0.0,
+            'max_error_relative': 0.0,
+        },
+        **fleet,
+    }
+    learn.params.write_text(json.dumps({'/**': {'ros__parameters': stated}}))
+
+
+WIDE_LINK = '/r1/range/r3 sensor_msgs/msg/Range r1 r3 max_error=2.0'
+OTHER_LINK = '/r1/range/r2 sensor_msgs/msg/Range r1 r2'
+
+
+def record_three(bag, n_biased=200, truth=('r1', 'r2', 'r3')):
+    """Write 200 ranges of r1 to r2, and the first of those to r3, 1.5 m too long."""
+    recorder, rng = Recorder(), np.random.default_rng(0)
+    places_m = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0), 'r3': (0.0, 5.0)}
+    for count, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
+        noise_m = rng.uniform(-0.02, 0.02, 2)
+        recorder.add_range('r1', 'r2', 4.0 + noise_m[0], stamp_s, stamp_s)
+        if count < n_biased:
+            recorder.add_range('r1', 'r3', 6.5 + noise_m[1], stamp_s, stamp_s)
+        for robot in truth:
+            recorder.add_truth(robot, places_m[robot], 0.0, stamp_s)
+    recorder.write(bag)
+    return bag
+
+
+@pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
+@pytest.mark.parametrize('n_biased', [200, 10, 0])
+def test_without_truth_no_link_gets_narrower_bounds_than_it_states(
+    tmp_path, learn, told, per, n_biased
+):
+    state(learn, links=[WIDE_LINK, OTHER_LINK])
+    code, _ = learn(record_three(tmp_path / 'bag', n_biased), '--per', per)
+    assert code == 0
+    biased, other = told().range_error_of('r1', 'r3'), told().range_error_of('r1', 'r2')
+    assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
+    assert (other.min_error_m, other.max_error_m) == (-0.1, 0.1)
+    kept = '/r1/range/r3 has no range to learn from' in learn.output
+    assert kept == (n_biased == 0)
+
+
+@pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
+def test_without_truth_no_ray_gets_a_narrower_bound_than_its_link_states(
+    tmp_path, learn, told, per
+):
+    """Also where the bias of ranges is known; what is likeliest is not learned, and stays."""
+    link = '/r1/bearing/r3 geometry_msgs/msg/Vector3Stamped r1 r3 half_width=0.5'
+    state(learn, links=[f'{link} expected_error=0.2'], bearing={'half_width': 0.1})
+    recorder, rng = Recorder(), np.random.default_rng(0)
+    for stamp_s in START_S + np.arange(0.0, 10.0, 0.1):
+        for target in ('r2', 'r3'):
+            recorder.add_bearing('r1', target, rng.uniform(-0.01, 0.01), stamp_s, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    code, _ = learn(tmp_path / 'bag', '--per', per, '--bias', '0.0', '0.1')
+    assert code == 0
+    assert told().bearing_half_width_of('r1', 'r3') == 0.5
+    assert told().bearing_expected_error_of('r1', 'r3') == 0.2
+    assert told().bearing_half_width_of('r1', 'r2') == 0.1
+
+
+@pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
+def test_a_bias_that_is_known_is_known_of_all_links(tmp_path, learn, told, per):
+    state(learn, links=[WIDE_LINK])
+    code, _ = learn(record_three(tmp_path / 'bag'), '--per', per, '--bias', '0.0', '1.6')
+    assert code == 0
+    assert 1.6 < told().range_error_of('r1', 'r3').max_error_m < 1.7
+
+
+@pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
+def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(tmp_path, learn, told, per):
+    """Also the least error, which it leaves to those of all ranges, where another was learned."""
+    state(learn, links=[WIDE_LINK, OTHER_LINK])
+    bag = record_three(tmp_path / 'bag', truth=('r1', 'r2'))
+    code, _ = learn(bag, '--truth', '/{robot}/truth', '--per', per)
+    assert code == 0
+    fleet = told()
+    biased, other = fleet.range_error_of('r1', 'r3'), fleet.range_error_of('r1', 'r2')
+    assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
+    assert (biased.min_error_relative, biased.max_error_relative) == (0.0, 0.0)
+    assert -0.05 < other.min_error_m + 4.0 * other.min_error_relative < 0.0
+    assert '/r1/range/r3 has no range to learn from' in learn.output.replace('\n#  ', '')
+
+
+@pytest.mark.parametrize('per', ['link', 'all'])
+def test_of_odometry_what_is_not_learned_stays_as_stated(tmp_path, learn, told, per):
+    stated = json.loads(learn.params.read_text())
+    fleet = stated['/**']['ros__parameters']
+    fleet['odometry'] = {'max_gap': 0.3, 'latency': 0.2}
+    fleet['robot_odometry'] = {'robot_2': {'max_gap': 0.4}}
+    learn.params.write_text(json.dumps(stated))
+    bag = record(tmp_path / 'bag', odometry=True, cameras=False)
+    code, found = learn(bag, '--truth', TRUTH, '--keep', '1', '--per', per)
+    assert code == 0
+    for learned in (found['odometry'], *found['robot_odometry'].values()):
+        assert 'translation_per_m' in learned and not {'max_gap', 'latency'} & set(learned)
+    for robot in ROBOTS:
+        error = told().odometry_error_of(robot)
+        assert error.latency_s == 0.2
+        assert error.max_gap_s == (0.4 if robot == 'robot_2' else 0.3)
+
+
+@pytest.mark.parametrize(
+    ('observer', 'target', 'late_s', 'reason'),
+    [
+        ('r1', 'r2', 0.0, 'zero_stamp'),
+        ('r1', 'r2', 1000.0, 'too_old'),
+        ('r1', 'r2', -3600.0, 'future'),
+        ('r1', 'stranger', 0.0, 'unknown_robot'),
+    ],
+)
+def test_nothing_is_learned_of_what_the_localizer_rejects(
+    tmp_path, learn, observer, target, late_s, reason
+):
+    link = f'/{observer}/range/{target} sensor_msgs/msg/Range {observer} {target}'
+    state(learn, links=[link])
+    recorder, rng = Recorder(), np.random.default_rng(0)
+    for stamp_s in START_S + np.arange(0.0, 10.0, 0.1):
+        recorder.add_range('r1', 'r2', 4.0 + rng.uniform(-0.02, 0.02), stamp_s, stamp_s)
+    recorder.write(tmp_path / 'clean')
+    learn(tmp_path / 'clean')
+    expected = learn.output.replace('clean', 'bag')
+    for stamp_s in START_S + np.arange(2.0, 4.0, 0.1):
+        # A stamp that is not filled in is zero whatever the time of arrival.
+        measured_s = 0.0 if reason == 'zero_stamp' else stamp_s - late_s
+        recorder.add_range(observer, target, rng.uniform(1.0, 9.0), measured_s, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    code, _ = learn(tmp_path / 'bag')
+    assert code == 0 and learn.output == expected
+    assert f'what the localizer does not accept: in 20 messages (20 {reason})' in learn.errors
+
+
+def test_of_peers_only_the_rows_that_are_accepted_are_learned_of():
+    now_s = float(START_S)
+    config = FleetConfig(('a', 'b', 'c'), range_error=RangeErrorModel(-0.1, 0.1))
+    rows = [('b', 4.0), ('a', 0.2), ('stranger', 7.0), ('b', [2.0, 0.0, 0.0]), ('c', math.nan)]
+    gatherer = samples._Gatherer(config)
+    rejections = gatherer.add_peers('a', rows, now_s, now_s)
+    expected = Localizer(config).add_peers('a', rows, now_s, now_s)
+    assert rejections == expected and len(expected) == 3
+    assert gatherer.samples.ranges == {LinkKey(LinkKind.RANGE, 'a', 'b'): [(now_s, 4.0)]}
+    (((_, ray),),) = gatherer.samples.rays.values()
+    assert ray.tolist() == [1.0, 0.0, 0.0]
+    # One for all rows, as of the localizer.
+    assert len(gatherer.add_peers('a', rows, 0.0, now_s)) == 1
+    assert gatherer.samples.n_readings == 2
+
+
+def test_odometry_is_learned_of_in_the_order_in_which_the_localizer_takes_it(tmp_path, learn):
+    """A pose of the future must not hide all that comes after it."""
+    recorder = Recorder()
+    for step, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
+        place_m = 0.3 * (stamp_s - START_S), 0.0
+        recorder.add_truth('r1', place_m, 0.0, stamp_s)
+        recorder.add_odometry('r1', place_m, 0.0, stamp_s)
+        if step == 50:
+            recorder.add_odometry('r1', (9.0, 9.0), 0.0, stamp_s + 1e6)
+            # It was received with those around it.
+            recorder._messages[-1] = (round(stamp_s * 1e9), *recorder._messages[-1][1:])
+    recorder.write(tmp_path / 'bag')
+    state(learn)
+    code, found = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--keep', '1')
+    assert code == 0
+    assert found['odometry']['translation_per_m'] < 0.01
+    assert '(1 future)' in learn.errors
+    windows = re.search(r'Odometry of r1: .*?; (\d+) windows', learn.output.replace('\n#  ', ''))
+    assert int(windows[1]) > 150
 
 
 def test_without_truth_triangles_refute_bounds_that_are_wrong(tmp_path, learn):

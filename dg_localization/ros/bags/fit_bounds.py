@@ -93,6 +93,12 @@ def collect(
             print_line(notice)
         if collector.malformed:
             print_line(f'{collector.malformed} messages could not be read')
+        if collector.rejected:
+            reasons = ', '.join(f'{n} {why}' for why, n in sorted(collector.rejected.items()))
+            print_line(
+                'nothing is learned of what the localizer does not accept: in '
+                f'{collector.rejected.total()} messages ({reasons})'
+            )
         return collector.samples, inputs, damage
 
 
@@ -212,7 +218,8 @@ def main(args: Sequence[str]) -> int:
         )
     with contents_of(options.bag) as contents:
         samples, inputs, damage = collect(options, task, contents)
-        text = as_yaml(fit(options, task, samples), inputs.links, options.bag.resolve().name)
+        learned, name = fit(options, task, samples), options.bag.resolve().name
+        text = as_yaml(learned, inputs.links, name, task.settings.fleet)
     check_loads(text, options, args)
     for sentence in damage:
         print_line(sentence)

@@ -8,16 +8,26 @@ from textwrap import wrap
 
 import numpy as np
 
-from dg_localization.fleet import LinkKind
-from dg_localization.ros.bags.fitted import EVERYTHING, Fit, GroupFit, Pair
-from dg_localization.ros.interface.links import OVERRIDES, STAMP_OFFSET, Link
-from dg_localization.ros.interface.parameters.link_bounds import MEASURE_OTHERS
+from dg_localization.fleet import FleetConfig, LinkKind
+from dg_localization.ros.bags.fitted import EXPECTED_ERROR, Fit, GroupFit, Pair, range_parameters
+from dg_localization.ros.interface.links import OVERRIDES, RANGE_BOUNDS, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
 
+# What a link measures of others.
+MEASURED = {
+    LinkKind.RANGE: (LinkKind.RANGE,),
+    LinkKind.BEARING: (LinkKind.BEARING,),
+    LinkKind.PEERS: (LinkKind.RANGE, LinkKind.BEARING),
+}
+BOUNDS = {
+    LinkKind.RANGE: (*RANGE_BOUNDS, EXPECTED_ERROR),
+    LinkKind.BEARING: ('half_width', EXPECTED_ERROR),
+}
 
-def as_yaml(fit: Fit, links: Sequence[Link], bag: str) -> str:
+
+def as_yaml(fit: Fit, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
     """
     Return the file.
 
@@ -28,6 +38,8 @@ def as_yaml(fit: Fit, links: Sequence[Link], bag: str) -> str:
         The inputs: those named one by one, and those found by the templates.
     bag : str
         Name of the bag.
+    fleet : FleetConfig
+        What was stated.
 
     """
     lines = [
@@ -36,16 +48,16 @@ def as_yaml(fit: Fit, links: Sequence[Link], bag: str) -> str:
             'Of n readings in sequence not all are independent: the share that they vouch for, '
             'with a confidence of 95 %, is at most what is said here.'
         ),
-        *(line for note in fit.notes for line in _comment(note)),
+        *(line for note in (*fit.notes, *_kept_links(fit, links)) for line in _comment(note)),
         *_groups('Ranges', fit.ranges),
         *_groups('Bearings', fit.bearings),
         '/**:',
         '  ros__parameters:',
-        *_section('range', _of_all(fit.ranges)),
-        *_section('bearing', _of_all(fit.bearings)),
+        *_section('range', _of_all(fit, LinkKind.RANGE)),
+        *_section('bearing', _of_all(fit, LinkKind.BEARING)),
         *_section('odometry', fit.odometry),
         *_robots(fit.robot_odometry),
-        *_links(fit, links),
+        *_links(fit, links, fleet),
     ]
     return '\n'.join(lines)
 
@@ -63,9 +75,10 @@ def _groups(title: str, groups: Mapping[Pair, GroupFit]) -> Iterator[str]:
         yield from _comment(f'{name}: {groups[pair].text}.', indent='  ')
 
 
-def _of_all(groups: Mapping[Pair, GroupFit]) -> dict[str, float]:
+def _of_all(fit: Fit, kind: LinkKind) -> dict[str, float]:
     """Return the bounds of all readings of one kind, if there are any."""
-    return groups[EVERYTHING].bounds if EVERYTHING in groups else {}
+    group = fit.of_all(kind)
+    return group.bounds if group else {}
 
 
 def _section(name: str, bounds: Mapping[str, float]) -> Iterator[str]:
@@ -86,22 +99,19 @@ def _robots(bounds: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
         yield from (f'        {key}: {_number(value)}' for key, value in of_robot.items())
 
 
-def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
+def _links(fit: Fit, links: Iterable[Link], fleet: FleetConfig) -> Iterator[str]:
     """Yield the links that have bounds of their own, and all that are named one by one."""
     lines = []
     for link in links:
-        groups = list(fit.of_link(link.key.kind, link.key.observer, link.key.target))
-        # Of peers a name that both kinds have is that of the ranges, which come first.
-        learned = {name: value for group in groups[::-1] for name, value in group.bounds.items()}
-        if not (learned or link.explicit):
+        kinds = MEASURED.get(link.key.kind, ())
+        own: dict[str, float] = {}
+        for kind in kinds:
+            own |= _bounds_of(fit, kind, link, fleet)
+        if not (own or link.explicit):
             continue
-        # What was learned of all readings holds for a link that has no bounds of its own now.
-        kept = {
-            name: value
-            for name, value in link.overrides.items()
-            if not _is_learned(fit, link.key.kind, name)
-        }
-        bounds = {**kept, **learned}
+        judged = {name for kind in kinds for name in BOUNDS[kind]}
+        others = {name: value for name, value in link.overrides.items() if name not in judged}
+        bounds = {**others, **own}
         words = [link.topic, link.type_name, link.key.observer, link.key.target]
         words += [
             f'{name}={_number(bounds[name])}'
@@ -114,13 +124,64 @@ def _links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
         yield from lines
 
 
-def _is_learned(fit: Fit, kind: LinkKind, name: str) -> bool:
-    """Return whether what a name of a link stands for was learned."""
-    if name == STAMP_OFFSET or kind not in MEASURE_OTHERS:
-        return False
-    if kind is LinkKind.BEARING or name == 'half_width':
-        return bool(fit.bearings)
-    return name in OVERRIDES[LinkKind.RANGE] and bool(fit.ranges)
+def _bounds_of(fit: Fit, kind: LinkKind, link: Link, fleet: FleetConfig) -> dict[str, float]:
+    """Return the bounds that a link needs to be given, of its ranges or of its bearings."""
+    stated = _stated(kind, link)
+    group = fit.group_of(kind, *link.key.ends)
+    if group is None:
+        return stated
+    # What it left to the bounds of all was that of the file before.
+    whole = {**_of_fleet(kind, fleet), **stated}
+    if _is_as_stated(fit, kind, link):
+        return whole
+    if stated and kind in fit.kept:
+        return _widest(whole, group.bounds)
+    if group is fit.of_all(kind):
+        return {name: value for name, value in stated.items() if name not in group.bounds}
+    return {**stated, **group.bounds}
+
+
+def _stated(kind: LinkKind, link: Link) -> dict[str, float]:
+    """Return the bounds that a link states of its ranges or of its bearings."""
+    return {name: value for name, value in link.overrides.items() if name in BOUNDS[kind]}
+
+
+def _is_as_stated(fit: Fit, kind: LinkKind, link: Link) -> bool:
+    """Return whether a link keeps bounds of its own: none of its readings speaks against them."""
+    return bool(_stated(kind, link)) and not fit.is_judged(kind, *link.key.ends)
+
+
+def _kept_links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
+    """Yield a sentence on each link whose bounds stay, although those of others were learned."""
+    for link in links:
+        for kind in MEASURED.get(link.key.kind, ()):
+            if fit.of_all(kind) and _is_as_stated(fit, kind, link):
+                what = 'range' if kind is LinkKind.RANGE else 'bearing'
+                yield (
+                    f'{link.topic} has no {what} to learn from: the bounds of its {what}s are as '
+                    'they were stated.'
+                )
+
+
+def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> dict[str, float]:
+    """Return the bounds that are stated of all ranges or of all bearings."""
+    if kind is LinkKind.BEARING:
+        return {
+            'half_width': fleet.bearing_half_width_rad,
+            EXPECTED_ERROR: fleet.bearing_expected_error_rad,
+        }
+    bounds = range_parameters(fleet.range_error)
+    if fleet.range_error.expected_error_m is not None:
+        bounds[EXPECTED_ERROR] = fleet.range_error.expected_error_m
+    return bounds
+
+
+def _widest(stated: Mapping[str, float], learned: Mapping[str, float]) -> dict[str, float]:
+    """Return bounds that hold for whatever is within the stated or the learned ones."""
+    return {
+        name: (min if name.startswith('min_') else max)(value, learned.get(name, value))
+        for name, value in stated.items()
+    }
 
 
 def _number(value: float) -> str:

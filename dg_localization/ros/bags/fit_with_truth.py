@@ -34,6 +34,7 @@ from dg_localization.ros.bags.fitted import (
     GroupFit,
     gathered,
     range_parameters,
+    with_readings,
 )
 from dg_localization.ros.bags.ground_truth import tracks_of
 from dg_localization.ros.bags.reader import BagError
@@ -42,6 +43,20 @@ from dg_localization.ros.interface.parameters.odometry import odometry_error_par
 from dg_localization.ros.interface.parameters.settings import Settings
 
 BoolArray = NDArray[np.bool_]
+
+LEARNED_OF_ODOMETRY = (
+    'translation_scale',
+    'translation_per_m',
+    'translation_per_rad',
+    'rotation_per_m',
+    'rotation_per_rad',
+    'constant_translation',
+    'constant_rotation',
+)
+"""
+The scale, and all terms of the errors: they are learned together, so those that the fit has no use
+for are zero. A latency, a gap and a tilt are not seen.
+"""
 
 
 def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choice) -> Fit:
@@ -65,23 +80,22 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     tracks, dimension = tracks_of(samples.truth, settings.fleet), settings.fleet.dimension
     ranges = compared_ranges(samples, tracks, dimension)
     bearings = compared_rays(samples, tracks, dimension)
-    by_group = gathered(
-        {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}, per
-    )
+    by_link = {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}
+    rays_by_link = {key: (one.stamps_s, one.errors) for key, one in bearings.items()}
+    by_group = gathered(by_link, per)
     relative = False
     if EVERYTHING in by_group:
         _, readings, errors = by_group[EVERYTHING]
         relative = is_relative(readings, errors, choice)
     fit = Fit(
+        judged=with_readings({**by_link, **rays_by_link}),
         ranges={
             pair: _range_group(stamps, readings, errors, choice, relative)
             for pair, (stamps, readings, errors) in by_group.items()
         },
         bearings={
             pair: _bearing_group(stamps, errors, choice, dimension)
-            for pair, (stamps, errors) in gathered(
-                {key: (one.stamps_s, one.errors) for key, one in bearings.items()}, per
-            ).items()
+            for pair, (stamps, errors) in gathered(rays_by_link, per).items()
         },
     )
     learned = _add_odometry(fit, samples, tracks, settings.fleet, per, choice)
@@ -180,14 +194,8 @@ def _add_odometry(
         rows = samples.odometry[robot]
         stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
         rotations = rotation_of_quaternion(turns)
-        increasing = np.concatenate([[True], np.diff(np.maximum.accumulate(stamps)) > 0.0])
         windows = odometry_windows(
-            stamps[increasing],
-            positions[increasing],
-            rotations[increasing],
-            tracks[robot],
-            fleet.dimension,
-            fleet.is_upright(robot),
+            stamps, positions, rotations, tracks[robot], fleet.dimension, fleet.is_upright(robot)
         )
         if len(windows.seconds) >= LEAST_READINGS:
             found[robot] = windows
@@ -198,21 +206,27 @@ def _add_odometry(
         fit.notes.append(f'Odometry of {robot}: {_odometry_text(bounds, windows)}')
         fit.notes += _judged_on_the_rest(robot, windows, choice)
         if per != 'all':
-            fit.robot_odometry[robot] = odometry_error_parameters(bounds.model)
+            fit.robot_odometry[robot] = _learned_odometry(bounds)
     together = OdometryWindows.joined(found.values())
     bounds = fit_odometry(together, choice)
     fit.notes.append(f'Odometry of all: {_odometry_text(bounds, together)}')
-    fit.odometry = odometry_error_parameters(bounds.model)
+    fit.odometry = _learned_odometry(bounds)
     return frozenset(found)
+
+
+def _learned_odometry(fit: OdometryFit) -> dict[str, float]:
+    """Return learned bounds by the names of the parameters; what is stated of others stays."""
+    numbers = odometry_error_parameters(fit.model)
+    return {name: numbers[name] for name in LEARNED_OF_ODOMETRY}
 
 
 def _add_stated_odometry(
     fit: Fit, stated: Mapping[str, OdometryErrorModel], learned: Collection[str]
 ) -> None:
     """
-    Add a whole model for each robot that has one of its own already.
+    Add all numbers for each robot that has some of its own already.
 
-    The numbers of the file before that are not replaced would be mixed with those learned.
+    Errors of the file before that are not replaced would be mixed with those learned.
     """
     for robot, error in stated.items():
         if robot in learned:

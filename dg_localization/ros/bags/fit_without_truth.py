@@ -24,7 +24,14 @@ from dg_localization.calibration.spread import (
 )
 from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
 from dg_localization.fleet.error_models import distance_bounds_m
-from dg_localization.ros.bags.fitted import Fit, FloatArray, GroupFit, gathered, range_parameters
+from dg_localization.ros.bags.fitted import (
+    Fit,
+    FloatArray,
+    GroupFit,
+    gathered,
+    range_parameters,
+    with_readings,
+)
 from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import Samples
 from dg_localization.ros.interface.parameters.settings import Settings
@@ -67,6 +74,9 @@ def fit_without_truth(
         scatter = residuals(stamps, np.unwrap(angles))
         bearings[key] = (scatter[np.isfinite(scatter)],)
     fit = Fit(
+        judged=with_readings({**ranges, **bearings}),
+        # A bias of ranges that is known is known of all pairs.
+        kept=frozenset({LinkKind.BEARING} | ({LinkKind.RANGE} if bias_m is None else set())),
         ranges={
             pair: _scatter_group(
                 scatter, readings, settings.fleet.range_error_of(*pair), choice, bias_m
@@ -122,7 +132,6 @@ def _scatter_group(
         **range_parameters(stated),
         'min_error': wide.min_error_m,
         'max_error': wide.max_error_m,
-        'sigma_factor': stated.sigma_factor,
     }
     return GroupFit(len(scatter_m), beyond, seen, bounds)
 

@@ -4,7 +4,7 @@
 """The bounds that were learned from a bag, group by group."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import vouched_share
 from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
+from dg_localization.ros.interface.links import ANY_OBSERVER
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Pair: TypeAlias = tuple[str, str]
@@ -79,6 +80,10 @@ class Fit:
         By the name of the parameter without its prefix; of all robots.
     robot_odometry : dict of str to dict of str to float
         The same by robot.
+    judged : frozenset of LinkKey
+        The inputs of ranges and bearings that had a reading to learn from.
+    kept : frozenset of LinkKind
+        Ranges, bearings, where no bounds become narrower than those stated.
     notes : list of str
         Sentences on what was learned, and what cannot be.
 
@@ -88,23 +93,32 @@ class Fit:
     bearings: dict[Pair, GroupFit] = field(default_factory=dict)
     odometry: dict[str, float] = field(default_factory=dict)
     robot_odometry: dict[str, dict[str, float]] = field(default_factory=dict)
+    judged: frozenset[LinkKey] = frozenset()
+    kept: frozenset[LinkKind] = frozenset()
     notes: list[str] = field(default_factory=list)
 
-    def of_link(self, kind: LinkKind, observer: str, target: str) -> Iterator[GroupFit]:
-        """Yield the bounds that a link needs to be given: those not of all readings."""
-        kinds = {
-            LinkKind.RANGE: [self.ranges],
-            LinkKind.BEARING: [self.bearings],
-            LinkKind.PEERS: [self.ranges, self.bearings],
-        }
-        for groups in kinds.get(kind, []):
-            # Peers have no target, and the bounds of their observer.
-            found = next(
-                (groups[pair] for pair in _groups((observer, target), 'link') if pair in groups),
-                None,
-            )
-            if found is not None and found is not groups.get(EVERYTHING):
-                yield found
+    def group_of(self, kind: LinkKind, observer: str, target: str) -> GroupFit | None:
+        """Return the smallest group of ranges or of bearings that a link belongs to."""
+        groups = self._groups_of(kind)
+        # Peers have no target, and the bounds of their observer.
+        pairs = _groups((observer, target), 'link')
+        return next((groups[pair] for pair in pairs if pair in groups), None)
+
+    def of_all(self, kind: LinkKind) -> GroupFit | None:
+        """Return the bounds of all ranges or of all bearings, if there are any."""
+        return self._groups_of(kind).get(EVERYTHING)
+
+    def _groups_of(self, kind: LinkKind) -> dict[Pair, GroupFit]:
+        return self.ranges if kind is LinkKind.RANGE else self.bearings
+
+    def is_judged(self, kind: LinkKind, observer: str, target: str) -> bool:
+        """Return whether there was a range or a bearing of a link, or of its peers, to judge."""
+        return any(
+            key.kind is kind
+            and observer in (key.observer, ANY_OBSERVER)
+            and target in (key.target, '')
+            for key in self.judged
+        )
 
 
 def _groups(pair: Pair, per: str) -> tuple[Pair, ...]:
@@ -142,13 +156,17 @@ def gathered(
     }
 
 
+def with_readings(columns: Mapping[LinkKey, Sequence[FloatArray]]) -> frozenset[LinkKey]:
+    """Return the inputs that have a reading in their columns."""
+    return frozenset(key for key, arrays in columns.items() if len(arrays[0]))
+
+
 def range_parameters(model: RangeErrorModel) -> dict[str, float]:
-    """Return learned bounds by the names of the parameters of the node."""
+    """Return bounds by the names of the parameters of the node."""
     return {
         'min_error': model.min_error_m,
         'max_error': model.max_error_m,
         'min_error_relative': model.min_error_relative,
         'max_error_relative': model.max_error_relative,
-        # The errors that were seen are all there is.
-        'sigma_factor': 0.0,
+        'sigma_factor': model.sigma_factor,
     }

@@ -3,7 +3,7 @@
 
 """What a bag holds of every input, for learning error bounds."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
-from dg_localization.fleet.error_models import in_body_frame, interpret_range, interpret_ray
+from dg_localization.fleet.error_models import in_body_frame, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
-from dg_localization.fleet.measurements import is_pose
 from dg_localization.ros.bags.ground_truth import Poses, TruthReader
 from dg_localization.ros.bags.offline import Inputs, in_seconds
 from dg_localization.ros.bags.reader import BagMessage
@@ -28,14 +27,16 @@ class Samples:
     """
     The readings of a bag by input, each with its stamp in s, oldest first as they arrived.
 
+    They are those that the localizer accepts.
+
     Attributes
     ----------
     ranges : dict of LinkKey to list of (float, float)
-        Ranges in m that the error model takes.
+        Ranges in m.
     rays : dict of LinkKey to list of (float, ndarray)
         Unit vectors.
     odometry : dict of str to list of (float, ndarray, ndarray)
-        By robot, positions and quaternions.
+        By robot, positions and quaternions, each newer than the one before.
     truth : dict of str to list of (float, ndarray, ndarray)
         As those of `TruthReader`.
 
@@ -58,7 +59,9 @@ class Samples:
 
 class _Gatherer(Localizer):
     """
-    Keeps the readings that the intake gives to a localizer, and localizes nothing.
+    Keeps the readings that a localizer accepts, and is never asked to localize.
+
+    What the node would reject is nothing to learn from: its bounds are for what it takes.
 
     Parameters
     ----------
@@ -80,23 +83,23 @@ class _Gatherer(Localizer):
         min_range_m: float | None = None,
         max_range_m: float | None = None,
         variance_m2: float | None = None,
-    ) -> None:
-        """Keep a range that the error model takes and that is a number."""
-        taken = interpret_range(self.config.range_error, range_m, min_range_m, max_range_m, 0.0)
-        if math.isfinite(range_m) and not isinstance(taken, Rejection):
-            key = LinkKey(LinkKind.RANGE, observer, target)
-            self.samples.ranges[key].append((stamp_s, range_m))
+    ) -> Rejection | None:
+        """Keep a range that is accepted."""
+        rejection = super().add_range(
+            observer, target, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2
+        )
+        if rejection is None:
+            self._keep_range(observer, target, range_m, stamp_s)
+        return rejection
 
     def add_bearing(
         self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
-    ) -> None:
-        """Keep the unit vector of a ray that has a direction, in the body frame."""
-        taken = in_body_frame(self.config.sensors.get(observer), ray_xyz)
-        if not isinstance(taken, Rejection):
-            taken = interpret_ray(taken, self.config.dimension)
-        if not isinstance(taken, Rejection):
-            key = LinkKey(LinkKind.BEARING, observer, target)
-            self.samples.rays[key].append((stamp_s, taken))
+    ) -> Rejection | None:
+        """Keep a ray that is accepted."""
+        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, now_s)
+        if rejection is None:
+            self._keep_ray(observer, target, ray_xyz, stamp_s)
+        return rejection
 
     def add_odometry(
         self,
@@ -106,28 +109,49 @@ class _Gatherer(Localizer):
         stamp_s: float,
         now_s: float,
         frame: str = '',
-    ) -> None:
-        """Keep what is a pose."""
-        position = np.asarray(position_xyz, dtype=float)
-        turn = np.asarray(orientation_xyzw, dtype=float)
-        if is_pose(position, turn):
-            unit = turn / np.linalg.norm(turn)
-            self.samples.odometry[robot].append((stamp_s, position, unit))
-
-    def odometry_restarted_s(self, robot: str) -> float:
-        """Return 0: poses are kept as they come, and restarts are not looked for."""
-        return 0.0
+    ) -> Rejection | None:
+        """Keep a pose that is accepted, as it was reported."""
+        rejection = super().add_odometry(
+            robot, position_xyz, orientation_xyzw, stamp_s, now_s, frame
+        )
+        if rejection is None:
+            turn = np.asarray(orientation_xyzw, dtype=float)
+            pose = np.array(position_xyz, dtype=float), turn / np.linalg.norm(turn)
+            self.samples.odometry[robot].append((stamp_s, *pose))
+        return rejection
 
     def add_peers(
         self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
     ) -> list[Rejection]:
-        """Keep everything that one robot measured."""
-        for target, value in readings:
+        """Keep what is accepted of everything that one robot measured."""
+        # Who measured, and when, is checked once. The rows go one by one: of all together the
+        # answer does not say which were accepted.
+        rejections = super().add_peers(observer, (), stamp_s, now_s)
+        for target, value in readings if not rejections else ():
+            of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s)
+            rejections += of_row
+            if of_row:
+                continue
             if isinstance(value, int | float):
-                self.add_range(observer, target, value, stamp_s, now_s)
+                self._keep_range(observer, target, value, stamp_s)
             else:
-                self.add_bearing(observer, target, value, stamp_s, now_s)
-        return []
+                self._keep_ray(observer, target, value, stamp_s)
+        return rejections
+
+    def _keep_range(self, observer: str, target: str, range_m: float, stamp_s: float) -> None:
+        # Infinity is accepted where it proves that the target is far; it has no error.
+        if math.isfinite(range_m):
+            key = LinkKey(LinkKind.RANGE, observer, target)
+            self.samples.ranges[key].append((stamp_s, range_m))
+
+    def _keep_ray(self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float) -> None:
+        """Keep the unit vector of an accepted ray, in the body frame."""
+        taken = in_body_frame(self.config.sensors.get(observer), ray_xyz)
+        if not isinstance(taken, Rejection):
+            taken = interpret_ray(taken, self.config.dimension)
+        if not isinstance(taken, Rejection):
+            key = LinkKey(LinkKind.BEARING, observer, target)
+            self.samples.rays[key].append((stamp_s, taken))
 
 
 class Collector:
@@ -140,6 +164,12 @@ class Collector:
     inputs : Inputs
     truth : TruthReader
 
+    Attributes
+    ----------
+    samples : Samples
+    rejected : Counter of str
+        By reason, the messages that could be read and of which something was not accepted.
+
     """
 
     def __init__(self, settings: Settings, inputs: Inputs, truth: TruthReader) -> None:
@@ -148,6 +178,7 @@ class Collector:
         self._gatherer = _Gatherer(settings.fleet)
         self._intake = Intake(self._gatherer, settings.use_header_stamp, settings.ids)
         self.samples = self._gatherer.samples
+        self.rejected: Counter[str] = Counter()
         self.samples.truth = truth.poses
 
     @property
@@ -163,4 +194,6 @@ class Collector:
             self._truth.take(message, message_class)
         # The odometry of one input may serve as the truth of another.
         if link := self._links.get(message.topic):
-            self._intake.take(link, message.data, now_s)
+            rejection = self._intake.take(link, message.data, now_s)
+            if rejection is not None:
+                self.rejected[rejection.reason.value] += 1
