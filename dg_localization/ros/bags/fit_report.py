@@ -10,7 +10,7 @@ import numpy as np
 
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.bags.fitted import EXPECTED_ERROR, Fit, GroupFit, Pair, range_parameters
-from dg_localization.ros.interface.links import OVERRIDES, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.links import OVERRIDES, STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -21,9 +21,10 @@ MEASURED = {
     LinkKind.BEARING: (LinkKind.BEARING,),
     LinkKind.PEERS: (LinkKind.RANGE, LinkKind.BEARING),
 }
+# What it may state of them: all that can be learned.
 BOUNDS = {
-    LinkKind.RANGE: (*RANGE_BOUNDS, EXPECTED_ERROR),
-    LinkKind.BEARING: ('half_width', EXPECTED_ERROR),
+    kind: tuple(name for name in OVERRIDES[kind] if name != STAMP_OFFSET)
+    for kind in (LinkKind.RANGE, LinkKind.BEARING)
 }
 
 

@@ -122,10 +122,7 @@ def localize_many(
     stop = threading.Event()
     # No event reaches another machine: what runs there is left to end.
     localize = _localize if scheduler else partial(_localize, stopped=stop.is_set)
-
-    def drawn(folder: Path) -> list[str]:
-        return ['--plot', str(folder / picture)] if picture else []
-
+    outcomes: dict[str, BagOutcome] = {}
     telling = told_while_waiting(f'localizing {len(bags)} bags', LINE_PERIOD_S)
     with _executor(jobs, scheduler) as executor, telling:
         output.mkdir(parents=True)
@@ -133,17 +130,19 @@ def localize_many(
         for name, bag in bags.items():
             folder = (output / name).resolve()
             # What follows the arguments of ROS would be taken for one of these.
-            given = [*drawn(folder), *arguments]
+            drawn = ['--plot', str(folder / picture)] if picture else []
+            given = [*drawn, *arguments]
             futures[executor.submit(localize, bag.resolve(), folder, given)] = name
         try:
             for done, future in enumerate(as_completed(futures), start=1):
-                outcome = _outcome_of(future, futures[future])
-                print_line(f'{done} of {len(bags)} bags: {_progress_of(outcome)}')
+                name = futures[future]
+                outcomes[name] = _outcome_of(future, name)
+                print_line(f'{done} of {len(bags)} bags: {_progress_of(outcomes[name])}')
         finally:
             stop.set()
             for future in futures:
                 future.cancel()
-        return [_outcome_of(future, name) for future, name in futures.items()]
+        return [outcomes[name] for name in bags]
 
 
 def _outcome_of(future: Future[BagOutcome], name: str) -> BagOutcome:
