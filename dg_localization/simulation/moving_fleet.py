@@ -52,6 +52,8 @@ LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M = 0.6, 1.2
 # This share of a bound is left to the rounding of messages: numbers in single precision, stamps
 # in whole nanoseconds.
 ROUNDING_SHARE = 1e-5
+# Left besides by the sensors, whose bounds may be small: twice what single precision adds.
+SINGLE_PRECISION = 2.0**-23
 
 
 class Path(StrEnum):
@@ -221,7 +223,8 @@ class FleetSensors:
     range_error : float
         Bound of the error of a range, relative to the truth as well as to the reading; in [0, 1).
     bearing_error_rad : float
-        Bound of the error of a bearing; in [0, pi).
+        Bound of the error of a bearing; in [0, pi). Bounds below 1e-7 do not hold for messages,
+        which have single precision.
     seed : int
         Seed of the errors, which are uniform within their bounds.
     landmarks_m : mapping of str to tuple of float
@@ -246,8 +249,8 @@ class FleetSensors:
         if not 0.0 <= bearing_error_rad < np.pi:
             raise ValueError(f'bearing error is {bearing_error_rad} rad; it must be in [0, pi)')
         # |r - d| <= e d and |r - d| <= e r both hold where |r - d| <= e d / (1 + e).
-        self._range_bound = (1.0 - ROUNDING_SHARE) * range_error / (1.0 + range_error)
-        self._bearing_bound_rad = (1.0 - ROUNDING_SHARE) * bearing_error_rad
+        self._range_bound = _before_rounding(range_error / (1.0 + range_error))
+        self._bearing_bound_rad = _before_rounding(bearing_error_rad)
         self._rng = np.random.default_rng(seed)
         self.landmarks_m = landmarks_m
 
@@ -305,3 +308,7 @@ class FleetSensors:
         for observer in range(len(ROBOTS)):
             for name, position_m in self.landmarks_m.items():
                 yield observer, name, np.array(position_m)
+
+
+def _before_rounding(bound: float) -> float:
+    return max(0.0, (1.0 - ROUNDING_SHARE) * bound - SINGLE_PRECISION)

@@ -82,6 +82,25 @@ def test_a_fleet_at_rest_has_headings_and_stays():
     np.testing.assert_array_equal(early.yaws_rad, late.yaws_rad)
 
 
+@pytest.mark.parametrize('error', [1e-6, 1e-5])
+def test_small_bounds_hold_in_single_precision(error):
+    motion, sensors = FleetMotion(seed=4), FleetSensors(error, error, seed=4)
+    for time_s in TIMES_S:
+        state = motion.state(time_s)
+        for reading in sensors.ranges(state):
+            observer, target = ROBOTS.index(reading.observer), ROBOTS.index(reading.target)
+            truth = np.linalg.norm(state.positions_m[observer] - state.positions_m[target])
+            range_m = float(np.float32(reading.range_m))
+            assert abs(range_m - truth) <= error * min(truth, range_m)
+        for reading in sensors.bearings(state):
+            observer, target = ROBOTS.index(reading.observer), ROBOTS.index(reading.target)
+            x, y = np.float32(reading.ray[:2]).astype(float)
+            seen = rotation(state.yaws_rad[observer]) @ (x, y)
+            towards = state.positions_m[target] - state.positions_m[observer]
+            turn_rad = np.arctan2(seen[0] * towards[1] - seen[1] * towards[0], seen @ towards)
+            assert abs(turn_rad) <= error
+
+
 @pytest.mark.parametrize('error', [0.0, 0.03, 0.2])
 def test_ranges_are_within_the_bound_of_truth_and_of_reading(error):
     motion, sensors = FleetMotion(seed=1), FleetSensors(range_error=error, seed=1)

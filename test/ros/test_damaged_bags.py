@@ -8,6 +8,7 @@ The environment variables DAMAGED_BAG_BITS and DAMAGED_BAG_OTHERS say how many f
 how many of the other damages, are tried of each storage.
 """
 
+from dataclasses import replace
 import json
 import os
 import random
@@ -20,6 +21,7 @@ pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not install
 pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
 
 from damaged_bags import CHUNK, CHUNK_INDEX, SCHEMA, damages, mcap_records, storage_of, write_bag  # noqa: E402
+from mcap.records import Statistics  # noqa: E402
 
 from dg_localization.ros.bags import localize_bag as module  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
@@ -160,3 +162,13 @@ def test_metadata_that_hides_a_topic_is_damage(runs):
     code, _, report, _ = runs.run(bag)
     assert code == 1
     assert any(text.startswith('/b/range/c: 9 messages are in') for text in report['damage'])
+
+
+def test_statistics_without_counts_by_channel_are_no_damage(runs, monkeypatch):
+    write = Statistics.write
+    monkeypatch.setattr(
+        Statistics, 'write', lambda self, out: write(replace(self, channel_message_counts={}), out)
+    )
+    write_bag(runs.folder / 'bag', 'mcap')
+    code, answers, report, _ = runs.run(runs.folder / 'bag')
+    assert code == 0 and report['damage'] == [] and answers

@@ -264,7 +264,6 @@ class _McapScan:
         self.damage: list[str] = []
         self.checksums = True
         self._path = path
-        self._topics: dict[int, str] = {}
         self._channels: dict[int, Any] = {}
         self._schemas: dict[int, Any] = {}
         self._times_ns: dict[int, Times] = defaultdict(_no_times)
@@ -341,7 +340,9 @@ class _McapScan:
 
     def _compare(self, statistics: Any) -> None:
         counts = {channel: len(times) for channel, times in self._times_ns.items()}
-        said = {channel: n for channel, n in statistics.channel_message_counts.items() if n}
+        # Writers may leave out the counts by channel; nothing is said by them then.
+        said = statistics.channel_message_counts or counts
+        said = {channel: n for channel, n in said.items() if n}
         if counts != said or sum(counts.values()) != statistics.message_count:
             self.damage.append(
                 f'its statistics say {statistics.message_count} messages, '

@@ -41,6 +41,9 @@ DOTS_PER_IN = 100
 MARGIN, LEAST_MARGIN_M = 0.05, 0.1
 """Of an axis around what it shows, as a share of that, and at least."""
 
+MOST_LETTERS = 24
+"""Of a longer name the middle is left out."""
+
 LARGEST_M = 1e9
 """What is farther away is not drawn, and not a bound."""
 
@@ -113,7 +116,7 @@ class AnswerPicture:
     def __init__(
         self, fleet: FleetConfig, title: str, period_s: float, truth: FleetTruth | None = None
     ) -> None:
-        self._robots = fleet.robots
+        self._labels = tuple(_label(name) for name in fleet.robots)
         self._dimension = fleet.dimension
         self._title = title
         self._period_s = period_s
@@ -133,7 +136,7 @@ class AnswerPicture:
         if (self._n_added - 1) % self._every:
             return
         placements = estimate.placements
-        shape = len(placements), len(self._robots), len(self.columns)
+        shape = len(placements), len(self._labels), len(self.columns)
         best, low, high = np.empty(shape), np.empty(shape), np.empty(shape)
         for row, placement in enumerate(placements):
             best[row], low[row], high[row] = self._columns_of(placement)
@@ -183,7 +186,7 @@ class AnswerPicture:
 
     def _figure(self, pyplot: Any) -> Any:
         """Return the figure with all panels."""
-        n_rows, n_columns = min(len(self._robots), MOST_ROWS), len(self.columns)
+        n_rows, n_columns = min(len(self._labels), MOST_ROWS), len(self.columns)
         figure = pyplot.figure(
             figsize=(MAP_IN + PANEL_IN * n_columns, max(MAP_IN + 0.5, ROW_IN * n_rows + 1.0)),
             layout='constrained',
@@ -195,11 +198,11 @@ class AnswerPicture:
         for row in range(n_rows):
             for column in range(n_columns):
                 self._draw_panel(panels[row, column], row, column)
-            panels[row, 0].set_ylabel(self._robots[row])
+            panels[row, 0].set_ylabel(self._labels[row])
         for column, name in enumerate(self.columns):
             panels[0, column].set_title(name, fontsize=10)
             panels[-1, column].set_xlabel('time from the start of the bag [s]')
-        is_cut = len(self._robots) > n_rows
+        is_cut = len(self._labels) > n_rows
         cut = f' (robots after the first {n_rows} are on the map only)' if is_cut else ''
         # A name with $ is no formula.
         figure.suptitle(self._title + cut, parse_math=False)
@@ -211,7 +214,7 @@ class AnswerPicture:
         frames = Counter(moment.frame for moment in self._moments if moment.frame)
         frame, count = frames.most_common(1)[0] if frames else ('no answer has placements', 0)
         shown = [moment for moment in self._moments if moment.frame == frame]
-        for row in range(len(self._robots)):
+        for row in range(len(self._labels)):
             color = color_of(row)
             points = np.concatenate([np.empty((0, 2)), *[m.best[:, row, :2] for m in shown]])
             panel.plot(*points.T, '.', color=color, markersize=3, zorder=3)
@@ -219,7 +222,7 @@ class AnswerPicture:
             panel.plot(*true.reshape(-1, 2).T, color='black', linewidth=0.8, zorder=4)
             known = points[np.isfinite(points).all(axis=1)]
             if len(known):
-                panel.annotate(self._robots[row], known[-1], color=color, zorder=5)
+                panel.annotate(self._labels[row], known[-1], color=color, zorder=5)
         if shown:
             panel.plot(*shown[-1].landmarks_m[:, :2].T, '^', color='0.4', zorder=2)
         panel.set_aspect('equal', adjustable='datalim')
@@ -312,6 +315,13 @@ class AnswerPicture:
             dashes = Line2D([], [], color='0.5', linestyle='--', label='the frame changes')
             handles.append(dashes)
         return handles
+
+
+def _label(name: str) -> str:
+    if len(name) <= MOST_LETTERS:
+        return name
+    half = MOST_LETTERS // 2
+    return f'{name[: half - 1]}…{name[-half:]}'
 
 
 def _bands(
