@@ -64,9 +64,10 @@ def test_the_examples_print_what_the_page_says(page, capsys):
 
 def test_the_glossary_is_in_alphabetical_order():
     text = (REPOSITORY / 'docs/glossary.md').read_text(encoding='utf-8')
-    words = re.findall(r'^\| ([a-z].*?) \|', text, re.MULTILINE)[1:]
-    assert len(words) > 50
-    assert words == sorted(words)
+    for part in text.split('\n## ')[1:]:
+        words = re.findall(r'^\| ([a-z].*?) \|', part, re.MULTILINE)[1:]
+        assert len(words) > 40
+        assert words == sorted(words)
 
 
 def test_files_that_the_development_page_names_exist():
