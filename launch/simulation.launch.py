@@ -10,7 +10,11 @@ The simulated fleet of the paper with the localizer, and RViz behind an argument
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    IncludeLaunchDescription,
+    SetLaunchConfiguration,
+)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -60,4 +64,6 @@ def generate_launch_description() -> LaunchDescription:
         ],
         output='screen',
     )
-    return LaunchDescription([*ARGUMENTS, localizer, simulation])
+    # The simulated fleet has the time of the machine.
+    time_of_machine = SetLaunchConfiguration('use_sim_time', 'false')
+    return LaunchDescription([*ARGUMENTS, time_of_machine, localizer, simulation])

@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import time
 import traceback
+from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
@@ -21,6 +23,13 @@ from dg_localization.ros.signals import StopRequest, stop_request, waking
 REPEATED_ERROR_S = 5.0
 # A message waits for up to this long.
 BATCH_S = 0.01
+# One for all: a log call takes the same clock every time.
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def at_most_every(period_s: float) -> dict[str, Any]:
+    """Return what a log call takes to be throttled, also where the clock of the machine is set."""
+    return {'throttle_duration_sec': period_s, 'throttle_time_source_type': STEADY}
 
 
 class BatchExecutor(SingleThreadedExecutor):
@@ -170,5 +179,5 @@ def _spin_until(stop: StopRequest, node: Node) -> None:
             except Exception:
                 node.get_logger().error(
                     f'a callback failed, the node goes on:\n{traceback.format_exc()}',
-                    throttle_duration_sec=REPEATED_ERROR_S,
+                    **at_most_every(REPEATED_ERROR_S),
                 )

@@ -92,6 +92,15 @@ def test_explicit_link_replaces_the_topic_of_the_template():
     assert list(found(*topics, explicit=explicit)) == ['/b/range/a']
 
 
+def test_a_topic_that_a_link_replaces_is_told_once():
+    camera = parse_link('/cam/seen sensor_msgs/msg/PointCloud2 a')
+    finder = TopicFinder(TEMPLATES, [camera], POINTS)
+    topics = [('/cam/seen', [PEERS]), ('/a/peers', [PEERS]), ('/b/peers', [PEERS])]
+    assert [link.topic for link in finder.find(topics)] == ['/b/peers']
+    assert [link.topic for link in finder.passed_over] == ['/a/peers']
+    assert list(finder.find(topics)) == [] and finder.passed_over == []
+
+
 def test_topic_is_found_once():
     finder = TopicFinder(TEMPLATES, (), POINTS)
     topics = [('/a/range/b', [RANGE])]

@@ -87,6 +87,11 @@ def test_only_the_recording_brings_its_own_time_and_ends_all(launch):
         )
 
 
+def test_the_simulation_has_the_time_of_the_machine(launch):
+    processes = {p.executable: p for p in launch('simulation', use_sim_time='true').processes}
+    assert processes['localizer'].parameters['use_sim_time'] is False
+
+
 def test_a_namespace_holds_the_nodes_and_what_rviz_shows(launch):
     processes = launch('simulation', namespace='left', rviz='true').processes
     assert {process.namespace for process in processes} == {'left'}

@@ -12,12 +12,14 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
+from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
+from dg_localization.ros.node.worker import MOST_STUCK
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
 DEADLINE_S = 60.0
@@ -275,6 +277,52 @@ def test_what_waits_at_a_reset_does_not_count_after_it(bench, make_node):
     bench.until_status('fleet', Level.WARN, 'no usable measurement has arrived yet')
 
 
+def test_what_waits_at_a_reset_is_dropped_where_nobody_says_when_it_arrived(bench, make_node):
+    node = make_node()
+    bench.play_triangle()
+    bench.until_placements(2)
+    bench.sending = []
+    taken = []
+    node._inputs._take = lambda *message: taken.append(message)
+    bench.send_triangle()
+    time.sleep(0.3)
+    node._inputs.drop_waiting()
+    node._inputs._poll()
+    assert taken == []
+    bench.send_triangle()
+    time.sleep(0.3)
+    node._inputs._poll()
+    assert len(taken) == 3
+
+
+@pytest.mark.parametrize('use_sim_time', [False, True])
+def test_no_clock_that_is_set_back_stops_the_answers(make_node, use_sim_time):
+    node = make_node(use_sim_time=use_sim_time)
+    clocks = [timer.clock.clock_type for timer in node.timers]
+    # The answers follow a simulated time, and nothing else does.
+    assert clocks.count(ClockType.ROS_TIME) == use_sim_time
+    assert clocks.count(ClockType.STEADY_TIME) == len(clocks) - use_sim_time
+
+
+def test_what_does_not_help_any_more_is_said(bench, make_node):
+    hang = Event()
+
+    class Hanging(Localizer):
+        def estimate(self, snapshot, cancel=None):
+            hang.wait(DEADLINE_S)
+            return super().estimate(snapshot)
+
+    node = make_node(make_localizer=Hanging, rate=20.0)
+    for _ in range(MOST_STUCK):
+        bench.until(lambda: node._worker.busy, 'an estimate')
+        node._give_up_estimate()
+        bench.until_status('fleet', Level.ERROR, 'the solver is started anew')
+    bench.until(lambda: node._worker.busy, 'an estimate')
+    node._give_up_estimate()
+    bench.until_status('fleet', Level.ERROR, 'the node must be started anew')
+    hang.set()
+
+
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
     cancels = []
 
@@ -443,15 +491,19 @@ def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     assert (code, 'Traceback' in output) == (0, False), output
 
 
+@pytest.mark.parametrize('pause_s', [None, 0.5])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signal_while_compiling_ends_cleanly(
-    bench, start_localizer, tmp_path, monkeypatch, number
+    bench, start_localizer, tmp_path, monkeypatch, number, pause_s
 ):
     pytest.importorskip('numba', reason='numba is not installed')
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
-    bench.clear()
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
-    bench.until_status('fleet', Level.WARN, 'compiling the solver')
+    bench.until(lambda: 'compiling the solver' in process.output(), 'compilation')
+    if pause_s is not None:
+        # The first one waits for 2 s, the second one for nothing, not for the compiler either.
+        process.process.send_signal(number)
+        time.sleep(pause_s)
     code, output = process.stop(number)
     assert (code, 'Traceback' in output) == (0, False), output
     assert 'the solver is ready' not in output

@@ -18,6 +18,7 @@ rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from geometry_msgs.msg import PoseArray, Vector3Stamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
+from rclpy.clock import ClockType  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
@@ -150,6 +151,16 @@ def test_peers_hold_what_the_single_topics_would(context, cameras):
         vector = getattr(message, 'vector', None)
         expected = [vector.x, vector.y, vector.z] if vector else [message.range]
         np.testing.assert_allclose(found[topic], expected, rtol=1e-6)
+
+
+def test_no_clock_that_is_set_back_stops_the_robots_or_turns_them_back(context, monkeypatch):
+    simulator = FleetSimulator(context=context)
+    assert {timer.clock.clock_type for timer in simulator.timers} == {ClockType.STEADY_TIME}
+    started_s = simulator._start_s
+    for now_s, time_s in ((2.0, 2.0), (-3600.0, 2.0), (-3599.0, 3.0)):
+        monkeypatch.setattr(simulator, '_now_s', lambda now_s=now_s: started_s + now_s)
+        assert simulator._times_s() == pytest.approx((time_s, started_s + now_s))
+    simulator.destroy_node()
 
 
 def test_without_cameras_there_is_no_bearing_topic(context):

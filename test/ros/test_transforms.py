@@ -139,6 +139,13 @@ def test_odometry_without_a_frame_names_the_body_alone():
     }
 
 
+@pytest.mark.parametrize('frames', [('map', 'a_body'), ('', 'map')])
+def test_no_frame_is_placed_in_itself(frames):
+    names = dict(zip(('frame_id', 'child_frame_id'), frames, strict=True))
+    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), **names)
+    assert children(transforms(estimate(), 'map', {'a': odometry})) == {'b/base_link'}
+
+
 def test_a_frame_that_two_robots_call_their_own_is_left_out():
     odometry = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), frame_id='odom')
     assert transforms(estimate(), 'map', {'a': odometry, 'b': odometry}) == ()

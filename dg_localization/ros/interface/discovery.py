@@ -31,6 +31,8 @@ class TopicFinder:
     ----------
     wrong_types : dict of Link to tuple of str
         Inputs whose topic had endpoints of other types when it was last looked at.
+    passed_over : list of Link
+        What templates give for topics that were new then, and explicit links replace.
 
     """
 
@@ -46,6 +48,7 @@ class TopicFinder:
         self._found = set(self._explicit)
         self._n_strangers = 0
         self.wrong_types: dict[Link, tuple[str, ...]] = {}
+        self.passed_over: list[Link] = []
 
     def find(self, topics: Iterable[tuple[str, list[str]]]) -> Iterator[Link]:
         """
@@ -57,10 +60,15 @@ class TopicFinder:
             All names and their types, as `rclpy.node.Node.get_topic_names_and_types` gives them.
 
         """
-        self.wrong_types = {}
+        self.wrong_types, self.passed_over = {}, []
         for topic, type_names in topics:
             link = self._link_of(topic)
             if link is None:
+                continue
+            if not link.explicit and link.key in self._replaced:
+                if link.type_name in type_names and topic not in self._found:
+                    self._found.add(topic)
+                    self.passed_over.append(link)
                 continue
             others = tuple(sorted(set(type_names) - {link.type_name}))
             if others and not self._is_stranger(link):
@@ -74,9 +82,10 @@ class TopicFinder:
         if topic in self._explicit:
             return self._explicit[topic]
         links = (template.link_of(topic, self._points) for template in self._templates)
-        wanted = (found for found in links if found and found.key not in self._replaced)
+        found = [link for link in links if link is not None]
+        wanted = [link for link in found if link.key not in self._replaced]
         # `{observer}/{target}` takes `robot_1/odom` for a range to a stranger.
-        return min(wanted, key=self._is_stranger, default=None)
+        return min(wanted or found, key=self._is_stranger, default=None)
 
     def _is_stranger(self, link: Link) -> bool:
         return not {link.key.observer, link.key.target} - {'', ANY_OBSERVER} <= self._points

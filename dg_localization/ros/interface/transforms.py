@@ -120,7 +120,8 @@ def transforms(
 
     There are some only while one hypothesis is left, in the frame of the anchors, and for robots
     whose heading is known: any other frame moves or drifts with a robot. A frame that more than
-    one robot calls its own is left out, since it can have one place only.
+    one robot calls its own is left out, since it can have one place only, and so is one that has
+    the name of the frame of the anchors.
 
     Parameters
     ----------
@@ -167,4 +168,6 @@ def _transform(
         placed, child = placed.times(body.inverse()), odometry.frame_id
     elif odometry is not None and odometry.child_frame_id:
         child = odometry.child_frame_id
+    if child == pose.frame_id:
+        return None
     return Transform(pose.stamp_s, pose.frame_id, child, placed.position_m, placed.xyzw)

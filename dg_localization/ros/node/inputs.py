@@ -102,11 +102,23 @@ class Inputs:
         known = self._finder.wrong_types
         for link in self._finder.find(self._node.get_topic_names_and_types()):
             self._subscribe(link)
+        for link in self._finder.passed_over:
+            self._node.get_logger().warning(
+                f'{link.topic}: not read: a link replaces what templates give for {link.key}; '
+                'name this topic in a link, too, if both are to be read'
+            )
         for link in self._finder.wrong_types.keys() - known.keys():
             types = ', '.join(self._finder.wrong_types[link])
             self._node.get_logger().warning(
                 f'{link.topic}: wrong type: the topic has {types}, this input is {link.type_name}'
             )
+
+    def drop_waiting(self) -> None:
+        """Drop what has arrived and is not taken yet."""
+        for subscription in self._subscriptions.values():
+            for _ in range(subscription.qos_profile.depth):
+                if _taken_from(subscription) is None:
+                    break
 
     def destroy(self) -> None:
         """Take the subscriptions off the graph."""
@@ -142,7 +154,7 @@ class Inputs:
 
     def _take_from(self, link: Link, subscription: Subscription) -> bool:
         """Take the next message of a topic, and return whether there was one."""
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        taken = _taken_from(subscription)
         if taken is None:
             return False
         data, information = taken
@@ -163,6 +175,10 @@ class Inputs:
             event_callbacks=NO_EVENTS,
             raw=True,
         )
+
+
+def _taken_from(subscription: Subscription) -> tuple[bytes, dict[str, int]] | None:
+    return subscription.handle.take_message(subscription.msg_type, subscription.raw)
 
 
 def _never_called(_: bytes) -> None:

@@ -47,6 +47,7 @@ from dg_localization.ros.node.transforms import TransformPublisher, transform_me
 from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
 from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
 from dg_localization.ros.node.worker import EstimateWorker
+from dg_localization.ros.spinning import at_most_every
 from msg_adapters import Diagnostics
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -115,8 +116,8 @@ class LocalizerNode(LifecycleNode):
         self._transforms: TransformPublisher | None = None
         self._rate = RateMeter(self.settings.rate_hz)
         self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
-        is_simulated = bool(self.get_parameter('use_sim_time').value)
-        self._time = NodeTime(self._clock_s, is_simulated)
+        self._is_simulated = bool(self.get_parameter('use_sim_time').value)
+        self._time = NodeTime(self._clock_s, self._is_simulated)
         self._diagnostics = DiagnosticsPublisher(self)
         self._fleet_log = FleetLog(self.get_logger())
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
@@ -158,7 +159,9 @@ class LocalizerNode(LifecycleNode):
             self._bond_with_manager()
         self._inputs = Inputs(self, self.settings, self._on_message)
         made.callback(self._inputs.destroy)
-        ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick)
+        # The clock of a machine may be set back by hours, in which its timers would be silent.
+        clock = None if self._is_simulated else self._steady
+        ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick, clock=clock)
         made.callback(self.destroy_timer, ticker)
         search = self._inputs.search
         searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=self._steady)
@@ -225,7 +228,7 @@ class LocalizerNode(LifecycleNode):
         rejection = self._intake.take(link, data, now_s, arrived_s)
         if rejection is not None:
             text = shortened(f'{link.topic}: {rejection}')
-            self.get_logger().warning(text, throttle_duration_sec=REPEATED_WARNING_S)
+            self.get_logger().warning(text, **at_most_every(REPEATED_WARNING_S))
         if self._watchdog.is_late(self._worker.busy_s):
             # More messages than can be taken must not starve the estimate that they are for.
             time.sleep(min(LONGEST_REST_S, time.monotonic() - began_s))
@@ -271,7 +274,7 @@ class LocalizerNode(LifecycleNode):
         except Exception as error:  # a defect of ours: say so instead of showing an old answer
             self.get_logger().error(
                 f'the estimate failed:\n{traceback.format_exc()}',
-                throttle_duration_sec=REPEATED_WARNING_S,
+                **at_most_every(REPEATED_WARNING_S),
             )
             self._fail(shortened(f'internal error: {type(error).__name__}: {error}'))
             return
@@ -287,7 +290,7 @@ class LocalizerNode(LifecycleNode):
         self._estimate = answer.estimate
         if answer.estimate.frame_change:
             self.get_logger().warning(
-                answer.estimate.frame_change, throttle_duration_sec=REPEATED_WARNING_S
+                answer.estimate.frame_change, **at_most_every(REPEATED_WARNING_S)
             )
         self._outputs.publish(answer.messages)
         if self._transforms is not None:
@@ -301,18 +304,19 @@ class LocalizerNode(LifecycleNode):
 
     def _on_second(self) -> None:
         """Look after the worker, the clock and the graph, and publish the diagnostics."""
-        own_name = (self.get_name(), self.get_namespace())
-        self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1
         if self._state == 'active':
             self._now_s()
             if self._watchdog.is_hopeless(self._worker.busy_s, self._worker.cpu_s):
                 self._give_up_estimate()
         diagnostics = self._diagnose()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
-            self.get_logger().info(warm_up_status(), throttle_duration_sec=REPEATED_PROGRESS_S)
+            self.get_logger().info(warm_up_status(), **at_most_every(REPEATED_PROGRESS_S))
         elif self._state == 'active':
             self._fleet_log.look(diagnostics.statuses[0])
         self._diagnostics.publish(diagnostics)
+        # Last: it reads names that strangers give, which must not keep the rest from being done.
+        own_name = (self.get_name(), self.get_namespace())
+        self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1
 
     def _give_up_estimate(self) -> None:
         """Take back the last answer, and answer the next snapshot in a new thread."""
@@ -320,7 +324,7 @@ class LocalizerNode(LifecycleNode):
         restarted = self._worker.restart()
         outcome = 'the solver is started anew' if restarted else 'the node must be started anew'
         reason = f'no answer for {busy_s:.1f} s: {outcome}'
-        if restarted or not self._failure:
+        if restarted or outcome not in self._failure:
             self.get_logger().error(reason)
             self._fail(reason)
 
@@ -369,12 +373,15 @@ class LocalizerNode(LifecycleNode):
         """Stop the estimate, forget all that has arrived, and take back the last answer."""
         self._worker.cancel()
         self._time.begin_anew()
+        if self._inputs is not None:
+            # Not every middleware says when a message arrived.
+            self._inputs.drop_waiting()
         self._localizer.reset()
         self._rate.clear()
         self._intake.forget()
         self._failure = ''
         text = f'{reason}: all measurements are forgotten'
-        self.get_logger().info(text, throttle_duration_sec=1.0)
+        self.get_logger().info(text, **at_most_every(1.0))
         self._publish(self._no_estimate(reason))
 
     def _no_estimate(self, reason: str) -> Answer:

@@ -4,6 +4,7 @@
 """The executable `localizer`: the node in a process of its own."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 import gc
 
@@ -17,7 +18,9 @@ USAGE = 'usage: localizer --ros-args --params-file FILE [-p NAME:=VALUE] [-r FRO
 
 def main(args: Sequence[str]) -> int:
     """Run the node until a signal; return the exit code."""
-    spin(partial(LocalizerNode, load=load_for_good), args, USAGE)
+    # A second signal does not wait for a clean end, and must not wait for the worker either.
+    with suppress(KeyboardInterrupt):
+        spin(partial(LocalizerNode, load=load_for_good), args, USAGE)
     return exit_code_despite_worker(0)
 
 

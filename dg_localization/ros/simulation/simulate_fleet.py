@@ -21,6 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
@@ -147,7 +148,7 @@ class FleetSimulator(Node):
         refuse_unknown(given, values)
         declare(self, PARAMETERS, values)
         self._fleet = simulated_fleet(values)
-        self._start_s = self._now_s()
+        self._start_s = self._stamp_s = self._now_s()
         first = [
             *self._fleet.measurements(0.0, self._start_s),
             *self._fleet.odometry_messages(0.0, self._start_s),
@@ -160,9 +161,13 @@ class FleetSimulator(Node):
         self._transform_publisher = (
             make_transform_publisher(self) if values['publish_tf'] else None
         )
-        self.create_timer(1.0 / values['rate'], self.publish_measurements)
+        # Timers of the clock of a machine are silent where it is set back.
+        is_simulated = self.get_parameter('use_sim_time').value
+        clock = None if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / values['rate'], self.publish_measurements, clock=clock)
         if values['odometry']:
-            self.create_timer(1.0 / values['odometry_rate'], self.publish_odometry)
+            period_s = 1.0 / values['odometry_rate']
+            self.create_timer(period_s, self.publish_odometry, clock=clock)
         self.get_logger().info(
             f'{len(simulation.ROBOTS)} robots, {len(self._measurement_publishers)} measurement '
             f'topics at {values["rate"]:g} Hz'
@@ -171,10 +176,16 @@ class FleetSimulator(Node):
     def _now_s(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
 
+    def _times_s(self) -> tuple[float, float]:
+        """Return the time since the start, which no clock that is set back turns back, and now."""
+        stamp_s = self._now_s()
+        self._start_s -= max(0.0, self._stamp_s - stamp_s)
+        self._stamp_s = stamp_s
+        return stamp_s - self._start_s, stamp_s
+
     def publish_measurements(self) -> None:
         """Publish one reading of every sensor, and the truth, at the present time."""
-        stamp_s = self._now_s()
-        time_s = stamp_s - self._start_s
+        time_s, stamp_s = self._times_s()
         self._publish(self._fleet.measurements(time_s, stamp_s))
         if self._fleet.odometry is None:
             self._publish_transforms(time_s, stamp_s)
@@ -182,8 +193,7 @@ class FleetSimulator(Node):
 
     def publish_odometry(self) -> None:
         """Publish one sample of the odometry of every robot, at the present time."""
-        stamp_s = self._now_s()
-        time_s = stamp_s - self._start_s
+        time_s, stamp_s = self._times_s()
         self._publish(self._fleet.odometry_messages(time_s, stamp_s))
         self._publish_transforms(time_s, stamp_s)
 
