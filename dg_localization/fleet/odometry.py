@@ -63,10 +63,10 @@ class OdometryPath:
     """
     The path of one robot through its odometry samples.
 
-    Between samples the robot is taken to be no farther from either than they truly are apart, or
-    than its limits allow. Before the first, after the last and where samples are missing only its
-    limits bound its motion. Without limits the robot is at a sample when the time is the same
-    number.
+    Between samples the robot is taken to be, constant errors apart, no farther from either than
+    they truly are from each other, or than its limits allow. Before the first, after the last and
+    where samples are missing only its limits bound its motion. Without limits the robot is at a
+    sample when the time is the same number.
 
     Parameters
     ----------

@@ -29,6 +29,8 @@ from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeEr
 MAX_AGE_S = 0.5
 DELAYS_S = (0.0, 0.05, 0.3)
 SECONDS = 8.0
+SYNCHRONOUS = 0.2
+"""In so many histories the sensors of robots measure when their odometry does."""
 EVERY_FOLLOWED, FOLLOWED_S = 20, 36.0
 """So many histories have one that is long enough for filters to answer."""
 RATES_HZ = (1, 5)
@@ -73,6 +75,8 @@ class History:
     """The robots that have some."""
     lies: dict = field(default_factory=dict)
     """By how much (m and rad) some observations are wrong."""
+    synchronous: bool = False
+    """Whether sensors measure at the samples of odometry."""
     answers_late: bool = False
     """Whether answers are for a time a little before, as those of the node."""
     asked_s: float | None = None
@@ -121,6 +125,7 @@ class History:
         history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s, heights=heights)
         history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
         history.lost = [draw_lost(np.append(seed, [7, robot]), count) for robot in range(robots)]
+        history.synchronous = draw_synchronous(np.append(seed, 16))
         history.measure(seconds, cameras=bool(rng.random() < 0.4))
         return history
 
@@ -143,7 +148,10 @@ class History:
                 continue
             every_s = float(self.rng.choice([0.25, 0.6]))
             offset_s = self.rng.uniform(0.0, every_s)
-            for time_s in np.arange(offset_s, seconds, every_s):
+            times_s = np.arange(offset_s, seconds, every_s)
+            if self.synchronous:
+                times_s = SAMPLE_S * np.round(times_s / SAMPLE_S)
+            for time_s in times_s:
                 self.observed.append((observer, target, time_s))
                 self.calls.append(self._range(observer, target, time_s))
                 if cameras and bodies[observer] is not None:
@@ -228,7 +236,8 @@ class History:
 
         def call(localizer, now_s):
             gap = self._gap(observer, target, time_s)
-            if not gap.any():
+            # Straight up or down is no direction in the plane.
+            if not gap[:2].any():
                 return None
             off = share * self.config.bearing_half_width_of(*names)
             off += self.lies.get((observer, target, time_s), 0.0)
@@ -348,6 +357,11 @@ class History:
                 now_s = localizer.answer_time(now_s)
                 time_s = now_s - self.start_s
             yield time_s, localizer.step(now_s)
+
+
+def draw_synchronous(seed):
+    """Draw whether the sensors of a history measure when its odometry does."""
+    return bool(np.random.default_rng(seed).random() < SYNCHRONOUS)
 
 
 def beyond_limits(reading_m, least_m, most_m):

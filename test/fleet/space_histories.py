@@ -20,6 +20,7 @@ from histories import (
     TOLERANCE,
     History,
     draw_rate_hz,
+    draw_synchronous,
     draw_ticks_s,
     hostile,
     limited,
@@ -27,6 +28,7 @@ from histories import (
 )
 from long_run import play_many
 import numpy as np
+from offsets import draw_clocks
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Mount, RangeErrorModel
@@ -153,6 +155,7 @@ class SpaceHistory(History):
         drives = [draw_drive(rng, count, error, worst, steepest_rad) for error in errors]
         flat = np.array([1.0, 1.0, float(rng.random() < 0.7)])
         mounted = int(rng.choice([0, 0, 1, 2])) if robots > 1 else 0
+        stamp_error_s, clocks_s = draw_clocks([seed, 6], robots)
         config = FleetConfig(
             robots=tuple(f'r{i}' for i in range(robots)),
             dimension=3,
@@ -161,6 +164,7 @@ class SpaceHistory(History):
             },
             mounts={f'r{i}': draw_mounts(rng) for i in range(mounted)},
             max_age_s=MAX_AGE_S,
+            stamp_error_s=stamp_error_s,
             range_error=RangeErrorModel(
                 min_error_relative=-high, max_error_relative=0.5 * high, max_error_m=0.02 * scale
             ),
@@ -175,9 +179,10 @@ class SpaceHistory(History):
             solver=SolverOptions(resolution=0.5, max_boxes=30),
         )
         start_s = float(rng.choice([1.0, 1.7e9]))
-        history = cls(config, drives, start_s, rng, worst, clocks_s=[0.0] * robots)
+        history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s)
         history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
         history.lost = [draw_lost([seed, 7, robot], count) for robot in range(robots)]
+        history.synchronous = draw_synchronous([seed, 16])
         history.measure(SECONDS, cameras=bool(rng.random() < 0.5))
         return history
 
@@ -209,7 +214,7 @@ class SpaceHistory(History):
             ray = rotation.T @ gap / math.sqrt(gap @ gap)
             across = cross(ray, aside)
             ray = ray + math.tan(off_rad) * across / math.sqrt(across @ across)
-            return localizer.add_bearing(*names, ray, self.start_s + time_s, now_s)
+            return localizer.add_bearing(*names, ray, self._stamp_s(observer, time_s), now_s)
 
         return self._arrival_s(time_s), call
 

@@ -132,6 +132,29 @@ def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with
     assert abs(off_rad) <= placement.heading_half_width_rad[0] < 0.15
 
 
+@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
+def test_a_ray_of_a_mounted_camera_may_be_of_another_time_than_what_is_mounted(ahead_s):
+    arm_m, target = 0.3, np.array(ANCHORS_M['a1'])
+    localizer = turning(stamp_error_s=0.05, mounts={'r': {'camera': (arm_m, 0.0)}})
+
+    def camera_at(time_s):
+        return np.array([3.0, 3.0]) + arm_m * np.array([math.cos(time_s), math.sin(time_s)])
+
+    measured_s, stamp_s = 100.0, 100.0 + ahead_s
+    way = target - camera_at(measured_s)
+    angle = math.atan2(way[1], way[0]) - measured_s
+    ray = [math.cos(angle), math.sin(angle), 0.0]
+    assert localizer.add_bearing('r/camera', 'a1', ray, stamp_s, 100.05) is None
+    reading = float(np.linalg.norm(way))
+    assert localizer.add_range('r/camera', 'a1', reading, stamp_s, 100.05) is None
+    angles = constrain(localizer.snapshot(stamp_s)).angles
+    # The estimate is for `stamp_s` by the clock of the node, where the robot has turned on.
+    to_target, to_robot = target - camera_at(stamp_s), [3.0, 3.0] - camera_at(stamp_s)
+    cosine = to_target @ to_robot / np.linalg.norm(to_target) / arm_m
+    ((low_rad, high_rad),) = zip(angles.low_rad, angles.high_rad, strict=True)
+    assert low_rad <= math.acos(cosine) <= high_rad < low_rad + 0.3
+
+
 def test_what_is_mounted_on_a_robot_is_where_it_is_whatever_its_clock_shows():
     mounts = {'r': {'left': (0.0, 0.3), 'right': (0.0, -0.3)}}
     exact, vague = (

@@ -141,16 +141,14 @@ class RayBundle:
     def at(self, stamp_s: float) -> tuple[RayReading, ...]:
         """Return all rays in the body frame of the observer at another time by its clock."""
         observer = self._rays[0].key.observer
-        turns = {s: self._motion.turn(observer, s, stamp_s) for s in self._stamps_s()}
+        stamps_s = {ray.stamp_s for ray in self._rays}
+        turns = {s: self._motion.turn(observer, s, stamp_s) for s in stamps_s}
         return tuple(self._turned(ray, stamp_s, *turns[ray.stamp_s]) for ray in self._rays)
 
     def pairs(self) -> RayPairs:
         """Return all pairs of rays, each in the body frame of the ray that is listed later."""
         views = self._views
-        chosen = [
-            (views[second.stamp_s][i], views[second.stamp_s][j])
-            for (i, _), (j, second) in combinations(enumerate(self._rays), 2)
-        ]
+        chosen = [(views[j][i], views[j][j]) for i, j in combinations(range(len(self._rays)), 2)]
         corners = [self.corner(pair) for pair in chosen]
         first = np.array([a.direction for a, _ in chosen]).reshape(-1, 3)
         second = np.array([b.direction for _, b in chosen]).reshape(-1, 3)
@@ -164,23 +162,26 @@ class RayBundle:
 
     def triples(self) -> Iterator[tuple[RayReading, ...]]:
         """Yield all triples of rays, each in one body frame."""
-        views = self._views
-        for chosen in combinations(enumerate(self._rays), 3):
-            view = views[chosen[-1][1].stamp_s]
-            yield tuple(view[i] for i, _ in chosen)
+        for chosen in combinations(range(len(self._rays)), 3):
+            view = self._views[chosen[-1]]
+            yield tuple(view[i] for i in chosen)
 
     def corner(self, rays: Sequence[RayReading]) -> tuple[int, ...]:
         """Return the row of the observer and the rows of the targets of some rays."""
         return (self._rows[rays[0].key.observer], *(self._rows[ray.key.target] for ray in rays))
 
-    def _stamps_s(self) -> set[float]:
-        """Return the different stamps of the rays."""
-        return {ray.stamp_s for ray in self._rays}
-
     @cached_property
-    def _views(self) -> dict[float, tuple[RayReading, ...]]:
-        """Return all rays in the body frame at each of their stamps."""
-        return {stamp_s: self.at(stamp_s) for stamp_s in self._stamps_s()}
+    def _views(self) -> list[tuple[RayReading, ...]]:
+        """
+        Return all rays in the body frame at the time of each of them.
+
+        Those known from mounts are of the time of the estimate, not of any stamp.
+        """
+        measured = self._rays[: self._measured]
+        known = self._rays[self._measured :]
+        at = {stamp_s: self.at(stamp_s) for stamp_s in {ray.stamp_s for ray in measured}}
+        now = {stamp_s: self.now(stamp_s) for stamp_s in {ray.stamp_s for ray in known}}
+        return [*(at[ray.stamp_s] for ray in measured), *(now[ray.stamp_s] for ray in known)]
 
     def _turned(
         self, ray: RayReading, stamp_s: float, rotation: FloatArray, error_rad: float
