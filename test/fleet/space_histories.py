@@ -265,10 +265,17 @@ def axes_along(edges):
     """Return axes as columns: x along the first edge, y on the side of the second."""
     columns = []
     for edge in [*edges, *np.eye(3)]:
-        rest = edge - sum(((edge @ column) * column for column in columns), np.zeros(3))
+        rest = without(columns, edge)
         if np.linalg.norm(rest) > 1e-9 and len(columns) < 2:
+            # Again: of points that are nearly in line little is left, and it is not square to x.
+            rest = without(columns, rest / np.linalg.norm(rest))
             columns.append(rest / np.linalg.norm(rest))
     return np.column_stack([*columns, cross(*columns)])
+
+
+def without(columns, edge):
+    """Return what is left of an edge without its parts along unit columns."""
+    return edge - sum(((edge @ column) * column for column in columns), np.zeros(3))
 
 
 def draw_mounts(rng):
