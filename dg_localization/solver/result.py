@@ -76,7 +76,7 @@ class Hypothesis:
         Whether `positions` meets every constraint of the problem and lies in a box of the
         hypothesis, checked with outward rounding. Exact distances are met by no coordinates in
         floating point: where there are some, a placement that meets every constraint is proved to
-        lie within 1e-9 of them, in units of the longest known distance.
+        lie within 1e-9 of each coordinate, in units of the longest known distance.
     flexible : bool
         Whether the placements are a continuum even without measurement errors; also where there
         was no time to examine that.
@@ -172,8 +172,9 @@ class Result:
     joints : tuple of Joint
         What the pieces share.
     n_hypotheses : int
-        How many hypotheses of the whole fleet the pieces make together. It is exact, and may be
-        far beyond what could be listed.
+        How many hypotheses of the whole fleet the pieces make together, which may be far more than
+        could be listed. It is exact where the joints of pieces close no loop. Elsewhere it may
+        count combinations that only a loop forbids.
 
     """
 

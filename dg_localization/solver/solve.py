@@ -113,6 +113,8 @@ def _boxes(
                 raise InvalidProblemError(
                     f'{name} has shape {bound.shape}, numbers of shape {shape} are needed'
                 )
+        if (lower == np.inf).any():
+            raise InvalidProblemError(f'{names[0]} is inf somewhere, a finite number is needed')
         boxes.append((np.maximum(lower, lower.T), np.minimum(upper, upper.T)))
     return boxes
 

@@ -168,6 +168,19 @@ def test_a_worker_stops_at_its_own_clock():
     assert tasks._solve_batch(slow, SolverOptions(max_seconds=1e-9), lambda: None) == []
 
 
+class DoneMeanwhile(Future):
+    """A task that ends between a wait that was too short and the next look."""
+
+    def done(self):
+        if not super().done():
+            self.set_result([])
+        return True
+
+
+def test_a_task_that_ends_as_the_wait_is_over_counts():
+    assert tasks._wait_for(DoneMeanwhile(), lambda: False) == []
+
+
 def test_an_error_of_a_worker_is_raised():
     class Broken(LaterExecutor):
         def submit(self, function, *args):

@@ -21,6 +21,7 @@ from dg_localization import (
     Verdict,
     solve,
 )
+from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece
 
 TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]], dtype=float)
@@ -312,6 +313,19 @@ def test_boxes_that_were_not_examined_count_beside_patches():
     assert SolvedPiece((0, 1), [], {b'a box'}, [Patches()]).n_boxes([]) == (4, 2)
 
 
+def test_an_event_that_is_cleared_again_has_cancelled():
+    class Flicker:
+        looks = 0
+
+        def is_set(self):
+            self.looks += 1
+            return self.looks == 2
+
+    budget = CallBudget(SolverOptions(), Flicker())
+    assert [budget.is_cancelled() for _ in range(4)] == [False, True, True, True]
+    assert budget.is_over()
+
+
 def test_progress_adds_up_over_pieces():
     seen = []
     result = solve(strip(5), progress=seen.append)
@@ -333,6 +347,30 @@ def test_within_keeps_to_what_was_proved_before():
     both = solve(problem, within=[(h.lower, h.upper) for h in result.hypotheses[:2]])
     assert len(both.hypotheses) == 2
     assert solve(problem, within=[]).verdict is Verdict.INFEASIBLE
+
+
+def test_what_is_within_several_boxes_is_in_one_of_them():
+    """A hinge whose ends are near each other or far apart; laid out anyhow they are neither."""
+    problem = Problem.from_pairs(3, [0, 1], [1, 2], [0.98, 0.98], [1.02, 1.02])
+    lower, upper = problem.lower.copy(), problem.upper.copy()
+    boxes = []
+    for low, high in ((0.01, 0.04), (3.24, 3.61)):
+        bounds = lower.copy(), upper.copy()
+        for bound, value in zip(bounds, (low, high), strict=True):
+            bound[0, 2] = bound[2, 0] = value
+        boxes.append(bounds)
+    (hypothesis,) = solve(problem, within=boxes).hypotheses
+    assert len(hypothesis.boxes) == 2
+    assert (hypothesis.boxes[:, 1, 0, 2] - hypothesis.boxes[:, 0, 0, 2] < 0.4).all()
+    apart_m2 = squared_distances(hypothesis.positions)[0, 2]
+    is_in = [low <= apart_m2 <= high for low, high in ((0.01, 0.04), (3.24, 3.61))]
+    assert any(is_in) or not hypothesis.proved
+
+
+def test_within_an_infinite_distance_is_refused():
+    lower = np.full((3, 3), np.inf)
+    with pytest.raises(InvalidProblemError, match=r'within\[0\]: lower is inf'):
+        solve(Problem.from_pairs(3, [0], [1], [1.0], [1.0]), within=[(lower, lower)])
 
 
 def test_within_a_single_piece():

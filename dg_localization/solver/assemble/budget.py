@@ -29,6 +29,18 @@ class _Stopped:
         return True
 
 
+class _Remembered:
+    """Stays set: a step that was stopped must not count as done, where an event is cleared."""
+
+    def __init__(self, cancel: Cancel) -> None:
+        self._cancel = cancel
+        self._was_set = False
+
+    def is_set(self) -> bool:
+        self._was_set = self._was_set or bool(self._cancel.is_set())
+        return self._was_set
+
+
 class CallBudget:
     """
     What is left of the boxes and of the time that a call may take.
@@ -59,7 +71,7 @@ class CallBudget:
         self.options = options
         self.spent = Statistics()
         self.workers = workers
-        self._cancel = cancel
+        self._cancel = None if cancel is None else _Remembered(cancel)
         self._progress = progress
         self._clock = clock
         self._start = clock()

@@ -24,7 +24,12 @@ from dg_localization.solver.assemble.combinations import Combination, Combinatio
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
 from dg_localization.solver.assemble.placing import Placer
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
-from dg_localization.solver.assemble.subproblem import Bounds, Constraint, restricted
+from dg_localization.solver.assemble.subproblem import (
+    Bounds,
+    Constraint,
+    common_parts,
+    restricted,
+)
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
@@ -202,10 +207,12 @@ class Product:
         bounds = contracted(problem, options, self._within, stopped) if problem else None
         if problem is None or bounds is None:
             return None
-        positions, proved = self._placement(problem, bounds, combination, chosen, stopped)
+        # The bounds are the hull of what lies within one of several boxes.
+        within = [bounds] if self._within is None else common_parts([bounds], self._within)
+        boxes = [np.stack(part) for part in within]
+        positions, proved = self._placement(problem, bounds, boxes, combination, chosen, stopped)
         flexible = self._turns or any(hypothesis.flexible for hypothesis in chosen)
-        boxes = np.stack(bounds)[None]
-        return Hypothesis(bounds[0], bounds[1], boxes, positions, proved, flexible)
+        return Hypothesis(bounds[0], bounds[1], np.stack(boxes), positions, proved, flexible)
 
     @cached_property
     def _turns(self) -> bool:
@@ -222,15 +229,15 @@ class Product:
         self,
         problem: Problem,
         bounds: Bounds,
+        boxes: Sequence[FloatArray],
         combination: Combination,
         chosen: Sequence[Hypothesis],
         stopped: Callable[[], bool],
     ) -> tuple[FloatArray | None, bool]:
-        """Return a placement of a combination, and whether it is proved to agree."""
-        box = np.stack(bounds)
+        """Return a placement of a combination, and whether it is proved to agree, in a box."""
         begins_at_once = problem.n_points <= MOST_AT_ONCE and not self._turns
         if begins_at_once:
-            positions, proved = settled(self._problem, self._at_once(problem, bounds), [box])
+            positions, proved = settled(self._problem, self._at_once(problem, bounds), boxes)
             if proved:
                 return positions, True
         pieces = [
@@ -248,7 +255,7 @@ class Product:
         for seed in range(MOST_ATTEMPTS):
             placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
             positions = with_known_chirality(self._problem, placer.place(least_m))
-            positions, proved = settled(self._problem, positions, [box])
+            positions, proved = settled(self._problem, positions, boxes)
             if proved:
                 return positions, True
             if stopped():
@@ -256,13 +263,13 @@ class Product:
             if problem.n_points <= MOST_REFINED:
                 refined = refine(positions, known, MOST_STEPS)
                 positions = with_known_chirality(self._problem, refined)
-                positions, proved = settled(self._problem, positions, [box])
+                positions, proved = settled(self._problem, positions, boxes)
                 if proved:
                     return positions, True
             if first is None:
                 first = positions
         if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
-            positions, proved = settled(self._problem, self._at_once(problem, bounds), [box])
+            positions, proved = settled(self._problem, self._at_once(problem, bounds), boxes)
             if proved:
                 return positions, True
         return first, False

@@ -218,6 +218,7 @@ def _wait_for(future: Future[list[SolvedPart]], stopped: Callable[[], bool]) -> 
             return future.result(timeout=LOOK_S)
         except TimeoutError:
             if future.done():
-                raise
+                # The wait was over, or the task itself raised this.
+                return future.result()
             if stopped():
                 return []
