@@ -7,10 +7,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solver_cases import box_of
+from solver_cases import bounds, box_of
 
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
+from dg_localization.solver.contract.groups import groups_of, with_measured_pair
 from dg_localization.solver.place.placements import MOST_STEPS, place, refine
 from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.tightening import halves
@@ -122,3 +123,9 @@ def test_no_box_is_tightened_when_its_time_is_over(paper_fleet):
     assert late.verdict is wide.verdict
     assert (late.lower == wide.lower).all() and (late.upper == wide.upper).all()
     assert (tight.upper < wide.upper).any()
+
+
+def test_a_pair_of_two_groups_is_in_none():
+    groups = groups_of(*bounds(4, {(0, 3): (1.0, 1.0), (1, 2): (1.0, 1.0)}))
+    for pair in ((1, 3), (3, 1), (0, 2)):
+        assert with_measured_pair(groups, pair) is groups

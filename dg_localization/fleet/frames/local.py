@@ -57,9 +57,8 @@ def enclose_locally(
     padded_lower[:n_points, :n_points] = lower
     padded_upper[:n_points, :n_points] = upper
     pads = range(n_points, n_points + n_pads)
-    try:
-        enclosure = enclose_coordinates(padded_lower, padded_upper, (*frame, *pads))
-    except ValueError:
+    enclosure = enclose_coordinates(padded_lower, padded_upper, (*frame, *pads))
+    if enclosure is None:
         return None
     # By definition of the frame, whether or not a pad hides it from the solver.
     for place, point in enumerate(frame):

@@ -129,7 +129,7 @@ def contract_adjacent_side(
         reach = square_up(longest) if longest >= 0.0 else -1.0
         upper[a, b] = upper[b, a] = min(upper[a, b], reach)
     if low_cosine >= 0.0 or not math.isinf(d_upper_m):
-        shortest = down(down((d_lower_m if low_cosine > 0.0 else d_upper_m) * low_cosine) - root)
+        shortest = down(down((d_lower_m if low_cosine >= 0.0 else d_upper_m) * low_cosine) - root)
         if shortest > 0.0:
             lower[a, b] = lower[b, a] = max(lower[a, b], square_down(shortest))
 

@@ -23,7 +23,9 @@ from dg_localization.solver.contract.projection import project
 from dg_localization.solver.contract.rows import new_rows
 
 
-def enclose_coordinates(lower: FloatArray, upper: FloatArray, frame: Sequence[int]) -> FloatArray:
+def enclose_coordinates(
+    lower: FloatArray, upper: FloatArray, frame: Sequence[int]
+) -> FloatArray | None:
     """
     Bound the coordinates of all points in the frame of some of them.
 
@@ -37,15 +39,14 @@ def enclose_coordinates(lower: FloatArray, upper: FloatArray, frame: Sequence[in
 
     Returns
     -------
-    ndarray, shape (n, 2, q)
+    ndarray, shape (n, 2, q), or None
         Lower and upper bound of every coordinate in m, rounded outward; infinite where the
-        distances bound nothing.
+        distances bound nothing. None if no placement has these distances.
 
     Raises
     ------
     ValueError
-        If the frame has fewer than two points or names a point twice, or if no placement has
-        these distances.
+        If the frame has fewer than two points or names a point twice.
 
     """
     if not 2 <= len(frame) <= 4 or len(set(frame)) < len(frame):
@@ -55,7 +56,7 @@ def enclose_coordinates(lower: FloatArray, upper: FloatArray, frame: Sequence[in
     box[UPPER] = upper
     enclosure = enclose_in_frame(box, np.array(frame, dtype=np.int64))
     if np.any(enclosure[:, LOWER] > enclosure[:, UPPER]):
-        raise ValueError('no placement has these distances')
+        return None
     return enclosure
 
 

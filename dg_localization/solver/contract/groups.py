@@ -98,7 +98,8 @@ def with_measured_pair(groups: Groups, pair: tuple[int, int]) -> Groups:
     local = [position - int(groups.offsets[group]) for position in positions]
     end = int(groups.edge_offsets[group + 1])
     known = groups.edges[groups.edge_offsets[group] : end]
-    if positions[1] >= groups.offsets[group + 1] or (known == local).all(axis=1).any():
+    is_apart = not groups.offsets[group] <= positions[1] < groups.offsets[group + 1]
+    if is_apart or (known == local).all(axis=1).any():
         return groups
     return groups._replace(
         edge_offsets=groups.edge_offsets + (np.arange(len(groups.offsets)) > group),
