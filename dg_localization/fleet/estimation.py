@@ -302,6 +302,7 @@ def _explained(
     blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
     if corrected.answers:
         union = _union(corrected.answers, statistics)
+        blamed = blamed.union(*(placement.dropped for placement in union.placements))
         estimate = _with_placements(snapshot, union, plans, conflicts)
     else:
         why = plans[0].reason if plans else ''
@@ -354,12 +355,14 @@ def _corrected(
         wrong = [
             correction
             for correction, found in zip(explanation.corrections, answers, strict=True)
-            if found.verdict is Verdict.INFEASIBLE
+            # That nothing is wrong was refuted before, perhaps with more time than now.
+            if found.verdict is Verdict.INFEASIBLE or not correction
         ]
         smaller = [dropped for dropped in wrong if len(dropped) < snapshot.config.max_outliers]
         if not smaller:
-            none_is_right = len(wrong) == len(answers)
-            return _Corrected(explanation, plans, [] if none_is_right else answers)
+            right = tuple(one for one in explanation.corrections if one not in wrong)
+            explanation = replace(explanation, corrections=right)
+            return _Corrected(explanation, plans, answers if right else [])
         refuted = refuted.union(smaller)
     stopped = replace(explanation, corrections=(), complete=False, stopped=True)
     return _Corrected(stopped, plans, [])

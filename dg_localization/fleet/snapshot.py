@@ -237,6 +237,9 @@ def _distance_at(
     likeliest_m, total_weight = 0.0, 0.0
     for reading in readings:
         moved_m = _displacement_of_ends_m(key, reading.stamp_s, displacement_m)
+        if reading.upper_m < max(0.0, reading.lower_m):
+            # No distance gives this reading, however the robots have moved since.
+            moved_m = 0.0
         lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))
         upper_m = min(upper_m, sum_up(reading.upper_m, moved_m))
         if math.isfinite(reading.likeliest_m):

@@ -171,6 +171,16 @@ def test_a_range_no_distance_can_give_is_a_contradiction():
     assert estimate.conflicts == ((WRONG,),)
 
 
+def test_a_range_no_distance_can_give_stays_one_as_it_ages():
+    model = RangeErrorModel(min_error_m=0.5, max_error_m=1.0)
+    localizer = make_localizer(range_error=model, max_speed_m_s=1.0, max_age_s=1.0)
+    localizer.add_range('a', 'b', 0.1, NOW_S, NOW_S)
+    for later_s in (0.0, 0.3, 0.9):
+        estimate = localizer.step(NOW_S + later_s)
+        assert estimate.verdict is Verdict.INFEASIBLE
+        assert estimate.conflicts == ((WRONG,),)
+
+
 @pytest.mark.parametrize('max_outliers', [0, 2])
 def test_settings_that_contradict_each_other_are_no_fault_of_measurements(max_outliers):
     anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((1.0, 0.0))}
@@ -326,7 +336,9 @@ def refuting(monkeypatch, is_refuted):
 
 def test_larger_corrections_are_tried_where_the_answer_of_one_shows_that_it_is_none(monkeypatch):
     refuting(monkeypatch, lambda dropped: dropped == {WRONG})
-    localizer = make_localizer(max_outliers=2)
+    localizer = make_localizer(max_outliers=2, memory_s=10.0)
+    for name in ROBOTS:
+        localizer.add_odometry(name, [0.0] * 3, [0.0, 0.0, 0.0, 1.0], NOW_S, NOW_S)
     feed(localizer, wrong=[('a', 'b')])
     estimate = localizer.step(NOW_S)
     assert estimate.verdict is Verdict.COVERED
@@ -334,7 +346,26 @@ def test_larger_corrections_are_tried_where_the_answer_of_one_shows_that_it_is_n
     # Each other link besides may be the second that is wrong.
     assert all(WRONG in dropped and len(dropped) == 2 for dropped in sets)
     assert len(sets) == 14
+    (forgotten,) = estimate.forgotten
+    assert {key.ends for dropped in sets for key in dropped} <= forgotten.ends
     assert all(holds(estimate, positions) for positions in truth())
+
+
+def test_what_was_proved_to_be_contradictory_is_not_answered_as_if_it_were_not(monkeypatch):
+    """The second solve may be the one that has no time to see it."""
+    real, calls = estimation_room.answer, []
+
+    def answer(snapshot, constraints, plans, options, dropped=frozenset(), cancel=None):
+        calls.append(dropped)
+        if len(calls) == 1:
+            return CONTRADICTION
+        return real(snapshot, constraints, plans, options, dropped, cancel)
+
+    monkeypatch.setattr(estimation_room, 'answer', answer)
+    localizer = make_localizer(max_outliers=1)
+    feed(localizer)
+    placements = localizer.step(NOW_S).placements
+    assert placements and all(len(placement.dropped) == 1 for placement in placements)
 
 
 def test_nothing_is_answered_where_all_that_seem_to_be_corrections_are_none(monkeypatch):
@@ -345,3 +376,6 @@ def test_nothing_is_answered_where_all_that_seem_to_be_corrections_are_none(monk
     assert estimate.verdict is Verdict.INFEASIBLE and not estimate.placements
     assert WRONG in {key for conflict in estimate.conflicts for key in conflict}
     assert 'dropping 2 observations does not make the rest agree' in estimate.reason
+    # All that contradict each other are suspects, not those alone that were proved to be no cause.
+    in_conflicts = {str(key) for conflict in estimate.conflicts for key in conflict}
+    assert {str(suspect) for suspect in estimate.suspects} == in_conflicts
