@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+import math
 from typing import NamedTuple
 
 from dg_localization import SolverOptions
@@ -41,6 +42,7 @@ from dg_localization.fleet.rigidity import NOT_RIGID
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.narrowing import narrow_answer
 from dg_localization.fleet.window.pair_filters import PairFilters
 from dg_localization.fleet.window.pose_filters import PoseFilters
@@ -369,13 +371,27 @@ def _corrected(
 
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:
-    """Return what to forget where links contradict each other: some of them is wrong."""
+    """
+    Return what to forget where links contradict each other: some of them is wrong.
+
+    What counts at the moment may be stamped up to `max_future_s` later.
+    """
+    config, now_s = snapshot.config, snapshot.stamp_s
     ends = frozenset(key.ends for key in blamed or snapshot.keys)
-    if ends.isdisjoint(snapshot.window.observations):
+    ends = frozenset(pair for pair in ends if _can_be_remembered(snapshot, pair))
+    if not ends or not config.memory_s:
         return ()
     text = 'contradicting links are not remembered'
-    after_s = snapshot.stamp_s - snapshot.config.max_age_s
-    return (Forgotten(ends, snapshot.stamp_s, text, after_s),)
+    before_s = math.nextafter(now_s + config.max_future_s, math.inf)
+    after_s = math.nextafter(now_s - config.max_age_s, -math.inf)
+    return (Forgotten(ends, before_s, text, after_s),)
+
+
+def _can_be_remembered(snapshot: Snapshot, ends: Ends) -> bool:
+    """Return whether two points are on robots with odometry, or one of them on an anchor."""
+    config = snapshot.config
+    moving = {config.robot_of(point) for point in ends}.difference(config.anchors)
+    return bool(moving) and all(snapshot.motion.odometry.get(robot) for robot in moving)
 
 
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:

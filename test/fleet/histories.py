@@ -83,7 +83,7 @@ class History:
     """When the answer of now was asked for, since the start."""
 
     @classmethod
-    def draw(cls, seed, robots, anchors, seconds, mounted=0, **settings):
+    def draw(cls, seed, robots, anchors, seconds, mounted=0, synchronous=False, **settings):
         """Draw a history of a seed; `mounted` robots have two sensors each."""
         rng = np.random.default_rng(seed)
         constants = np.random.default_rng(np.append(seed, 3))
@@ -125,7 +125,7 @@ class History:
         history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s, heights=heights)
         history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
         history.lost = [draw_lost(np.append(seed, [7, robot]), count) for robot in range(robots)]
-        history.synchronous = draw_synchronous(np.append(seed, 16))
+        history.synchronous = synchronous
         history.measure(seconds, cameras=bool(rng.random() < 0.4))
         return history
 
@@ -430,6 +430,7 @@ def draw_any(seed, seconds):
         int(rng.choice([0, 0, 1, 2, 3])),
         seconds,
         mounted=int(rng.choice([0, 0, 1, 2])) if robots > 1 else 0,
+        synchronous=draw_synchronous([seed, 16]),
         memory_s=float(rng.choice([0.0, 2.0, 6.0, 30.0])),
         window_outliers=int(rng.choice([0, 0, 1])),
     )

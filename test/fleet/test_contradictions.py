@@ -368,6 +368,16 @@ def test_what_was_proved_to_be_contradictory_is_not_answered_as_if_it_were_not(m
     assert placements and all(len(placement.dropped) == 1 for placement in placements)
 
 
+def test_what_contradicts_is_forgotten_also_where_its_stamp_is_later_than_the_answer():
+    localizer = make_localizer(max_outliers=1, memory_s=10.0)
+    for name in ROBOTS:
+        localizer.add_odometry(name, [0.0] * 3, [0.0, 0.0, 0.0, 1.0], NOW_S, NOW_S)
+    feed(localizer, stamp_s=NOW_S + 0.05, wrong=[('a', 'b')])
+    (forgotten,) = localizer.step(NOW_S).forgotten
+    assert WRONG.ends in forgotten.ends
+    assert forgotten.after_s < NOW_S - 1.0 and NOW_S + 0.05 < forgotten.before_s
+
+
 def test_nothing_is_answered_where_all_that_seem_to_be_corrections_are_none(monkeypatch):
     refuting(monkeypatch, lambda dropped: True)
     localizer = make_localizer(max_outliers=2)
