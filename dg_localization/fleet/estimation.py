@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-import math
 from typing import NamedTuple
 
 from dg_localization import SolverOptions
@@ -49,6 +48,7 @@ from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import Recollection, recall
 from dg_localization.interval.environment import default_environment
+from dg_localization.interval.rounding import down, up
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
 
@@ -378,20 +378,21 @@ def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forg
     """
     config, now_s = snapshot.config, snapshot.stamp_s
     ends = frozenset(key.ends for key in blamed or snapshot.keys)
-    ends = frozenset(pair for pair in ends if _can_be_remembered(snapshot, pair))
-    if not ends or not config.memory_s:
+    if not any(_is_remembered(snapshot, pair) for pair in ends):
         return ()
     text = 'contradicting links are not remembered'
-    before_s = math.nextafter(now_s + config.max_future_s, math.inf)
-    after_s = math.nextafter(now_s - config.max_age_s, -math.inf)
+    before_s, after_s = up(now_s + config.max_future_s), down(now_s - config.max_age_s)
     return (Forgotten(ends, before_s, text, after_s),)
 
 
-def _can_be_remembered(snapshot: Snapshot, ends: Ends) -> bool:
-    """Return whether two points are on robots with odometry, or one of them on an anchor."""
+def _is_remembered(snapshot: Snapshot, ends: Ends) -> bool:
+    """Return whether what two points observe of each other is remembered, or will be."""
     config = snapshot.config
+    if ends in snapshot.window.observations:
+        return True
     moving = {config.robot_of(point) for point in ends}.difference(config.anchors)
-    return bool(moving) and all(snapshot.motion.odometry.get(robot) for robot in moving)
+    has_odometry = bool(moving) and all(snapshot.motion.odometry.get(robot) for robot in moving)
+    return config.memory_s > 0.0 and has_odometry
 
 
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:
