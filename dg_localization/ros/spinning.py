@@ -23,7 +23,8 @@ from dg_localization.ros.signals import StopRequest, stop_request, waking
 REPEATED_ERROR_S = 5.0
 # A message waits for up to this long.
 BATCH_S = 0.01
-# One for all: a log call takes the same clock every time.
+# One for all: a log call takes the same clock every time. Timers of the clock of a machine would
+# be silent for as long as that is set back, and those of a simulated time while it stands still.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 

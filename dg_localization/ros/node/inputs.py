@@ -8,7 +8,6 @@ import time
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -17,6 +16,7 @@ from rclpy.subscription import Subscription
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.settings import Settings
+from dg_localization.ros.spinning import STEADY
 from msg_adapters import adapter_for
 
 # As the profile of that name, which every publisher can serve, with a longer queue: publishing
@@ -84,8 +84,7 @@ class Inputs:
         # it: where a bag is replayed many times as fast, messages would seem to be of the future.
         self._poller = node.create_guard_condition(self._poll)
         # The node's own time stands still while a simulation pauses.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(POLL_PERIOD_S, self._poller.trigger, clock=steady)
+        self._timer = node.create_timer(POLL_PERIOD_S, self._poller.trigger, clock=STEADY)
 
     @property
     def links(self) -> tuple[Link, ...]:

@@ -15,7 +15,6 @@ import time
 import traceback
 from typing import Any, NamedTuple
 
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
@@ -47,7 +46,7 @@ from dg_localization.ros.node.transforms import TransformPublisher, transform_me
 from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
 from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
 from dg_localization.ros.node.worker import EstimateWorker
-from dg_localization.ros.spinning import at_most_every
+from dg_localization.ros.spinning import STEADY, at_most_every
 from msg_adapters import Diagnostics
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -121,8 +120,7 @@ class LocalizerNode(LifecycleNode):
         self._diagnostics = DiagnosticsPublisher(self)
         self._fleet_log = FleetLog(self.get_logger())
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_second, clock=self._steady)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_second, clock=STEADY)
         self.add_on_set_parameters_callback(refuse_use_sim_time)
         if self.settings.autostart:
             if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
@@ -160,11 +158,11 @@ class LocalizerNode(LifecycleNode):
         self._inputs = Inputs(self, self.settings, self._on_message)
         made.callback(self._inputs.destroy)
         # The clock of a machine may be set back by hours, in which its timers would be silent.
-        clock = None if self._is_simulated else self._steady
+        clock = None if self._is_simulated else STEADY
         ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick, clock=clock)
         made.callback(self.destroy_timer, ticker)
         search = self._inputs.search
-        searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=self._steady)
+        searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=STEADY)
         made.callback(self.destroy_timer, searcher)
         self._state = 'active'
 

@@ -21,7 +21,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
@@ -39,7 +38,7 @@ from dg_localization.ros.interface.parameters.spec import (
 )
 from dg_localization.ros.node.transforms import make_transform_publisher
 from dg_localization.ros.simulation.messages import SimulatedFleet
-from dg_localization.ros.spinning import spin
+from dg_localization.ros.spinning import STEADY, spin
 from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 from msg_adapters.transforms import transforms_to_cdr
@@ -163,7 +162,7 @@ class FleetSimulator(Node):
         )
         # Timers of the clock of a machine are silent where it is set back.
         is_simulated = self.get_parameter('use_sim_time').value
-        clock = None if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        clock = None if is_simulated else STEADY
         self.create_timer(1.0 / values['rate'], self.publish_measurements, clock=clock)
         if values['odometry']:
             period_s = 1.0 / values['odometry_rate']

@@ -31,7 +31,7 @@ from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
     Orientations,
-    common_parts,
+    parts_within,
     points_of,
     restricted,
 )
@@ -122,20 +122,16 @@ class PartsTogether:
         number = self._combinations.number
         if number > max(MOST_APART, self._budget.options.max_hypotheses):
             every = self._bounds_of_all()
-            parts = [] if every is None else self._within_boxes(every)
+            parts = [] if every is None else parts_within(every, self._within)
             return _as_boxes(parts), lambda _: self._laid(self._combinations[0])
         together = number * self._problem.n_points**3 <= MOST_TOGETHER
         found, left = [], []
         for combination in (self._combinations[x] for x in range(number)):
             bounds = self._bounds(combination, together)
-            for part in [] if bounds is None else self._within_boxes(bounds):
+            for part in [] if bounds is None else parts_within(bounds, self._within):
                 found.append(part)
                 left.append(combination)
         return _as_boxes(found), lambda x: self._laid(left[x])
-
-    def _within_boxes(self, bounds: Bounds) -> list[Bounds]:
-        """Return what bounds, which are a hull, have in common with the boxes of `within`."""
-        return [bounds] if self._within is None else common_parts([bounds], self._within)
 
     def _bounds_of_all(self) -> Bounds | None:
         """Return the bounds of all pairs in any combination; None where none has a placement."""

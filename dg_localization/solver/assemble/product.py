@@ -27,7 +27,7 @@ from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
     Constraint,
-    common_parts,
+    parts_within,
     restricted,
 )
 from dg_localization.solver.box import FloatArray
@@ -208,8 +208,7 @@ class Product:
         if problem is None or bounds is None:
             return None
         # The bounds are the hull of what lies within one of several boxes.
-        within = [bounds] if self._within is None else common_parts([bounds], self._within)
-        boxes = [np.stack(part) for part in within]
+        boxes = [np.stack(part) for part in parts_within(bounds, self._within)]
         positions, proved = self._placement(problem, bounds, boxes, combination, chosen, stopped)
         flexible = self._turns or any(hypothesis.flexible for hypothesis in chosen)
         return Hypothesis(bounds[0], bounds[1], np.stack(boxes), positions, proved, flexible)

@@ -155,6 +155,11 @@ def common_parts(boxes: Iterable[Bounds], others: Iterable[Bounds]) -> list[Boun
     return [(lower, upper) for lower, upper in common if (lower <= upper).all()]
 
 
+def parts_within(bounds: Bounds, within: Sequence[Bounds] | None) -> list[Bounds]:
+    """Return what bounds have in common with each of some boxes; all of them without any."""
+    return [bounds] if within is None else common_parts([bounds], within)
+
+
 def unbounded(n_points: int) -> Bounds:
     """Return bounds that say nothing."""
     return np.zeros((n_points, n_points)), np.full((n_points, n_points), np.inf)
