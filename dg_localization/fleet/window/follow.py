@@ -16,7 +16,7 @@ from dg_localization.fleet.frames.standing_frame import StandingFrame
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s
 from dg_localization.fleet.window.memory import Ends, Spans
-from dg_localization.fleet.window.numbering import matches
+from dg_localization.fleet.window.numbering import Framed, matches
 from dg_localization.fleet.window.pair_filters import PairFilters
 from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
@@ -27,7 +27,7 @@ from dg_localization.fleet.window.recollection import chain_seconds
 class _Followed:
     """The placements of an estimate, numbered, and what they were found from."""
 
-    placements: tuple[Placement, ...]
+    placements: tuple[Framed, ...]
     stamp_s: float
 
 
@@ -134,8 +134,8 @@ class Follower:
         estimate = replace(estimate, offenders=self._record.offenders())
         estimate = self._standing_frame.turn(snapshot, self._numbered(snapshot, estimate))
         self._proved = proved
-        for placement in _listed(estimate):
-            placement.protect()
+        for one in _listed(estimate):
+            one.placement.protect()
         if estimate.frame is None:
             return estimate
         previous, self._frame = self._frame, estimate.frame
@@ -147,23 +147,23 @@ class Follower:
         listed = _listed(estimate)
         before = self._last
         pairs = matches(snapshot, before.stamp_s, before.placements, listed)
-        numbered = [
-            replace(
-                placement,
-                number=before.placements[pairs[row]].number
-                if row in pairs
-                else next(self._numbers),
-            )
-            for row, placement in enumerate(listed)
-        ]
+        numbered = []
+        for row, one in enumerate(listed):
+            known = before.placements[pairs[row]].placement.number if row in pairs else None
+            number = next(self._numbers) if known is None else known
+            numbered.append(replace(one, placement=replace(one.placement, number=number)))
         self._last = _Followed(tuple(numbered), snapshot.stamp_s)
-        return _with_placements(estimate, numbered)
+        return _with_placements(estimate, [one.placement for one in numbered])
 
 
-def _listed(estimate: Estimate) -> list[Placement]:
+def _listed(estimate: Estimate) -> list[Framed]:
     """Return the placements of an estimate, those of its groups last."""
-    groups = (group.placements for group in estimate.groups)
-    return [*estimate.placements, *chain.from_iterable(groups)]
+    groups = (
+        (Framed(placement, group.frame) for placement in group.placements)
+        for group in estimate.groups
+    )
+    main = (Framed(placement, estimate.frame) for placement in estimate.placements)
+    return [*main, *chain.from_iterable(groups)]
 
 
 def _with_placements(estimate: Estimate, placements: list[Placement]) -> Estimate:

@@ -6,35 +6,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.estimate import Placement
+from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.snapshot import Snapshot
 
 FloatArray = NDArray[np.float64]
 
+_AT_REST = (FrameKind.ANCHORS, FrameKind.ODOMETRY)
+"""Frames that do not move with the fleet."""
+
+
+@dataclass(frozen=True)
+class Framed:
+    """A placement and the frame of its coordinates."""
+
+    placement: Placement
+    frame: FixedFrame | None
+
 
 def matches(
-    snapshot: Snapshot,
-    before_s: float,
-    before: Sequence[Placement],
-    now: Sequence[Placement],
+    snapshot: Snapshot, before_s: float, before: Sequence[Framed], now: Sequence[Framed]
 ) -> dict[int, int]:
     """
     Match placements with those they go on from.
 
     Two can be of one hypothesis where the distances of now are those of before, as far as the
-    robots can have moved. Of these, shapes that differ least go together: the frame of a fleet
-    moves with it, and a mirror image is another shape.
+    robots can have moved. Of these, positions that differ least go together, in a frame at rest.
+    Any other frame moves with the fleet: there the shapes are compared, and a mirror image is
+    another shape.
 
     Parameters
     ----------
     snapshot : Snapshot
         Of now.
     before_s : float
-    before, now : sequence of Placement
+    before, now : sequence of Framed
 
     Returns
     -------
@@ -44,9 +54,16 @@ def matches(
     """
     if not before or not now:
         return {}
-    possible = _distances_agree(snapshot, before_s, before, now)
-    cost_m2 = _difference_m2(_positions(before), _positions(now))
-    cost_m2 = np.where(possible, cost_m2, np.inf)
+    old_placements = [one.placement for one in before]
+    new_placements = [one.placement for one in now]
+    first, second = _positions(old_placements)[:, None], _positions(new_placements)[None]
+    known = np.asarray(np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1))
+    at_rest = np.array(
+        [[old.frame == new.frame and _is_at_rest(new.frame) for new in now] for old in before]
+    )
+    cost_m2 = np.where(at_rest, _moved_m2(first, second, known), _bent_m2(first, second, known))
+    possible = _distances_agree(snapshot, before_s, old_placements, new_placements)
+    cost_m2 = np.where(possible & _share_robots(first, second, known), cost_m2, np.inf)
     found: dict[int, int] = {}
     for flat in np.argsort(cost_m2, axis=None, kind='stable'):
         old, new = divmod(int(flat), len(now))
@@ -80,26 +97,38 @@ def _distances_agree(
     return np.asarray(meet.all(axis=(2, 3)))
 
 
-def _difference_m2(before: FloatArray, now: FloatArray) -> FloatArray:
-    """
-    Return how much shapes differ, (k, m), after the motion that fits best; infinite for strangers.
+def _share_robots(
+    first: FloatArray, second: FloatArray, known: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which placements, (k, m), have more than one robot in common, or all of one."""
+    fewest = np.minimum(_n_placed(first), _n_placed(second))
+    return np.asarray(known.sum(axis=-1) >= np.clip(fewest, 1, 2))
 
-    Parameters
-    ----------
-    before : numpy.ndarray, shape (k, n, q)
-    now : numpy.ndarray, shape (m, n, q)
 
-    """
-    first, second = before[:, None], now[None]
-    known = np.asarray(np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1))
-    count = known.sum(axis=-1)
+def _n_placed(positions: FloatArray) -> NDArray[np.int_]:
+    """Return how many robots have a position in each placement."""
+    return np.asarray(np.isfinite(positions).all(axis=-1).sum(axis=-1))
+
+
+def _is_at_rest(frame: FixedFrame | None) -> bool:
+    return frame is not None and frame.kind in _AT_REST
+
+
+def _moved_m2(first: FloatArray, second: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """Return how far the robots moved from placement to placement: mean squares, (k, m)."""
+    squares = np.where(known[..., None], first - second, 0.0) ** 2
+    return np.asarray(squares.sum(axis=(-1, -2)) / np.maximum(known.sum(axis=-1), 1))
+
+
+def _bent_m2(first: FloatArray, second: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """Return the same after the motion of the fleet as a whole that fits best."""
     first, second = _centered(first, known), _centered(second, known)
     values = np.linalg.svd(np.einsum('kmni,kmnj->kmij', first, second), compute_uv=True)
     turns = np.sign(np.linalg.det(values.U) * np.linalg.det(values.Vh))
     gain = values.S[..., :-1].sum(axis=-1) + turns * values.S[..., -1]
     spread = (first**2).sum(axis=(-1, -2)) + (second**2).sum(axis=(-1, -2))
-    mean = np.maximum(spread - 2.0 * gain, 0.0) / np.maximum(count, 1)
-    return np.asarray(np.where(count > 0, mean, np.inf))
+    mean = np.maximum(spread - 2.0 * gain, 0.0) / np.maximum(known.sum(axis=-1), 1)
+    return np.asarray(mean)
 
 
 def _centered(points: FloatArray, known: NDArray[np.bool_]) -> FloatArray:

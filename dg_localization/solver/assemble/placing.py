@@ -24,22 +24,40 @@ MOST_TURNS = 6
 """How many ways to turn a piece about a joint are tried."""
 
 
-def _orthogonal(rng: np.random.Generator, dimension: int) -> FloatArray:
-    """Return a random rotation or reflection."""
-    matrix, upper = np.linalg.qr(rng.standard_normal((dimension, dimension)))
-    return np.asarray(matrix * np.sign(np.diag(upper)))
+def _orthogonal(rng: np.random.Generator, count: int, dimension: int) -> FloatArray:
+    """Return random rotations or reflections, shape (count, q, q)."""
+    matrices, upper = np.linalg.qr(rng.standard_normal((count, dimension, dimension)))
+    return np.asarray(matrices * np.sign(np.diagonal(upper, axis1=1, axis2=2))[:, None])
 
 
 def _aligned(
-    local: FloatArray, shared: FloatArray, target: FloatArray, turn: FloatArray, sign: int
+    local: FloatArray, shared: FloatArray, target: FloatArray, turns: FloatArray, signs: FloatArray
 ) -> FloatArray:
-    """Lay turned points against others by some that they share, with a rotation or reflection."""
-    turned = shared @ turn
-    center, target_center = turned.mean(axis=0), target.mean(axis=0)
-    left, _, right = np.linalg.svd((turned - center).T @ (target - target_center))
-    flip = np.ones(len(left))
-    flip[-1] = sign * np.sign(np.linalg.det(left @ right) * np.linalg.det(turn))
-    return np.asarray((local @ turn - center) @ (left * flip) @ right + target_center)
+    """
+    Lay points that are turned against others by some that they share, once for every turn.
+
+    Parameters
+    ----------
+    local : ndarray, shape (m, q)
+        The points of a piece.
+    shared, target : ndarray, shape (s, q)
+        Some of them, and where these are to lie.
+    turns : ndarray, shape (k, q, q)
+        How to turn the piece first.
+    signs : ndarray, shape (k,)
+        1 to keep its handedness in all, -1 to mirror it.
+
+    Returns
+    -------
+    ndarray, shape (k, m, q)
+        The points.
+
+    """
+    turned = shared @ turns
+    centers, target_center = turned.mean(axis=1, keepdims=True), target.mean(axis=0)
+    left, _, right = np.linalg.svd((turned - centers).swapaxes(1, 2) @ (target - target_center))
+    left[..., -1] *= (signs * np.sign(np.linalg.det(left @ right @ turns)))[:, None]
+    return np.asarray((local @ turns - centers) @ left @ right + target_center)
 
 
 def _volume(face: FloatArray, apex: FloatArray) -> float:
@@ -63,6 +81,13 @@ class Placer:
         The dimension q of the space.
     seed : int
         What is open is chosen anew for every seed.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, q)
+        Of the points that are placed, in a scale of their own.
+    has_chosen : bool
+        Whether anything was open.
 
     """
 
@@ -91,6 +116,7 @@ class Placer:
         self._rng = np.random.default_rng(seed)
         n_points = 1 + max(max(points) for points, _ in pieces)
         self.positions = np.full((n_points, dimension), np.nan)
+        self.has_chosen = False
 
     def _scaled(self, values: FloatArray, sign: int) -> FloatArray:
         """Scale to the size of one, or back, in two steps that cannot overflow."""
@@ -131,24 +157,19 @@ class Placer:
         shared = local[np.searchsorted(members, face)]
         target = self.positions[face]
         if len(face) == self._dimension:
-            sign = self._sign(joint, placed, number, local, shared, target)
-            identity = np.eye(self._dimension)
-            candidates = [_aligned(local, shared, target, identity, sign)]
+            turns = np.eye(self._dimension)[None]
+            signs = np.array([self._sign(joint, placed, number, local, shared, target)])
         else:
-            candidates = [
-                _aligned(local, shared, target, _orthogonal(self._rng, self._dimension), sign)
-                for sign in (1, -1)
-                for _ in range(MOST_TURNS // 2)
-            ]
+            self.has_chosen = True
+            turns = _orthogonal(self._rng, MOST_TURNS, self._dimension)
+            signs = np.repeat([1, -1], MOST_TURNS // 2)
         new = ~np.isfinite(self.positions[members, 0])
         if not new.any():
             return
         old = self.positions[np.isfinite(self.positions[:, 0])]
-        best = max(
-            candidates,
-            key=lambda p: float(np.linalg.norm(p[new][:, None] - old, axis=-1).min()),
-        )
-        self.positions[members[new]] = best[new]
+        candidates = _aligned(local[new], shared, target, turns, signs)
+        apart = ((candidates[:, :, None] - old) ** 2).sum(axis=-1).min(axis=(1, 2))
+        self.positions[members[new]] = candidates[apart.argmax()]
 
     def _sign(
         self,
@@ -164,6 +185,7 @@ class Placer:
         other = placed if number == hub else number
         known = self._reflections.get((joint.points, hub, other))
         if known is None:
+            self.has_chosen = True
             return int(self._rng.choice([1, -1]))
         # The first apex is that of the hub.
         apexes = (known.first, known.second) if number == hub else (known.second, known.first)

@@ -267,6 +267,8 @@ class Product:
                     return positions, True
             if first is None:
                 first = positions
+            if not placer.has_chosen:
+                break
         if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
             positions, proved = settled(self._problem, self._at_once(problem, bounds), boxes)
             if proved:

@@ -126,9 +126,12 @@ def _newton(
         gradients = Gradients(pairs, differences * weights[:, None], len(moved))
         if not gradients.are_independent:
             return None
-        moved = moved + gradients.least_displacements(0.5 * (targets - squared) * weights)
+        step = gradients.least_displacements(0.5 * (targets - squared) * weights)
+        moved = moved + step
         if not np.isfinite(moved).all():
             return None
+        if np.abs(step).max() <= np.finfo(float).eps * np.abs(moved).max():
+            break
     assert gradients is not None
     inverse = gradients.right_inverse()
     return (moved, inverse) if np.isfinite(inverse).all() else None

@@ -1,0 +1,70 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Hypotheses keep their numbers, in whatever order they come."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.estimate import FixedFrame, FrameKind
+from dg_localization.fleet.window.numbering import Framed, matches
+
+STAMP_S = 10.0
+
+
+def reading_fleet(robots, anchors, places_m):
+    """Return a localizer that has heard every range, and its estimate."""
+    config = FleetConfig(
+        robots=robots,
+        anchors=anchors,
+        range_error=RangeErrorModel(min_error_m=-0.01, max_error_m=0.01),
+    )
+    localizer = Localizer(config)
+    for row, first in enumerate(places_m):
+        for second in list(places_m)[row + 1 :]:
+            if not (first in anchors and second in anchors):
+                distance_m = float(np.linalg.norm(places_m[first] - places_m[second]))
+                localizer.add_range(first, second, distance_m, STAMP_S, STAMP_S)
+    snapshot = localizer.snapshot(STAMP_S)
+    return snapshot, localizer.estimate(snapshot)
+
+
+@pytest.fixture
+def twins():
+    """Return what is heard of a robot between two anchors, and where it may be."""
+    anchors = {'p': Anchor((0.0, 0.0)), 'q': Anchor((4.0, 0.0))}
+    places_m = {'p': np.zeros(2), 'q': np.array([4.0, 0.0]), 'a': np.array([1.0, 2.0])}
+    return reading_fleet(('a',), anchors, places_m)
+
+
+def test_twins_beside_two_anchors_keep_their_numbers(twins):
+    """They have one shape, so that only their positions tell them apart."""
+    snapshot, estimate = twins
+    first, second = (Framed(one, estimate.frame) for one in estimate.placements)
+    assert matches(snapshot, STAMP_S, [first, second], [second, first]) == {0: 1, 1: 0}
+
+
+def test_positions_in_frames_that_differ_are_not_compared(twins):
+    snapshot, estimate = twins
+    moving = FixedFrame(FrameKind.ROBOTS, ('a',))
+    before = [Framed(one, estimate.frame) for one in estimate.placements]
+    now = [Framed(one.placement, moving) for one in before]
+    assert len(matches(snapshot, STAMP_S, before, now)) == 2
+
+
+def test_what_shares_one_robot_of_several_does_not_go_on():
+    places_m = {'a': np.zeros(2), 'b': np.array([3.0, 0.0]), 'c': np.array([1.0, 2.0])}
+    snapshot, estimate = reading_fleet(('a', 'b', 'c'), {}, places_m)
+
+    def only(*robots):
+        placement = estimate.placements[0]
+        positions_m = np.array(placement.positions_m)
+        positions_m[[row for row in range(3) if row not in robots]] = np.nan
+        return Framed(replace(placement, positions_m=positions_m), estimate.frame)
+
+    assert matches(snapshot, STAMP_S, [only(0, 1)], [only(1, 2)]) == {}
+    assert matches(snapshot, STAMP_S, [only(0, 1)], [only(0, 1, 2)]) == {0: 0}
+    assert matches(snapshot, STAMP_S, [only(0)], [only(0, 1)]) == {0: 0}
