@@ -11,6 +11,7 @@ sensor_msgs/Range has a variance since Iron, and no subscriber of today reads th
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from heapq import heappop, heappush
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
@@ -30,6 +31,9 @@ SAMPLES = 20
 MOST_SAMPLED = 50_000
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 STORAGE_ENDINGS = ('.db3', '.mcap')
+# The recorder hands over messages in the order of callbacks, not of their receive times, and a
+# file of a split bag ends among them.
+MOST_OUT_OF_ORDER_NS = NS_PER_S
 RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
 
 
@@ -246,25 +250,45 @@ class Bag:
         Raises
         ------
         BagError
-            Where the file itself is damaged, and where a time is before the one that came last.
+            Where the file itself is damaged, and where a time is more than
+            `MOST_OUT_OF_ORDER_NS` before another one that came earlier.
 
         """
         start_ns = self.start_ns + round(start_s * NS_PER_S)
         stop_ns = None if duration_s is None else start_ns + round(duration_s * NS_PER_S)
-        recorded = self._reader.messages(self._connections, start=start_ns, stop=stop_ns)
+        waiting: list[tuple[int, int, BagMessage]] = []
+        damage = None
         last_ns = start_ns
+        try:
+            for number, message in enumerate(self._recorded(start_ns, stop_ns)):
+                self._check_order(message, last_ns)
+                last_ns = max(last_ns, message.time_ns)
+                heappush(waiting, (message.time_ns, number, message))
+                while waiting[0][0] < last_ns - MOST_OUT_OF_ORDER_NS:
+                    yield heappop(waiting)[-1]
+        except BagError as error:
+            damage = error
+        while waiting:
+            yield heappop(waiting)[-1]
+        if damage is not None:
+            raise damage
+
+    def _recorded(self, start_ns: int, stop_ns: int | None) -> Iterator[BagMessage]:
+        """Yield the messages in the order of the file."""
+        recorded = self._reader.messages(self._connections, start=start_ns, stop=stop_ns)
         with _damage_reported(self._path):
             for connection, time_ns, data in recorded:
                 message = self._converted(connection.topic, time_ns, data)
-                if message is None:
-                    continue
-                if time_ns < last_ns:
-                    raise BagError(
-                        f'{self._path}: a message of {connection.topic} received at '
-                        f'{time_ns / NS_PER_S:.3f} s comes after one of {last_ns / NS_PER_S:.3f} s'
-                    )
-                last_ns = time_ns
-                yield message
+                if message is not None:
+                    yield message
+
+    def _check_order(self, message: BagMessage, last_ns: int) -> None:
+        """Raise a BagError where a message is too far before the latest one of those so far."""
+        if message.time_ns < last_ns - MOST_OUT_OF_ORDER_NS:
+            raise BagError(
+                f'{self._path}: a message of {message.topic} received at '
+                f'{message.time_ns / NS_PER_S:.3f} s comes after one of {last_ns / NS_PER_S:.3f} s'
+            )
 
     def _converted(self, topic: str, time_ns: Any, data: Any) -> BagMessage | None:
         """Return a message for the installed type, or None for a damaged one; count both."""
@@ -330,6 +354,13 @@ def _open(path: Path) -> Any:
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
+    except KeyError as error:
+        # rosbags 0.11 knows no definition without an encoding, which a recorder writes that has
+        # not got the package of a type.
+        raise BagError(
+            f'{path} cannot be read as a rosbag2: a topic has no definition of its messages '
+            f"({error}); 'ros2 bag convert' writes a bag without that topic"
+        ) from error
     except Exception as error:  # on damaged files whatever its parsers raise
         raise BagError(
             f'{path} cannot be read as a rosbag2: {str(error) or type(error).__name__}; '
