@@ -21,6 +21,7 @@ from dg_localization.fleet.sensors import (
     LinkOverride,
     Mount,
     RangeErrorModel,
+    SensorBounds,
 )
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import (
@@ -61,6 +62,7 @@ __all__ = [
     'RangeErrorModel',
     'Rejection',
     'RejectionReason',
+    'SensorBounds',
     'Snapshot',
     'Suspect',
     'SuspectKind',

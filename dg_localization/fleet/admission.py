@@ -9,6 +9,9 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.error_models import finite_number, quoted
 from dg_localization.fleet.vocabulary import LinkKey, Rejection, RejectionReason
 
+MOST_BEFORE_S = 0.15
+"""How old an answer may be for the sake of odometry, when it is asked for."""
+
 
 def is_young(config: FleetConfig, stamp_s: float, now_s: float) -> bool:
     """Return whether a measurement of that time counts at `now_s`."""

@@ -11,6 +11,7 @@ from threading import Lock
 
 from numpy.typing import ArrayLike
 
+from dg_localization.fleet.admission import MOST_BEFORE_S
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.checks import require_kind
 from dg_localization.fleet.config import FleetConfig
@@ -19,14 +20,12 @@ from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
 from dg_localization.fleet.mounts import mount_geometry
+from dg_localization.fleet.sensors import SensorBounds
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, Rejection
 from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
-
-MOST_BEFORE_S = 0.15
-"""How old an answer may be for the sake of odometry, when it is asked for."""
 
 
 class Localizer:
@@ -92,6 +91,7 @@ class Localizer:
         min_range_m: float | None = None,
         max_range_m: float | None = None,
         variance_m2: float | None = None,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """
         Add a range.
@@ -109,6 +109,8 @@ class Localizer:
             Limits of the sensor; both zero means not given.
         variance_m2 : float, optional
             Variance of the reading.
+        bounds : SensorBounds, optional
+            Of its error; those that the settings have for the observer and the target by default.
 
         Returns
         -------
@@ -118,12 +120,18 @@ class Localizer:
         """
         key = LinkKey(LinkKind.RANGE, str(observer), str(target))
         return self._store.add_range(
-            key, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2
+            key, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2, bounds
         )
 
     @default_environment()
     def add_bearing(
-        self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+        self,
+        observer: str,
+        target: str,
+        ray_xyz: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """
         Add a bearing.
@@ -136,6 +144,8 @@ class Localizer:
             Direction in the body frame of the observer, x forward and z up, of any length.
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
+        bounds : SensorBounds, optional
+            Of its error; those that the settings have for the observer and the target by default.
 
         Returns
         -------
@@ -144,7 +154,7 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.BEARING, str(observer), str(target))
-        return self._store.add_bearing(key, ray_xyz, stamp_s, now_s)
+        return self._store.add_bearing(key, ray_xyz, stamp_s, now_s, bounds)
 
     @default_environment()
     def add_odometry(
@@ -212,7 +222,12 @@ class Localizer:
 
     @default_environment()
     def add_peers(
-        self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
+        self,
+        observer: str,
+        readings: Iterable[PeerMeasurement],
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> list[Rejection]:
         """
         Add everything that one robot measured of others at one time.
@@ -226,6 +241,9 @@ class Localizer:
             `add_bearing`. A target may occur twice, with a distance and with a ray.
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
+        bounds : SensorBounds, optional
+            Of their errors; those that the settings have for the observer and each target by
+            default.
 
         Returns
         -------
@@ -233,7 +251,7 @@ class Localizer:
             Why some of the measurements, or all, were not accepted.
 
         """
-        return self._store.add_peers(str(observer), readings, stamp_s, now_s)
+        return self._store.add_peers(str(observer), readings, stamp_s, now_s, bounds)
 
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered since the start or the last reset."""

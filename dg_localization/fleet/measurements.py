@@ -10,7 +10,7 @@ reason on its input.
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_right, insort
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.admission import Admission, is_young
+from dg_localization.fleet.admission import MOST_BEFORE_S, Admission, is_young
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.elevations import Elevations
@@ -38,6 +38,7 @@ from dg_localization.fleet.error_models import (
 from dg_localization.fleet.motion import OdometryTrack
 from dg_localization.fleet.peer_rows import PeerMeasurement, read_row, read_rows
 from dg_localization.fleet.rotations import rotation_of_quaternion
+from dg_localization.fleet.sensors import SensorBounds
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
     InputState,
@@ -49,6 +50,8 @@ from dg_localization.fleet.vocabulary import (
     RejectionReason,
 )
 from dg_localization.fleet.window.memory import Memory
+
+_STAMP_S = attrgetter('stamp_s')
 
 
 @dataclass
@@ -66,10 +69,15 @@ class _Input:
         self.accepted += 1
         self.newest_stamp_s = max(self.newest_stamp_s, stamp_s)
 
-    def keep(self, reading: DistanceReading | RayReading, most: int) -> None:
-        """Add a reading and forget all but the newest `most` of them."""
-        insort(self.readings, reading, key=attrgetter('stamp_s'))
-        del self.readings[:-most]
+    def keep(self, reading: DistanceReading | RayReading, most: int, answered_s: float) -> None:
+        """
+        Add a reading and forget all but the newest `most` of those up to a time, and later ones.
+
+        Later ones must not push out what an answer for that time needs.
+        """
+        insort(self.readings, reading, key=_STAMP_S)
+        n_before = bisect_right(self.readings, answered_s, key=_STAMP_S)
+        del self.readings[: max(0, n_before - most)]
 
 
 class MeasurementStore:
@@ -105,13 +113,14 @@ class MeasurementStore:
         min_range_m: float | None,
         max_range_m: float | None,
         variance_m2: float | None,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """Accept a range, or return why not."""
         rejection = self._admission.check_link(key) or self._admission.check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
         return self._take_range(
-            key, range_m, float(stamp_s), now_s, min_range_m, max_range_m, variance_m2
+            key, range_m, float(stamp_s), now_s, bounds, min_range_m, max_range_m, variance_m2
         )
 
     def _take_range(
@@ -120,6 +129,7 @@ class MeasurementStore:
         range_m: float | ArrayLike,
         stamp_s: float,
         now_s: float,
+        stated: SensorBounds | None,
         min_range_m: float | None = None,
         max_range_m: float | None = None,
         variance_m2: float | None = None,
@@ -129,7 +139,7 @@ class MeasurementStore:
         if reading_m is None:
             text = f'range {quoted(range_m)} is not allowed, it must be a number of meters'
             return self._reject(key, Rejection(RejectionReason.INVALID_RANGE, text))
-        model = self._config.range_error_of(key.observer, key.target)
+        model = stated.range_error if stated else self._config.range_error_of(*key.ends)
         bounds = interpret_range(model, reading_m, min_range_m, max_range_m, variance_m2)
         if isinstance(bounds, Rejection):
             return self._reject(key, bounds)
@@ -144,16 +154,26 @@ class MeasurementStore:
         return None
 
     def add_bearing(
-        self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+        self,
+        key: LinkKey,
+        ray_xyz: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """Accept a ray, or return why not."""
         rejection = self._admission.check_link(key) or self._admission.check_stamp(stamp_s, now_s)
         if rejection:
             return self._reject(key, rejection)
-        return self._take_bearing(key, ray_xyz, float(stamp_s), now_s)
+        return self._take_bearing(key, ray_xyz, float(stamp_s), now_s, bounds)
 
     def _take_bearing(
-        self, key: LinkKey, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+        self,
+        key: LinkKey,
+        ray_xyz: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        stated: SensorBounds | None,
     ) -> Rejection | None:
         """Accept a ray of a link and a stamp that were checked, or return why not."""
         config = self._config
@@ -167,7 +187,9 @@ class MeasurementStore:
         stuck = self._check_stuck(key, values, stamp_s)
         if stuck:
             return self._reject(key, stuck)
-        half_width_rad = config.bearing_half_width_of(key.observer, key.target)
+        half_width_rad = (
+            stated.bearing_half_width_rad if stated else config.bearing_half_width_of(*key.ends)
+        )
         rises = config.elevations_m and self._elevations.squared_rise_m2(*key.ends, stamp_s, now_s)
         if rises and rises[1] > 0.0:
             half_width_rad = projected_half_width_rad(ray, half_width_rad)
@@ -237,7 +259,12 @@ class MeasurementStore:
         return None
 
     def add_peers(
-        self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
+        self,
+        observer: str,
+        readings: Iterable[PeerMeasurement],
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> list[Rejection]:
         """Accept ranges and rays that one robot measured at one time; return why not."""
         together = LinkKey(LinkKind.PEERS, observer, '')
@@ -255,7 +282,7 @@ class MeasurementStore:
             # A robot that measures nobody still delivers.
             source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
         for row in rows:
-            rejection = self._take_peer(observer, row, stamp_s, now_s)
+            rejection = self._take_peer(observer, row, stamp_s, now_s, bounds)
             if rejection:
                 rejections.append(self._reject(together, rejection))
             else:
@@ -263,7 +290,12 @@ class MeasurementStore:
         return rejections
 
     def _take_peer(
-        self, observer: str, row: PeerMeasurement, stamp_s: float, now_s: float
+        self,
+        observer: str,
+        row: PeerMeasurement,
+        stamp_s: float,
+        now_s: float,
+        stated: SensorBounds | None,
     ) -> Rejection | None:
         """Accept what a robot measured of another at a checked stamp, or return why not."""
         pair = read_row(row)
@@ -276,13 +308,18 @@ class MeasurementStore:
         if rejection:
             return self._reject(key, rejection)
         take = self._take_range if kind is LinkKind.RANGE else self._take_bearing
-        return take(key, value, stamp_s, now_s)
+        return take(key, value, stamp_s, now_s, stated)
 
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
         """Return what counts at `now_s` of every range and bearing, in the order of the keys."""
         config = self._config
+
+        def young(source: _Input) -> list[DistanceReading | RayReading]:
+            found = [r for r in source.readings if is_young(config, r.stamp_s, now_s)]
+            return found[-config.max_repeats :]
+
         return {
-            key: [r for r in self._inputs[key].readings if is_young(config, r.stamp_s, now_s)]
+            key: young(self._inputs[key])
             for key in sorted(self._inputs)
             if key.kind in (LinkKind.RANGE, LinkKind.BEARING) and self._inputs[key].accepted
         }
@@ -350,7 +387,7 @@ class MeasurementStore:
     def _keep(self, reading: DistanceReading | RayReading, now_s: float) -> None:
         """Store and remember a reading, and count it."""
         source = self._input(reading.key)
-        source.keep(reading, self._config.max_repeats)
+        source.keep(reading, self._config.max_repeats, now_s - MOST_BEFORE_S)
         source.count_accepted(reading.stamp_s)
         self.memory.add(reading, now_s)
 

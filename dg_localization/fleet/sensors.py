@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
+from typing import NamedTuple
 
 from dg_localization.fleet.checks import (
     FARTHEST_M,
@@ -123,6 +124,23 @@ def _require_order(
             f'{group}.{least}: {low!r} is not allowed, it must be at most {group}.{greatest}, '
             f'which is {high!r}'
         )
+
+
+class SensorBounds(NamedTuple):
+    """
+    Error bounds of what one sensor measures, whoever its targets are.
+
+    Attributes
+    ----------
+    range_error : RangeErrorModel
+        Of its ranges.
+    bearing_half_width_rad : float
+        The greatest angle between its rays and the truth.
+
+    """
+
+    range_error: RangeErrorModel
+    bearing_half_width_rad: float
 
 
 @dataclass(frozen=True)

@@ -305,6 +305,30 @@ def test_only_so_many_repeats_count(config):
     assert link(localizer).upper_m == pytest.approx(3.09)
 
 
+@pytest.mark.parametrize(
+    ('period_s', 'settings'),
+    [
+        (0.05, {'max_future_s': 0.0, 'max_repeats': 1}),
+        (0.01, {'max_future_s': 0.0, 'max_repeats': 4}),
+        (0.005, {'max_future_s': 0.02}),
+        (0.01, {'max_repeats': 1}),
+    ],
+)
+def test_readings_after_the_time_of_the_answer_do_not_push_out_those_before(period_s, settings):
+    """Odometry comes late, and the answer is for its time."""
+    localizer = Localizer(FleetConfig(robots=('a', 'b'), **settings))
+    now_s = NOW_S
+    for step in range(100):
+        now_s = NOW_S + step * period_s
+        localizer.add_range('a', 'b', 3.0, now_s, now_s)
+        if step % 10 == 0:
+            localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, now_s - 0.06, now_s)
+        if step > 20:
+            (found,) = localizer.snapshot(localizer.answer_time(now_s)).links
+            assert not found.stale
+    assert len(localizer._store.young_readings(now_s)[found.key]) <= localizer.config.max_repeats
+
+
 def test_a_link_goes_stale_and_comes_back(localizer):
     localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
     assert not link(localizer, NOW_S + 1.0).stale

@@ -186,7 +186,7 @@ def rays(localizer, monkeypatch):
     """Return the rays that the localizer is given, by target."""
     given = {}
 
-    def add_peers(observer, readings, stamp_s, now_s):
+    def add_peers(observer, readings, *_):
         given.update({(observer, target): np.round(value, 9) for target, value in readings})
         return []
 

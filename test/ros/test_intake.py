@@ -19,7 +19,9 @@ from dg_localization.fleet import (  # noqa: E402
     FleetConfig,
     LinkKey,
     LinkKind,
+    LinkOverride,
     Localizer,
+    RangeErrorModel,
     RejectionReason,
 )
 from dg_localization.ros.interface.intake import Intake, add_reading  # noqa: E402
@@ -172,6 +174,42 @@ def adapt_ranges():
 def test_message_is_read_from_its_bytes(localizer):
     assert take(localizer, RANGES, Range(range=3.0)) is None
     assert taken(localizer) == {('range', 'b'): 1}
+
+
+def cloud(range_m):
+    """Return a message of a range to b."""
+    reading = PeersReading(NOW_S, np.array([1]), np.array([range_m]), np.array([NO_RAY]))
+    return adapter_for(CLOUD).to_message(reading)
+
+
+NARROW = replace(RANGES, overrides={'min_error': -0.02, 'max_error': 0.02})
+
+
+@pytest.mark.parametrize(
+    'link, bounds_m', [(NARROW, (2.98, 3.02)), (CLOUDS, (1.7, 3.05))], ids=['narrow', 'other']
+)
+def test_a_range_has_the_bounds_of_its_own_link(link, bounds_m):
+    """Those of a link beside it, to the same robot, may be too narrow for it."""
+    config = FleetConfig(
+        robots=('a', 'b'),
+        range_error=RangeErrorModel(-0.05, 1.3, 0.0, 0.0),
+        links=(LinkOverride('a', 'b', RangeErrorModel(-0.02, 0.02, 0.0, 0.0)),),
+    )
+    localizer = Localizer(config)
+    assert take(localizer, link, Range(range=3.0) if link is NARROW else cloud(3.0)) is None
+    (distance,) = localizer.snapshot(NOW_S).distances
+    assert (distance.lower_m, distance.upper_m) == pytest.approx(bounds_m)
+
+
+def test_a_ray_has_the_half_width_of_its_own_link():
+    narrow = replace(CLOUDS, overrides={'half_width': 0.01})
+    settings = {'robots': ('a', 'b'), 'bearing_half_width_rad': 0.2}
+    for link, half_width_rad in ((narrow, 0.01), (CLOUDS, 0.2)):
+        localizer = Localizer(FleetConfig(**settings, links=(LinkOverride('a', 'b', None, 0.05),)))
+        reading = PeersReading(NOW_S, np.array([1]), np.array([math.nan]), np.array([AHEAD]))
+        assert take(localizer, link, adapter_for(CLOUD).to_message(reading)) is None
+        (ray,) = localizer.snapshot(NOW_S).rays
+        assert ray.half_width_rad == half_width_rad
 
 
 @pytest.mark.parametrize('use_header_stamp', [False, True])

@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
+from dg_localization.fleet import (
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    Rejection,
+    SensorBounds,
+)
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
 from dg_localization.ros.bags.ground_truth import Poses, TruthReader
@@ -83,20 +90,35 @@ class _Gatherer(Localizer):
         min_range_m: float | None = None,
         max_range_m: float | None = None,
         variance_m2: float | None = None,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """Keep a range that is accepted."""
         rejection = super().add_range(
-            observer, target, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2
+            observer,
+            target,
+            range_m,
+            stamp_s,
+            now_s,
+            min_range_m,
+            max_range_m,
+            variance_m2,
+            bounds,
         )
         if rejection is None:
             self._keep_range(observer, target, range_m, stamp_s)
         return rejection
 
     def add_bearing(
-        self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, now_s: float
+        self,
+        observer: str,
+        target: str,
+        ray_xyz: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """Keep a ray that is accepted."""
-        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, now_s)
+        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, now_s, bounds)
         if rejection is None:
             self._keep_ray(observer, target, ray_xyz, stamp_s)
         return rejection
@@ -121,14 +143,19 @@ class _Gatherer(Localizer):
         return rejection
 
     def add_peers(
-        self, observer: str, readings: Iterable[PeerMeasurement], stamp_s: float, now_s: float
+        self,
+        observer: str,
+        readings: Iterable[PeerMeasurement],
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> list[Rejection]:
         """Keep what is accepted of everything that one robot measured."""
         # Who measured, and when, is checked once. The rows go one by one: of all together the
         # answer does not say which were accepted.
         rejections = super().add_peers(observer, (), stamp_s, now_s)
         for target, value in readings if not rejections else ():
-            of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s)
+            of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s, bounds)
             rejections += of_row
             if of_row:
                 continue

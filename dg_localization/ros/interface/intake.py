@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection
+from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection, SensorBounds
 from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed, shortened
 from dg_localization.ros.interface.frames import usable_frame_id
 from dg_localization.ros.interface.identities import Cameras, Identities
@@ -84,6 +84,7 @@ class Intake:
         self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
         self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
         self._message_classes: dict[str, type] = {}
+        self._bounds: dict[Link, SensorBounds] = {}
         self.malformed: dict[str, Malformed] = {}
         self.odometry: dict[str, OdometryPoses] = {}
 
@@ -161,7 +162,9 @@ class Intake:
                 return self._add_identified(link, reading, stamp_s, now_s)
             case PeersReading():
                 reading = replace(reading, rays_xyz=link.turned(reading.rays_xyz))
-        rejection = add_reading(self._localizer, link.key, reading, stamp_s, now_s)
+        rejection = add_reading(
+            self._localizer, link.key, reading, stamp_s, now_s, self._bounds_of(link)
+        )
         if isinstance(reading, OdometryReading) and rejection is None:
             robot = link.key.observer
             poses = self.odometry.setdefault(robot, OdometryPoses())
@@ -185,7 +188,17 @@ class Intake:
         rays_xyz = link.turned(reading.rays_xyz[kept])
         # All rows before the first: a message that cannot be read must not be taken in part.
         readings = list(_named_readings(names, reading.ranges_m[kept], rays_xyz))
-        return next(iter(self._localizer.add_peers(observer, readings, stamp_s, now_s)), None)
+        bounds = self._bounds_of(link)
+        rejections = self._localizer.add_peers(observer, readings, stamp_s, now_s, bounds)
+        return next(iter(rejections), None)
+
+    def _bounds_of(self, link: Link) -> SensorBounds:
+        """Return the error bounds of what a link measures."""
+        if link not in self._bounds:
+            config = self._localizer.config
+            of_all = SensorBounds(config.range_error, config.bearing_half_width_rad)
+            self._bounds[link] = link.bounds_within(of_all)
+        return self._bounds[link]
 
     def forget(self) -> None:
         """Forget what could not be read, and odometry; the matrix of a camera stays."""
@@ -199,7 +212,12 @@ class Intake:
 
 
 def add_reading(
-    localizer: Localizer, key: LinkKey, reading: PlainReading, stamp_s: float, now_s: float
+    localizer: Localizer,
+    key: LinkKey,
+    reading: PlainReading,
+    stamp_s: float,
+    now_s: float,
+    bounds: SensorBounds | None = None,
 ) -> Rejection | None:
     """
     Give one reading to a localizer.
@@ -214,6 +232,8 @@ def add_reading(
         When it was measured; the reading's own stamp may be useless.
     now_s : float
         The time now, on the same clock.
+    bounds : SensorBounds, optional
+        Of the errors of ranges and rays; those of the settings by default.
 
     Returns
     -------
@@ -232,9 +252,12 @@ def add_reading(
                 min_range_m=reading.min_range_m,
                 max_range_m=reading.max_range_m,
                 variance_m2=reading.variance_m2,
+                bounds=bounds,
             )
         case BearingReading():
-            return localizer.add_bearing(key.observer, key.target, reading.ray_xyz, stamp_s, now_s)
+            return localizer.add_bearing(
+                key.observer, key.target, reading.ray_xyz, stamp_s, now_s, bounds
+            )
         case OdometryReading():
             return localizer.add_odometry(
                 key.observer,
@@ -249,7 +272,8 @@ def add_reading(
         case PeersReading():
             # All rows before the first: a message that cannot be read must not be taken in part.
             readings = list(_peer_readings(reading, localizer.config.points))
-            return next(iter(localizer.add_peers(key.observer, readings, stamp_s, now_s)), None)
+            rejections = localizer.add_peers(key.observer, readings, stamp_s, now_s, bounds)
+            return next(iter(rejections), None)
 
 
 def _peer_readings(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
-from dg_localization.fleet import LinkKey, LinkKind
+from dg_localization.fleet import LinkKey, LinkKind, SensorBounds
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
 from msg_adapters import (
     BearingReading,
@@ -52,13 +52,15 @@ ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 # How the sensor of peers is turned in the body of its robot.
 TURNS = ('roll', 'pitch', 'yaw')
 # What a link string may override, by what the link measures.
-RANGE_BOUNDS = (
-    'min_error',
-    'max_error',
-    'min_error_relative',
-    'max_error_relative',
-    'sigma_factor',
-)
+RANGE_FIELDS = {
+    'min_error': 'min_error_m',
+    'max_error': 'max_error_m',
+    'min_error_relative': 'min_error_relative',
+    'max_error_relative': 'max_error_relative',
+    'sigma_factor': 'sigma_factor',
+    'expected_error': 'expected_error_m',
+}
+RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if name != 'expected_error')
 STAMP_OFFSET = 'stamp_offset'
 OVERRIDES = {
     LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error', STAMP_OFFSET),
@@ -111,6 +113,24 @@ class Link:
     def stamp_offset_s(self) -> float:
         """What is added to the stamps of the messages."""
         return self.overrides.get(STAMP_OFFSET, 0.0)
+
+    def bounds_within(self, of_all: SensorBounds) -> SensorBounds:
+        """
+        Return the error bounds of what the link measures.
+
+        Parameters
+        ----------
+        of_all : SensorBounds
+            Those of the fleet, which stand where the link states none.
+
+        """
+        stated = self.overrides
+        range_error = of_all.range_error
+        if self.key.kind in (LinkKind.RANGE, LinkKind.PEERS):
+            fields = {RANGE_FIELDS[name]: stated[name] for name in RANGE_FIELDS.keys() & stated}
+            range_error = replace(range_error, **fields)
+        half_width_rad = stated.get('half_width', of_all.bearing_half_width_rad)
+        return SensorBounds(range_error, half_width_rad)
 
     def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""

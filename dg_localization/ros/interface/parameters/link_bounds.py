@@ -42,8 +42,8 @@ def overrides_from(
     """
     Gather the bounds of ranges and of bearings between the same two points.
 
-    Where several links measure the same, the widest of their bounds hold for all: a reading does
-    not tell which of them it came by.
+    Each reading has the bounds of its own link. These here are for what is said of two points,
+    whatever measured them: the widest where several links do.
     """
     robot_of = {sensor: sensor.rpartition('/')[0] for sensor in values['mounts.names']}
     robots = {point: robot_of.get(point, point) for point in points}
