@@ -148,7 +148,39 @@ def test_no_frame_is_placed_in_itself(frames):
 
 def test_a_frame_that_two_robots_call_their_own_is_left_out():
     odometry = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), frame_id='odom')
-    assert transforms(estimate(), 'map', {'a': odometry, 'b': odometry}) == ()
+    with_slash = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), frame_id='/odom')
+    for other in (odometry, with_slash):
+        for known in ((True, True), (True, False), (False, True)):
+            # That one of them has no place now does not make it that of the other.
+            found = transforms(estimate(known=known), 'map', {'a': odometry, 'b': other})
+            assert found == ()
+
+
+def test_a_robot_whose_odometry_is_awaited_has_no_transform():
+    """Its driver places the body in a frame of which nothing is known yet."""
+    found = transforms(estimate(), 'map', {}, awaited={'a'})
+    assert children(found) == {'b/base_link'}
+
+
+def test_in_the_plane_a_ramp_does_not_tilt_the_odometry_frame():
+    pitch_rad = 0.2
+    tilted = np.array([0.0, math.sin(0.5 * pitch_rad), 0.0, math.cos(0.5 * pitch_rad)])
+    odometry = OdometryPoses()
+    for stamp_s in (99.9, 100.1):
+        pose = OdometryReading(0.0, np.array([10.0, 0.0, 1.0]), tilted, 'a/odom', 'a/base_link')
+        odometry.keep(pose, stamp_s)
+    found = transforms(estimate(yaws_rad=(0.0, 0.0)), 'map', {'a': odometry})
+    assert found[0].translation_m == pytest.approx([-7.0, 4.0, 0.0])
+    assert np.abs(found[0].rotation_xyzw) == pytest.approx([0.0, 0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize('name', ['x' * 400, 'two\nlines'])
+def test_names_that_cannot_be_published_are_none(name):
+    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), frame_id=name, child_frame_id=name)
+    assert children(transforms(estimate(), 'map', {'a': odometry})) == {
+        'a/base_link',
+        'b/base_link',
+    }
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ the estimate places the odometry frame; elsewhere it places the body.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,14 @@ from numpy.typing import NDArray
 from dg_localization.fleet import Estimate, FrameKind
 from dg_localization.fleet.rotations import (
     inverse_quaternion,
+    level_rotations,
+    quaternion_of,
     quaternion_product,
     rotation_of_quaternion,
 )
-from dg_localization.ros.interface.frames import BODY_FRAME, frame_id
+from dg_localization.ros.interface.frames import BODY_FRAME, frame_id, usable_frame_id
 from dg_localization.ros.interface.poses import unique_pose
-from msg_adapters import OdometryReading, UncertainPose
+from msg_adapters import OdometryReading
 from msg_adapters.transforms import Transform
 
 TRANSFORM_TOPIC = '/tf'
@@ -51,6 +54,11 @@ class RigidPose:
         """Return the pose of a frame that has the pose `other` in this one."""
         position_m = self.position_m + rotation_of_quaternion(self.xyzw) @ other.position_m
         return RigidPose(position_m, quaternion_product(self.xyzw, other.xyzw))
+
+    def in_plane(self) -> 'RigidPose':
+        """Return the pose without height, roll and pitch."""
+        level = level_rotations(rotation_of_quaternion(self.xyzw)[None])[0]
+        return RigidPose(np.array([*self.position_m[:2], 0.0]), quaternion_of(level))
 
 
 def _between(a: RigidPose, b: RigidPose, fraction: float) -> RigidPose:
@@ -87,8 +95,7 @@ class OdometryPoses:
             When the odometry last started anew; 0 where it never did.
 
         """
-        # An adapter of somebody else may give anything.
-        frames = str(reading.frame_id), str(reading.child_frame_id)
+        frames = _name_of(reading.frame_id), _name_of(reading.child_frame_id)
         is_restarted = bool(self._stamps_s) and self._stamps_s[-1] < restarted_s
         if is_restarted or frames != (self.frame_id, self.child_frame_id):
             # Poses in different frames have nothing between them.
@@ -112,8 +119,16 @@ class OdometryPoses:
         return _between(self._poses[after - 1], self._poses[after], fraction)
 
 
+def _name_of(frame_id: Any) -> str:
+    """Return the name of a frame as tf2 has it; an adapter of somebody else may give anything."""
+    return usable_frame_id(str(frame_id)).removeprefix('/')
+
+
 def transforms(
-    estimate: Estimate, fixed_frame: str, odometry: Mapping[str, OdometryPoses]
+    estimate: Estimate,
+    fixed_frame: str,
+    odometry: Mapping[str, OdometryPoses],
+    awaited: Collection[str] = (),
 ) -> tuple[Transform, ...]:
     """
     Return the transforms from the frame of the anchors to the robots of an estimate.
@@ -121,7 +136,8 @@ def transforms(
     There are some only while one hypothesis is left, in the frame of the anchors, and for robots
     whose heading is known: any other frame moves or drifts with a robot. A frame that more than
     one robot calls its own is left out, since it can have one place only, and so is one that has
-    the name of the frame of the anchors.
+    the name of the frame of the anchors. Where odometry is awaited, its frame is not known, and
+    the body must not get a second parent.
 
     Parameters
     ----------
@@ -129,7 +145,9 @@ def transforms(
     fixed_frame : str
         Name of the frame of the anchors.
     odometry : mapping of str to OdometryPoses
-        By robot, where it has odometry.
+        By robot, where some has come.
+    awaited : collection of str
+        Robots that have an input of odometry.
 
     Returns
     -------
@@ -139,35 +157,40 @@ def transforms(
     if estimate.frame is None or estimate.frame.kind != FrameKind.ANCHORS:
         return ()
     name = frame_id(estimate.frame, fixed_frame)
-    found = list(_placed(estimate, name, odometry))
-    times = Counter(transform.child_frame_id for transform in found)
-    return tuple(entry for entry in found if times[entry.child_frame_id] == 1)
+    children = {
+        robot: _child_of(robot, odometry.get(robot))
+        for robot in estimate.robots
+        if robot in odometry or robot not in awaited
+    }
+    times = Counter([name.removeprefix('/'), *children.values()])
+    found = (
+        _transform(estimate, row, name, children[robot], odometry.get(robot))
+        for row, robot in enumerate(estimate.robots)
+        if robot in children and times[children[robot]] == 1
+    )
+    return tuple(transform for transform in found if transform is not None)
 
 
-def _placed(
-    estimate: Estimate, name: str, odometry: Mapping[str, OdometryPoses]
-) -> Iterator[Transform]:
-    for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, name)
-        if pose is None or not estimate.placements[0].heading_known[row]:
-            continue
-        transform = _transform(pose, robot, odometry.get(robot))
-        if transform is not None:
-            yield transform
+def _child_of(robot: str, odometry: OdometryPoses | None) -> str:
+    """Return the frame of a robot that has no other parent: its odometry frame, or its body."""
+    own = '' if odometry is None else odometry.frame_id or odometry.child_frame_id
+    return own or f'{robot}/{BODY_FRAME}'
 
 
 def _transform(
-    pose: UncertainPose, robot: str, odometry: OdometryPoses | None
+    estimate: Estimate, row: int, name: str, child: str, odometry: OdometryPoses | None
 ) -> Transform | None:
-    """Return the transform to the odometry frame of a robot, or to its body."""
-    placed, child = RigidPose(pose.position_xyz, pose.orientation_xyzw), f'{robot}/{BODY_FRAME}'
+    """Return the transform to the odometry frame of a robot, or to its body; None for no place."""
+    pose = unique_pose(estimate, row, name)
+    if pose is None or not estimate.placements[0].heading_known[row]:
+        return None
+    placed = RigidPose(pose.position_xyz, pose.orientation_xyzw)
     if odometry is not None and odometry.frame_id:
         body = odometry.at(pose.stamp_s)
         if body is None:
             return None
-        placed, child = placed.times(body.inverse()), odometry.frame_id
-    elif odometry is not None and odometry.child_frame_id:
-        child = odometry.child_frame_id
-    if child == pose.frame_id:
-        return None
-    return Transform(pose.stamp_s, pose.frame_id, child, placed.position_m, placed.xyzw)
+        if estimate.placements[0].positions_m.shape[1] == 2:
+            # The plane is that of the odometry frame: a robot on a ramp does not tilt it.
+            body = body.in_plane()
+        placed = placed.times(body.inverse())
+    return Transform(pose.stamp_s, name, child, placed.position_m, placed.xyzw)

@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from dg_localization.fleet import (
     Estimate,
     FleetConfig,
+    LinkKind,
     Localizer,
     Snapshot,
     solver_warnings,
@@ -292,7 +293,10 @@ class LocalizerNode(LifecycleNode):
             )
         self._outputs.publish(answer.messages)
         if self._transforms is not None:
-            self._transforms.publish(answer.estimate)
+            links = self._inputs.links if self._inputs is not None else ()
+            with_odometry = [link for link in links if link.key.kind is LinkKind.ODOMETRY]
+            awaited = {link.key.observer for link in with_odometry}
+            self._transforms.publish(answer.estimate, awaited)
         self._diagnostics.publish_change(self._diagnose())
 
     def _fail(self, reason: str) -> None:

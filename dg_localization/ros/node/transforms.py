@@ -3,7 +3,7 @@
 
 """The transforms that the node publishes when `publish_tf` is set."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib import import_module
 import math
 
@@ -73,16 +73,23 @@ class TransformPublisher:
         self._publisher = make_transform_publisher(node)
         self._last_stamp_s = -math.inf
 
-    def publish(self, estimate: Estimate) -> None:
+    def publish(self, estimate: Estimate, awaited: Collection[str]) -> None:
         """
         Publish where the robots are, if that is known; silence says that it is not.
 
         Answers are for the time of the odometry, and may come more often than that. tf2 warns of
         transforms that repeat a time, and does not take them.
+
+        Parameters
+        ----------
+        estimate : Estimate
+        awaited : collection of str
+            Robots that have an input of odometry.
+
         """
         if estimate.stamp_s == self._last_stamp_s:
             return
-        found = transforms(estimate, self._fixed_frame, self._odometry)
+        found = transforms(estimate, self._fixed_frame, self._odometry, awaited)
         if found:
             self._last_stamp_s = estimate.stamp_s
             self._publisher.publish(transforms_to_cdr(found))
