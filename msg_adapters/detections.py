@@ -229,8 +229,10 @@ def _class_of(detection: Any) -> str:
     """Return the likeliest class of a detection, or its own id where it has no class."""
     if not detection.results:
         return str(detection.id)
-    best = max(detection.results, key=lambda result: float(result.hypothesis.score))
-    return str(best.hypothesis.class_id)
+    scores = [float(result.hypothesis.score) for result in detection.results]
+    if any(map(math.isnan, scores)):
+        raise ValueError(f'the scores {scores} of a detection are not allowed: NaN is no score')
+    return str(detection.results[scores.index(max(scores))].hypothesis.class_id)
 
 
 def _result(target_id: str) -> Any:

@@ -21,6 +21,7 @@ from dg_localization.fleet import (
 from dg_localization.fleet.best_point.best_point import BestPointFinder
 from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
 from dg_localization.fleet.best_point.normal_equations import eliminate, normal_equations
+from dg_localization.fleet.best_point.past import past_of
 from dg_localization.fleet.best_point.terms import (
     STEP,
     TURN,
@@ -29,7 +30,10 @@ from dg_localization.fleet.best_point.terms import (
     RangeTerm,
     RayTerm,
 )
+from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.error_models import likeliest_distance_m
+from dg_localization.fleet.frames.finders import finder_of
+from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
 
@@ -539,3 +543,46 @@ def test_the_expected_error_moves_the_point_and_not_the_bounds():
     assert (first.enclosure_m == second.enclosure_m).all()
     assert second.positions_m[0] == pytest.approx([3.0, 3.0], abs=1e-3)
     assert np.linalg.norm(first.positions_m[0] - [3.0, 3.0]) > 0.01
+
+
+@pytest.mark.parametrize('b_saw_a', [False, True])
+def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
+    """Robot b cannot be turned by what it sees now, and a measures it all the time."""
+    landmarks_m = {'p': (0.0, 0.0), 'q': (8.0, 0.0), 'r': (0.0, 6.0)}
+    localizer = Localizer(
+        FleetConfig(
+            robots=('a', 'b'),
+            anchors={name: Anchor(place_m) for name, place_m in landmarks_m.items()},
+            max_speed_m_s=0.5,
+            range_error=RangeErrorModel(-1.0, 1.0, 0.0, 0.0),
+            bearing_half_width_rad=0.02,
+        )
+    )
+    for stamp_s in np.arange(0.5, NOW_S + 0.01, 0.1).round(3).tolist():
+        places_m = {'a': (2.0 + 0.2 * stamp_s, 3.0), 'b': (2.0 + 0.2 * stamp_s, 7.0)}
+        for robot, place_m in places_m.items():
+            pose = [*place_m, 0.0], [0.0, 0.0, 0.0, 1.0]
+            localizer.add_odometry(robot, *pose, stamp_s, stamp_s)
+        apart_m = {
+            n: np.subtract(m, places_m['a']) for n, m in {**landmarks_m, **places_m}.items()
+        }
+        ranges = {'b': 4.0, 'p': math.hypot(*apart_m['p']) + (0.8 if stamp_s > 8.0 else 0.0)}
+        for target in ('b', 'p', 'q', 'r') if stamp_s < 8.0 else ('b',):
+            localizer.add_bearing('a', target, [*apart_m[target], 0.0], stamp_s, stamp_s)
+        for target, range_m in ranges.items():
+            localizer.add_range('a', target, range_m, stamp_s, stamp_s)
+        if b_saw_a and stamp_s < 5.0:
+            localizer.add_bearing('b', 'a', [0.0, -1.0, 0.0], stamp_s, stamp_s)
+    snapshot = localizer.snapshot(NOW_S)
+    constraints = constrain(snapshot)
+    plan = plan_frames(snapshot, constraints, [constraints])[0].main
+    solved = constraints.of(plan.points)
+    truth_m = np.array([{**landmarks_m, **places_m}[name] for name in solved.points])
+    low_m, high_m = truth_m - 2.5, truth_m + 2.5
+    for row, box in plan.by_row(snapshot.anchors.boxes).items():
+        low_m[row], high_m[row] = box.lower, box.upper
+    start_m = np.clip(truth_m + [1.5, 0.7], low_m, high_m)
+    finder = finder_of(snapshot, solved, plan, past_of(snapshot, solved))
+    among = solved.lower, solved.upper
+    best_m = finder.find(start_m, Interval(low_m, high_m), among).positions_m
+    assert np.linalg.norm(best_m - truth_m, axis=1).max() < 0.1

@@ -3,6 +3,7 @@
 
 """Messages of packages that are not installed here, by stand-ins with the same fields."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -107,6 +108,13 @@ def test_the_likeliest_class_names_a_detection_and_its_own_id_where_there_is_non
         'camera', detection(('r1', 0.2), ('r2', 0.7), ('r3', 0.1)), detection(own_id='track 9')
     )
     assert adapter_for(type_name).from_message(message).target_ids == ('r2', 'track 9')
+
+
+@pytest.mark.parametrize('type_name', [DETECTIONS_2D, DETECTIONS_3D])
+def test_a_class_without_a_score_is_never_the_likeliest(type_name):
+    message = detections('camera', detection(('cone', math.nan), ('r2', 0.95)))
+    with pytest.raises(ValueError, match='NaN is no score'):
+        adapter_for(type_name).from_message(message)
 
 
 def test_rays_in_an_optical_frame_are_turned_to_look_along_x():

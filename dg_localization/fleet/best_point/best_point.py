@@ -12,7 +12,7 @@ the start that does.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from types import MappingProxyType
@@ -128,6 +128,21 @@ class Sensor:
         return [RayTerm(self.body, self.row, self.arm_m / reach_m, LEAST_HALF_WIDTH)]
 
 
+def rays_by_body(
+    terms: Iterable[Term], sensors: Iterable[Sensor], held: Collection[int]
+) -> dict[int, list[RayTerm]]:
+    """Return the rays of each body that turns: of what it saw, and to its sensors."""
+    found: dict[int, list[RayTerm]] = {}
+    for term in terms:
+        if isinstance(term, RayTerm) and term.observer not in held:
+            found.setdefault(term.observer, []).append(term)
+    for sensor in sensors:
+        rays = [] if sensor.body in held else sensor.ray()
+        if rays:
+            found.setdefault(sensor.body, []).extend(rays)
+    return found
+
+
 class BestPointFinder:
     """
     Finds the best points of the hypotheses of one problem.
@@ -143,7 +158,7 @@ class BestPointFinder:
     sensors : sequence of Sensor, optional
         Points that move with a body.
     past : Past, optional
-        What is remembered.
+        What is remembered of bodies whose rotation something tells.
     beside_past : sequence of Term
         What was measured but is not in `past`.
     yaws_rad : mapping of int to float
@@ -163,20 +178,12 @@ class BestPointFinder:
     ) -> None:
         self._problem = problem
         self._terms = PackedTerms.of(terms)
-        self._rays_of: dict[int, list[RayTerm]] = {}
-        for term in terms:
-            if isinstance(term, RayTerm) and term.observer not in held:
-                self._rays_of.setdefault(term.observer, []).append(term)
+        self._rays_of = rays_by_body(terms, sensors, held)
         self._held = held
         self._sensors = sensors
-        for sensor in sensors:
-            rays = [] if sensor.body in held else sensor.ray()
-            if rays:
-                self._rays_of.setdefault(sensor.body, []).extend(rays)
         self._yaws_rad = yaws_rad
         self._past = None
         if past is not None:
-            past = past.of_robots({*held, *self._rays_of, *past.guesses, *yaws_rad})
             self._past = replace(
                 past, terms=PackedTerms.joined([PackedTerms.of(beside_past), past.terms])
             )

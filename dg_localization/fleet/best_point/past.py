@@ -76,8 +76,8 @@ class Past:
         x, y and yaw of each, seen from where its robot is now, as odometry states them.
     guesses : dict of int to numpy.ndarray, shape (3,)
         Poses of robots among landmarks, from what they saw of these.
-    ends : frozenset of (str, str)
-        Whose measurements the terms contain.
+    ends : dict of (str, str) to frozenset of int
+        Whose measurements the terms contain, and which robots moved meanwhile.
 
     """
 
@@ -86,7 +86,7 @@ class Past:
     first_body: int
     poses: FloatArray
     guesses: dict[int, FloatArray]
-    ends: frozenset[Ends]
+    ends: Mapping[Ends, frozenset[int]]
 
     def of_robots(self, rows: Collection[int]) -> Past:
         """Return this without the readings of all robots but some."""
@@ -94,7 +94,8 @@ class Past:
         past = self.first_body + np.flatnonzero(np.isin(self.rows, others))
         left_out = np.isin(self.terms.bodies, np.concatenate([others, past]))
         kept = np.flatnonzero(np.count_nonzero(left_out, axis=1) == 0)
-        return replace(self, terms=self.terms.chosen(kept))
+        ends = {pair: moved for pair, moved in self.ends.items() if moved <= {*rows}}
+        return replace(self, terms=self.terms.chosen(kept), ends=ends)
 
 
 def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = ()) -> Past | None:
@@ -197,13 +198,13 @@ class _Seen:
 
 def _seen(
     snapshot: Snapshot, solved: Constraints, ways: Mapping[str, _Poses], oldest_s: float
-) -> tuple[_Seen, frozenset[Ends]]:
-    """Return what robots on their ways and landmarks observed of each other, and who did."""
+) -> tuple[_Seen, dict[Ends, frozenset[int]]]:
+    """Return what robots on their ways and landmarks observed of each other, and who moved."""
     config, arms = snapshot.config, snapshot.mounts.arms_m
     fixed = config.anchors.keys() & solved.rows.keys()
     # How a parked robot is turned, and so where its sensors are, is not known.
     sensors_at_rest = {end for end in config.sensors if config.robot_of(end) in fixed}
-    rows, ends = [], set()
+    rows, ends = [], dict[Ends, frozenset[int]]()
     for (observer, target), seen in snapshot.window.observations.items():
         on_bodies = [config.robot_of(end) for end in (observer, target)]
         both = {*on_bodies}
@@ -212,8 +213,11 @@ def _seen(
         if not sensors_at_rest.isdisjoint((observer, target)):
             continue
         arms_m = [arms.get(end, AT_ORIGIN)[axis] for end in (observer, target) for axis in (0, 1)]
-        ends.add((observer, target))
-        since_s = max([oldest_s, *(ways[end].since_s for end in both & ways.keys())])
+        moved = both & ways.keys()
+        since_s = max([oldest_s, *(ways[end].since_s for end in moved)])
+        first = bisect_left(seen, since_s, key=STAMP_S)
+        if first < len(seen):
+            ends[observer, target] = frozenset(solved.rows[end] for end in moved)
         error_rad = config.bearing_expected_error_of(observer, target)
         rows += [
             (
@@ -225,12 +229,12 @@ def _seen(
                 one.half_width_rad,
                 *arms_m,
             )
-            for one in seen[bisect_left(seen, since_s, key=STAMP_S) :]
+            for one in seen[first:]
         ]
     table = np.array(rows).reshape(-1, 11)
     observers, targets, *columns = table[:, :7].T.copy()
     columns += [table[:, 7:9], table[:, 9:]]
-    return _Seen(observers.astype(int), targets.astype(int), *columns), frozenset(ends)
+    return _Seen(observers.astype(int), targets.astype(int), *columns), ends
 
 
 def _bearing_rad(seen: Observation) -> float:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
+from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor, rays_by_body
 from dg_localization.fleet.best_point.past import Past, past_of, robots_that_saw
 from dg_localization.fleet.best_point.readings import terms_of
 from dg_localization.fleet.constraints.constrain import Constraints
@@ -56,14 +56,17 @@ def finder_of(
     rows, by_anchors = solved.rows, plan.frame.kind is FrameKind.ANCHORS
     anchors = plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
     terms = list(terms_of(snapshot, solved, dropped, anchors))
-    covered = past.ends if past is not None else frozenset()
-    in_past = frozenset(key for key in snapshot.keys if key.ends in covered)
-    beside_past = list(terms_of(snapshot, solved, dropped | in_past, anchors))
     sensors = [
         Sensor(rows[point], rows[snapshot.config.robot_of(point)], arm_m)
         for point, arm_m in snapshot.mounts.arms_m.items()
         if point in rows
     ]
+    beside_past = []
+    if past is not None:
+        turning = rays_by_body(terms, sensors, plan.held)
+        past = past.of_robots({*plan.held, *turning, *past.guesses, *yaws_rad})
+        in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
+        beside_past = list(terms_of(snapshot, solved, dropped | in_past, anchors))
     problem = solved.problem()
     return BestPointFinder(problem, terms, plan.held, sensors, past, beside_past, yaws_rad)
 

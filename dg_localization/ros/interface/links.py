@@ -9,6 +9,7 @@ from itertools import permutations
 import math
 import re
 from string import Formatter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +128,9 @@ class Link:
         stated = self.overrides
         range_error = of_all.range_error
         if self.key.kind in (LinkKind.RANGE, LinkKind.PEERS):
-            fields = {RANGE_FIELDS[name]: stated[name] for name in RANGE_FIELDS.keys() & stated}
+            fields: dict[str, Any] = {
+                RANGE_FIELDS[name]: stated[name] for name in RANGE_FIELDS.keys() & stated
+            }
             range_error = replace(range_error, **fields)
         half_width_rad = stated.get('half_width', of_all.bearing_half_width_rad)
         return SensorBounds(range_error, half_width_rad)
