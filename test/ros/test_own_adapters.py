@@ -6,12 +6,14 @@
 import os
 from pathlib import Path
 import re
+from types import SimpleNamespace
 
 import pytest
 from std_msgs.msg import Float32
 
 from dg_localization.ros.interface.parameters.settings import check_values, settings_from
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from msg_adapters import adapter_for, registry
 
 PAGE = Path(__file__).parents[2] / 'docs/sensors.md'
 CENTIMETRES = {'/tag_a/to_b': 300.0, '/tag_a/to_c': 400.0, '/tag_b/to_c': 500.0}
@@ -25,7 +27,7 @@ def example(language, word):
 
 
 def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monkeypatch):
-    (tmp_path / 'tag_adapter.py').write_text(example('python', 'register('))
+    (tmp_path / 'tag_adapter.py').write_text(example('python', 'Float32'))
     parameters = tmp_path / 'my_fleet.yaml'
     parameters.write_text(example('yaml', 'adapter_modules'))
     path = os.environ.get('PYTHONPATH', '')
@@ -45,6 +47,16 @@ def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monke
     # Sides 3, 4 and 5 m long, b on the x axis of a, c on either side.
     positions_m = bench.last_poses().positions_m.reshape(2, 3, 3)
     assert sorted(positions_m[:, 2, 1]) == pytest.approx([-4.0, 4.0], abs=0.6)
+
+
+def test_example_with_ids_reads_who_measured_whom(monkeypatch):
+    monkeypatch.setattr(registry, '_adapters', dict(registry._adapters))
+    exec(compile(example('python', 'IdentifiedReading'), PAGE.name, 'exec'), {})
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=5, nanosec=500_000_000))
+    message = SimpleNamespace(header=header, from_id=10, to_id=20, distance_mm=3250)
+    reading = adapter_for('my_uwb_msgs/msg/Distance').from_message(message)
+    assert (reading.stamp_s, reading.observer_id, reading.target_ids) == (5.5, '10', ('20',))
+    assert reading.ranges_m.tolist() == [3.25]
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,14 @@ import math
 from pathlib import Path
 import re
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 import yaml  # noqa: E402
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
+from dg_localization.fleet.rotations import rotation_of_quaternion  # noqa: E402
 from dg_localization.ros.interface.links import parse_link  # noqa: E402
 from dg_localization.ros.interface.parameters.document import as_markdown, as_yaml  # noqa: E402
 from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
@@ -58,7 +60,12 @@ def test_expected_errors_reach_the_fleet_and_its_links():
 
 def given_by(name):
     """Return the parameters of a file in config/, flattened as ROS does."""
-    tree = yaml.safe_load((CONFIG / name).read_text())['/**']['ros__parameters']
+    return given_in((CONFIG / name).read_text())
+
+
+def given_in(text):
+    """Return the parameters of the text of a file, flattened as ROS does."""
+    tree = yaml.safe_load(text)['/**']['ros__parameters']
 
     def flatten(prefix, node):
         for key, value in node.items():
@@ -126,6 +133,15 @@ OWN_FILES = sorted(path for path in CONFIG.glob('*.yaml') if path.name != 'ekf_e
 @pytest.mark.parametrize('path', OWN_FILES, ids=lambda path: path.name)
 def test_every_file_gives_settings(path):
     assert settings_from(check_values(given_by(path.name))).fleet.robots
+
+
+def test_example_in_space_is_allowed_and_its_camera_looks_down():
+    page = (REPOSITORY / 'docs/sensors.md').read_text(encoding='utf-8')
+    (text,) = re.findall(r'```yaml\n([^`]*dimension: 3[^`]*)```', page)
+    fleet = settings_from(check_values(given_in(text))).fleet
+    turn = rotation_of_quaternion(np.array(fleet.mounts['d1']['camera'].rotation_xyzw))
+    assert fleet.dimension == 3
+    assert turn @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 0.0, -1.0], abs=1e-4)
 
 
 def test_recording_has_six_links_and_no_templates():

@@ -68,6 +68,7 @@ SOLVER = Section(
             's',
             0.001,
             finite=False,
+            details='`.inf` for no limit.',
         ),
         Spec(
             'solver.tighten_slices',
@@ -86,7 +87,7 @@ SOLVER = Section(
             0.001,
             finite=False,
             details='When it is over bounds are wider, never wrong. The node spends less where '
-            'estimates would be late for `rate`.',
+            'estimates would be late for `rate`. `.inf` for no limit.',
         ),
     ),
 )

@@ -41,9 +41,9 @@ CONTRADICTIONS = Section(
             'conflicts.max_solves',
             INTEGER,
             200,
-            'most problems solved to explain one contradiction; 0 explains none',
+            'most problems solved to explain one contradiction; 0 turns explanations off',
             at_least=0,
-            details='Of a window, those of each pair.',
+            details='For `window_outliers` the limit applies per pair.',
         ),
         Spec(
             'conflicts.max_seconds',
@@ -53,16 +53,17 @@ CONTRADICTIONS = Section(
             's',
             0.0,
             finite=False,
-            details='There are up to three, where the answers show that what was found explains '
-            'nothing, which is rare.',
+            details='In rare cases the first result proves insufficient, and up to three searches '
+            'run. `.inf` for no limit.',
         ),
         Spec(
             'stuck.readings',
             INTEGER,
             20,
-            'so many equal readings of robots that move are called stuck; 0 calls none so',
+            'a sensor is stuck after this many identical readings while robots move; 0 disables '
+            'the check',
             at_least=0,
-            details='Equal to the last bit, while odometry says that a robot moved by 0.5 m. '
+            details='Identical to the last bit, while odometry says that a robot moved by 0.5 m. '
             'Where there is no odometry, ten times as many.',
         ),
         Spec(

@@ -34,7 +34,7 @@ ELEVATIONS = Section(
             [],
             'points in the plane whose elevation is known: robots, anchors and sensors',
             details='A sensor that is not named has the elevation of its robot, and all else is '
-            'at 0.',
+            'at 0. The sensor robot_1/left is given as robot_1.left.',
             examples=(
                 "names: ['robot_1', 'beacon_1']",
                 'robot_1: [0.4, 0.5]',

@@ -156,9 +156,9 @@ MEMORY = Section(
             'longest processor time that an estimate spends on them',
             's',
             0.0,
-            details='When it is over, or three times as long on the clock, the answer is wider, '
-            'never wrong. With `window_outliers` what is left of it goes to the search for '
-            'suspects, where a pair contradicts itself.',
+            details='`.inf` is refused. When it is over, or three times as long on the clock, the '
+            'answer is wider, never wrong. With `window_outliers` what is left of it goes to the '
+            'search for suspects, where a pair contradicts itself.',
         ),
         Spec(
             'window_outliers',
@@ -168,7 +168,8 @@ MEMORY = Section(
             'of a robot and all anchors together',
             at_least=0,
             details='The truth is in the answer then, whether they contradict anything or not. '
-            'Answers are wider.',
+            'Answers are wider. Of one observer and target at most one observation counts in '
+            'memory.seconds/300.',
         ),
     ),
 )

@@ -60,9 +60,10 @@ FLEET = Section(
             'reference_robot',
             STRING,
             '',
-            'robot at the origin when the anchors do not fix the frame; empty for the first',
-            details='The x axis of the frame is the heading of this robot when its bearings fix '
-            'that, else it points towards the next robot of the list.',
+            'robot that the frame is tied to when the anchors do not fix it; empty for the first',
+            details='In its odometry frame it is at its odometry pose. In other frames it is at '
+            'the origin, and the x axis is its heading when its bearings fix that, else it points '
+            'towards the next robot of the list.',
         ),
     ),
 )
@@ -151,7 +152,16 @@ MOTION = Section(
             details='A robot may have a limit of its own, robot_max_speed.NAME.',
             examples=('robot_max_speed: {robot_3: 0.3}',),
         ),
-        Spec('max_turn_rate', DOUBLE, 1.0, 'no robot turns faster', 'rad/s', 0.0),
+        Spec(
+            'max_turn_rate',
+            DOUBLE,
+            1.0,
+            'no robot turns faster',
+            'rad/s',
+            0.0,
+            details='In the plane this bounds the heading, with `dimension: 3` the whole '
+            'rotation: roll and pitch count too.',
+        ),
         Spec(
             'min_separation',
             DOUBLE,
