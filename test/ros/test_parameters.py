@@ -345,6 +345,14 @@ def test_relative_names_are_in_the_namespace_of_the_node():
     assert [link.topic for link in found.links] == ['/left/uwb/ab', '/uwb/ac']
 
 
+def test_topics_that_are_swapped_by_remapping_are_refused():
+    """A subscription to the new name would be remapped back."""
+    swapped = {'/uwb_1': '/uwb_2', '/uwb_2': '/uwb_1'}
+    given = {**ROBOTS, 'links': ['/uwb_1 sensor_msgs/msg/Range a b']}
+    with pytest.raises(WrongParameterError, match="remapped to '/uwb_2', and that to '/uwb_1'"):
+        settings_from(check_values(given), lambda topic: swapped.get(topic, topic))
+
+
 def test_two_names_of_one_topic_are_refused():
     links = ['/uwb sensor_msgs/msg/Range a b', 'uwb sensor_msgs/msg/Range b a']
     with pytest.raises(WrongParameterError, match="topic '/uwb' is named twice"):

@@ -276,7 +276,14 @@ def _parse_links(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tu
                 f"parameter 'links': '{text}' is not allowed: {error}"
             ) from None
         overrides = {**stamp_offset(values, link.key.kind), **link.overrides}
-        links.append(replace(link, topic=resolve(link.topic), overrides=overrides))
+        topic = resolve(link.topic)
+        if resolve(topic) != topic:
+            # A subscription to it would be remapped once more.
+            raise WrongParameterError(
+                f"parameter 'links': '{text}' is not allowed: its topic is remapped to '{topic}', "
+                f"and that to '{resolve(topic)}'; name the right topics in the links instead"
+            )
+        links.append(replace(link, topic=topic, overrides=overrides))
     topics = [link.topic for link in links]
     for topic in topics:
         if topics.count(topic) > 1:

@@ -231,7 +231,7 @@ def refuse_unknown(
 ) -> None:
     """Raise `WrongParameterError`, with a hint, where a name that is given is not known."""
     for name in given:
-        # The QoS of every topic is set by parameters that rclpy declares.
+        # rclpy declares those of /clock, /parameter_events and /rosout by whatever name they have.
         if name not in known and not name.startswith('qos_overrides.'):
             raise WrongParameterError(f"parameter '{name}' is unknown{hint(name, known)}")
 
