@@ -194,4 +194,5 @@ def heading_within(
     offset_rad = min(max(offset_rad, -half_arc_rad), half_arc_rad)
     half_yaw = 0.5 * (middle_rad + offset_rad)
     orientation = np.array([0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)])
-    return Heading(orientation, angle_up(angle_up(half_arc_rad + abs(offset_rad))))
+    half_width_rad = angle_up(angle_up(half_arc_rad + abs(offset_rad)))
+    return Heading(orientation, min(math.pi, half_width_rad))
