@@ -136,8 +136,11 @@ def main() -> None:
             parser.error(f"'{path}' is no file")
     if options.output.exists():
         parser.error(f"'{options.output}' exists; name a folder that does not")
+    parameters = options.output.with_name(options.output.name + '.yaml')
+    if parameters.exists():
+        parser.error(f"'{parameters}' exists; move it, or name another folder")
     missing = convert(options.geometry, options.table, options.output)
-    print(f'{options.output} and {options.output}.yaml are written; {missing} ranges missing')
+    print(f'{options.output} and {parameters} are written; {missing} ranges missing')
 
 
 if __name__ == '__main__':

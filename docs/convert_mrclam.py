@@ -141,8 +141,11 @@ def main() -> None:
         parser.error(f"'{options.folder}' has no Barcodes.dat")
     if options.output.exists():
         parser.error(f"'{options.output}' exists; name a folder that does not")
+    parameters = options.output.with_name(options.output.name + '.yaml')
+    if parameters.exists():
+        parser.error(f"'{parameters}' exists; move it, or name another folder")
     unknown = convert(options.folder, options.output)
-    print(f'{options.output} and {options.output}.yaml are written; {unknown} barcodes unknown')
+    print(f'{options.output} and {parameters} are written; {unknown} barcodes unknown')
 
 
 if __name__ == '__main__':

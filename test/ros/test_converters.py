@@ -193,12 +193,16 @@ def test_the_table_of_ranges_in_the_docs_is_localized(tmp_path, monkeypatch, loc
 def test_wrong_paths_of_the_converters_are_a_sentence(converter, tmp_path, monkeypatch, capsys):
     there, absent = tmp_path / 'Barcodes.dat', str(tmp_path / 'absent')
     there.write_text('')
+    edited = tmp_path / 'edited.yaml'
+    edited.write_text('rate: 5.0')
     inputs = [str(tmp_path)] if converter is convert_mrclam else [str(there), str(there)]
     for arguments, wanted in (
         ([absent] * len(inputs) + ['out'], 'absent'),
         ([*inputs, str(tmp_path)], 'exists; name a folder that does not'),
+        ([*inputs, str(edited.with_suffix(''))], "edited.yaml' exists; move it"),
     ):
         monkeypatch.setattr('sys.argv', ['converter', *arguments])
         with pytest.raises(SystemExit, match='2'):
             converter.main()
         assert wanted in capsys.readouterr().err
+    assert edited.read_text() == 'rate: 5.0'

@@ -3,8 +3,10 @@
 
 """The demonstration: how it compares, what it prints and draws, and the whole of it once."""
 
+from contextlib import contextmanager
 import os
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +14,13 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from dg_localization.ros import executables  # noqa: E402
-from dg_localization.ros.demo import compare as demo_compare  # noqa: E402
+from dg_localization.ros.demo import compare as demo_compare, run as demo_run  # noqa: E402
 from dg_localization.ros.demo.processes import Executable  # noqa: E402
+from dg_localization.ros.demo.spectator import Spectator  # noqa: E402
 from dg_localization.ros.simulation.messages import quaternions  # noqa: E402
+from dg_localization.ros.spinning import rclpy_running  # noqa: E402
 from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion  # noqa: E402
+from msg_adapters import Diagnostics, Level, Status, adapter_for  # noqa: E402
 
 
 @pytest.fixture
@@ -159,6 +164,107 @@ def test_a_process_that_ends_early_is_reported_with_what_it_wrote():
         executable.check()
     with pytest.raises(demo_compare.DemoError):
         executable.end()
+
+
+@pytest.fixture
+def spectator():
+    with rclpy_running([]):
+        node = Spectator()
+        yield node
+        node.destroy_node()
+
+
+def tell(spectator, stamp_s, verdict):
+    """Hand over the diagnostics of an answer."""
+    values = {'stamp_s': f'{stamp_s:.3f}', 'verdict': verdict}
+    status = Status(Level.OK, 'localizer: fleet', '', values=values)
+    adapter = adapter_for('diagnostic_msgs/msg/DiagnosticArray')
+    spectator._on_diagnostics(adapter.to_message(Diagnostics(stamp_s, (status,))))
+
+
+def test_contradictions_are_counted_after_the_first_answer(spectator, compared):
+    tell(spectator, 90.0, 'infeasible')
+    spectator.compared.append(compared)
+    spectator.begin()
+    assert spectator.compared == []
+    for stamp_s, verdict in (
+        (99.0, 'infeasible'),
+        (100.0, 'covered'),
+        (100.2, 'infeasible'),
+        (100.2, 'infeasible'),
+        (100.4, 'none'),
+        (100.6, 'infeasible'),
+    ):
+        tell(spectator, stamp_s, verdict)
+    assert spectator.contradictions == {100.2, 100.6}
+
+
+def test_an_answer_without_any_placement_does_not_hold_the_truth(compared):
+    scenario = demo_compare.Scenario('Ranges', 8.0, {}, compared=[compared])
+    assert scenario.always_held
+    assert 'no placement' not in demo_compare.summary(scenario)
+    scenario.contradictions = {100.2, 100.6}
+    assert not scenario.always_held
+    assert (
+        'At least 2 more answers have no placement: the measurements contradict each other.'
+        in demo_compare.summary(scenario)
+    )
+
+
+def test_a_phase_without_an_answer_in_its_time_is_a_sentence(monkeypatch, compared):
+    """The first answer comes, and none after it."""
+    spectator = SimpleNamespace(
+        compared=[],
+        contradictions=set(),
+        status='contradiction: all is wrong',
+        begin=lambda: spectator.compared.clear(),
+        destroy_node=lambda: None,
+    )
+
+    def spin_until(spectator, executables, done, limit_s, line):
+        if limit_s == demo_run.FIRST_ANSWER_S:
+            spectator.compared.append(compared)
+        return limit_s
+
+    @contextmanager
+    def nothing_runs(*executables):
+        yield
+
+    monkeypatch.setattr(demo_run, 'Spectator', lambda: spectator)
+    monkeypatch.setattr(demo_run, 'Executable', lambda *arguments: None)
+    monkeypatch.setattr(demo_run, 'running', nothing_runs)
+    monkeypatch.setattr(demo_run, '_spin_until', spin_until)
+    with pytest.raises(demo_compare.DemoError, match='no answer within 0.1 s: contradiction: all'):
+        demo_run.run(demo_compare.Scenario('Ranges', 0.1, {}))
+
+
+@pytest.mark.parametrize('seconds', ['0', '-1', 'nan', 'inf', 'long'])
+def test_a_length_that_is_none_is_refused(seconds, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        demo_run.main([f'--seconds={seconds}'])
+    told = capsys.readouterr().err
+    assert f"argument --seconds: '{seconds}' is not a number above 0 s" in told
+
+
+@pytest.mark.parametrize(
+    ('name', 'wanted'), [('absent/demo.png', 'there is no folder'), ('demo.gif', 'must end in')]
+)
+def test_a_picture_that_cannot_be_drawn_is_refused_first(tmp_path, name, wanted, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        demo_run.main(['--picture', str(tmp_path / name)])
+    assert 'argument --picture' in (told := capsys.readouterr().err) and wanted in told
+
+
+def test_a_picture_that_cannot_be_written_is_a_sentence(tmp_path, monkeypatch):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+
+    def full_disk(scenarios, path):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(demo_run, 'phases', lambda seconds: [])
+    monkeypatch.setattr(demo_run, 'draw', full_disk)
+    with pytest.raises(executables.ExecutableError, match='demo.png cannot be written: No space'):
+        demo_run.demonstrate(1.0, tmp_path / 'demo.png')
 
 
 def test_the_whole_demonstration(tmp_path, capsys, monkeypatch):

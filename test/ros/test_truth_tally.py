@@ -3,6 +3,7 @@
 
 """Answers that are counted beside a truth: of the fleet and of groups apart from it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,12 @@ from dg_localization.fleet import (  # noqa: E402
     Group,
     Placement,
 )
-from dg_localization.ros.bags.truth_tally import TruthTally  # noqa: E402
+from dg_localization.ros.bags.truth_tally import (  # noqa: E402
+    TruthTally,
+    truth_paragraphs,
+    truth_tree,
+)
+from dg_localization.solver.result import Verdict  # noqa: E402
 
 ROBOTS = ('r1', 'r2', 'r3', 'r4')
 PLACES = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0), 'r3': (10.0, 0.0), 'r4': (10.0, 3.0)}
@@ -50,10 +56,30 @@ def placement(places):
     )
 
 
+def tally_beside(tracks):
+    """Return a tally of answers beside the truth of some robots."""
+    return TruthTally(FleetTruth(FleetConfig(robots=ROBOTS), tracks))
+
+
+def at_rest():
+    """Return the truth of robots that stand still, which is known at all times."""
+    return {name: TrueTrack.at_rest((*place, 0.0)) for name, place in PLACES.items()}
+
+
+def add(tally, estimate):
+    """Add an answer, at its time."""
+    tally.add(estimate, SimpleNamespace(stamp_s=estimate.stamp_s), estimate.stamp_s)
+
+
+def right_at(stamp_s):
+    """Return an answer that holds the truth."""
+    placements = (placement(RIGHT),)
+    return Estimate(stamp_s, ROBOTS, Verdict.COVERED, '', placements, 1, frame=ANCHORS)
+
+
 def tallied(of_fleet, of_group, fleet_hypotheses=1, group_hypotheses=1):
     """Return the tally of one answer with a group apart."""
-    tracks = {name: TrueTrack.at_rest((*place, 0.0)) for name, place in PLACES.items()}
-    tally = TruthTally(FleetTruth(FleetConfig(robots=ROBOTS), tracks))
+    tally = tally_beside(at_rest())
     group = Group(('r3', 'r4'), OWN, (placement(of_group),), group_hypotheses)
     estimate = Estimate(
         0.5,
@@ -65,7 +91,7 @@ def tallied(of_fleet, of_group, fleet_hypotheses=1, group_hypotheses=1):
         frame=ANCHORS,
         groups=(group,),
     )
-    tally.add(estimate, SimpleNamespace(stamp_s=0.5), 0.5)
+    add(tally, estimate)
     return tally
 
 
@@ -82,3 +108,52 @@ def test_a_miss_is_told_though_another_answer_is_not_listed_whole():
     assert (tally.held, tally.unlisted, tally.misses) == (0, 1, [])
     tally = tallied(RIGHT, GROUP_RIGHT, group_hypotheses=5)
     assert (tally.held, tally.unlisted, tally.misses) == (1, 0, [])
+
+
+def test_an_answer_that_proves_that_there_is_no_placement_excludes_the_truth():
+    tally = tally_beside(at_rest())
+    for number in range(10):
+        verdict = None if number == 9 else Verdict.INFEASIBLE
+        add(tally, right_at(number) if number < 3 else Estimate(number, ROBOTS, verdict, ''))
+    # One without a verdict says nothing.
+    assert (tally.compared, tally.held, tally.infeasible) == (9, 3, 6)
+    assert tally.misses == [] and tally.uncompared == 0
+    tree = truth_tree(tally)
+    assert (tree['compared'], tree['held'], tree['infeasible']) == (9, 3, 6)
+    text, *_ = truth_paragraphs(tally)
+    assert text == (
+        'The truth is inside a hypothesis in 3 of 9 answers. 6 answers have no placement at all: '
+        'the measurements contradict each other.'
+    )
+
+
+def test_a_contradiction_ends_a_time_at_which_the_truth_is_outside():
+    tally = tally_beside(at_rest())
+    wrong = [replace(right_at(stamp_s), placements=(placement(WRONG),)) for stamp_s in (0.0, 2.0)]
+    for estimate in (wrong[0], Estimate(1.0, ROBOTS, Verdict.INFEASIBLE, ''), wrong[1]):
+        add(tally, estimate)
+    assert [(miss.first_s, miss.last_s) for miss in tally.misses] == [(0.0, 0.0), (2.0, 2.0)]
+    assert (tally.compared, tally.held, tally.infeasible) == (3, 0, 1)
+
+
+def test_answers_between_samples_that_are_far_apart_are_counted():
+    stamps_s = [0.0, 1.0, 2.2, 3.2]
+    places = [(*PLACES['r1'], 0.0)] * len(stamps_s)
+    tally = tally_beside({'r1': TrueTrack(stamps_s, places)})
+    for stamp_s in (0.5, 1.5, 2.0, 2.5):
+        add(tally, right_at(stamp_s))
+    add(tally, Estimate(2.1, ROBOTS, Verdict.INFEASIBLE, ''))
+    # Nothing could have been compared.
+    add(tally, Estimate(1.8, ROBOTS, None, ''))
+    assert (tally.compared, tally.held, tally.infeasible, tally.uncompared) == (2, 2, 0, 3)
+    assert truth_tree(tally)['uncompared'] == 3
+    text = '\n'.join(truth_paragraphs(tally))
+    assert 'inside a hypothesis in 2 of 2 answers.' in text
+    assert '3 answers have no ground truth at their time' in text and 'more than 1 s apart' in text
+
+
+def test_where_no_answer_could_be_compared_the_gaps_are_named():
+    tally = tally_beside({'r1': TrueTrack([0.0, 2.0], [(0.0, 0.0, 0.0)] * 2)})
+    add(tally, right_at(1.0))
+    text = '\n'.join(truth_paragraphs(tally))
+    assert 'No answer has a ground truth at its time.' in text and 'more than 1 s apart' in text

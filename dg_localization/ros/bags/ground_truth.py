@@ -6,7 +6,7 @@
 import argparse
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 import csv
 import math
 from pathlib import Path
@@ -17,8 +17,15 @@ from rclpy.serialization import deserialize_message
 
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig
+from dg_localization.ros.bags.contents import Contents, damage_of
 from dg_localization.ros.bags.offline import in_seconds
-from dg_localization.ros.bags.reader import Bag, BagError, BagMessage, find_message_class
+from dg_localization.ros.bags.reader import (
+    NS_PER_S,
+    Bag,
+    BagError,
+    BagMessage,
+    find_message_class,
+)
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters.geometry import xyz_from_message, xyzw_from_message
@@ -35,6 +42,7 @@ POSE_TYPES = (
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 ROBOT = '{robot}'
 COLUMNS = ('stamp', 'robot', 'x', 'y')
+QUATERNION = ('qx', 'qy', 'qz', 'qw')
 
 
 def add_truth_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
@@ -46,7 +54,7 @@ def add_truth_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
         metavar='TRUTH',
         help=f"where the robots truly were, {purpose}: '/mocap/{{robot}}/pose' with a pose for "
         'each robot, a PoseArray of all in the order of the robots, or a .csv with the columns '
-        'stamp, robot, x, y, and z and yaw where they are known',
+        'stamp, robot, x, y, and where they are known z, and yaw or, in space, qx, qy, qz and qw',
     )
 
 
@@ -71,6 +79,10 @@ class TruthReader:
     ----------
     malformed : int
         How many messages could not be read.
+    notices : list of str
+        What of the truth is passed over or not known, a sentence each.
+    damage : list of str
+        What is wrong with the bag, a sentence each; empty where others read its topics.
 
     """
 
@@ -80,6 +92,8 @@ class TruthReader:
         self.topics = topics
         self.poses: Poses = defaultdict(list, poses or {})
         self.malformed = 0
+        self.notices: list[str] = []
+        self.damage: list[str] = []
         self._settings = settings
 
     def take(self, message: BagMessage, message_class: type) -> None:
@@ -146,12 +160,32 @@ def truth_reader(
     path = Path(files[0])
     if not path.is_file():
         raise UsageError(f"--truth: '{path}' is no file")
-    return TruthReader(settings, {}, read_truth_file(path, fleet.robots, fleet.dimension))
+    poses = read_truth_file(path, fleet.robots, fleet.dimension)
+    reader = TruthReader(settings, {}, poses)
+    if fleet.dimension == 3 and not _any_orientation(poses):
+        reader.notices.append(
+            f'{path} tells no orientation in space, which takes the columns qx, qy, qz and qw (a '
+            'robot with a yaw alone may be tilted): what depends on it is not compared'
+        )
+    return reader
 
 
-def read_truth(bag: Path, reader: TruthReader) -> None:
+def _any_orientation(poses: Poses) -> bool:
+    """Return whether any orientation is known."""
+    return any(np.isfinite(turn).all() for rows in poses.values() for _, _, turn in rows)
+
+
+def read_truth(bag: Path, reader: TruthReader, contents: Contents) -> None:
     """
     Read the topics of a ground truth, up to the first damage of the bag.
+
+    Parameters
+    ----------
+    bag : Path
+    reader : TruthReader
+        Gets the poses, and what there is to say of them.
+    contents : Contents
+        What the files of the bag hold.
 
     Raises
     ------
@@ -162,17 +196,29 @@ def read_truth(bag: Path, reader: TruthReader) -> None:
     """
     if not reader.topics:
         return
-    with closing(Bag(bag, list(reader.topics))) as recorded:
+    with closing(Bag(bag, list(reader.topics), contents.span_ns())) as recorded:
         classes = {topic.name: topic.message_class for topic in recorded.topics}
-        for message in _before_damage(recorded):
+        ending: list[str] = []
+        for message in _before_damage(recorded, ending):
             reader.take(message, classes[message.topic])
+        span_ns = None if ending else (recorded.start_ns, recorded.end_ns)
+        reader.damage += [*damage_of(recorded, contents, span_ns), *ending]
         reader.malformed += recorded.unreadable.total()
+        reader.notices += recorded.notices
+    if reader.malformed:
+        reader.notices.append(f'{reader.malformed} messages of the ground truth could not be read')
 
 
-def _before_damage(bag: Bag) -> Iterator[BagMessage]:
-    """Yield messages up to the first damage, which shows again when the bag is localized."""
-    with suppress(BagError):
-        yield from bag.messages()
+def _before_damage(bag: Bag, ending: list[str]) -> Iterator[BagMessage]:
+    """Yield messages up to the first damage, and add a sentence on it to `ending`."""
+    last_ns = bag.start_ns
+    try:
+        for message in bag.messages():
+            last_ns = message.time_ns
+            yield message
+    except BagError as error:
+        at_s = (last_ns - bag.start_ns) / NS_PER_S
+        ending.append(f'the ground truth ends at {at_s:.1f} s: {error}')
 
 
 def tracks_of(poses: Poses, fleet: FleetConfig) -> dict[str, TrueTrack]:
@@ -249,8 +295,9 @@ def read_truth_file(
     Parameters
     ----------
     path : Path
-        A .csv with the columns stamp (s), robot, x, y (m), and z (m) and yaw (rad) where they are
-        known; in space z has to be. NaN stands for what is not known.
+        A .csv with the columns stamp (s), robot, x, y (m), and where they are known z (m), and yaw
+        (rad) or the quaternion qx, qy, qz, qw. In space z has to be known, and a yaw alone is no
+        orientation. NaN stands for what is not known.
     robots : sequence of str
         Other names are passed over.
     dimension : {2, 3}
@@ -279,28 +326,35 @@ def _truth_of(
 ) -> dict[str, list[tuple[float, Any, Any]]]:
     """Return the ground truth in the rows of a table."""
     truth: dict[str, list[tuple[float, Any, Any]]] = defaultdict(list)
-    wanted = COLUMNS if dimension == 2 else (*COLUMNS, 'z')
-    missing = [name for name in wanted if name not in (rows.fieldnames or ())]
+    columns = rows.fieldnames or ()
+    wanted: tuple[str, ...] = COLUMNS if dimension == 2 else (*COLUMNS, 'z')
+    if not set(QUATERNION).isdisjoint(columns):
+        wanted += QUATERNION
+    missing = [name for name in wanted if name not in columns]
     if missing:
         raise UsageError(
             f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
-            'robot, x, y, in space z, and z and yaw where they are known'
+            'robot, x, y, in space z, and where they are known z, and yaw or qx, qy, qz and qw'
         )
     others: dict[str, None] = {}
     flat = '0' if dimension == 2 else ''
     for row in rows:
         try:
             stamp_s, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
-            z, half = float(row.get('z') or flat), float(row.get('yaw') or math.nan) / 2.0
+            z = float(row.get('z') or flat)
+            yaw_rad, *turn = (float(row.get(name) or math.nan) for name in ('yaw', *QUATERNION))
+            if not row['robot']:
+                raise ValueError('it names no robot')
             if not math.isfinite(stamp_s):
                 raise ValueError(f'stamp {stamp_s} is not a finite number')
-            if any(map(math.isinf, (x, y, z, half))):
-                raise ValueError('no position and no yaw is infinite')
+            if any(map(math.isinf, (x, y, z, yaw_rad, *turn))):
+                raise ValueError('no position and no orientation is infinite')
         except (TypeError, ValueError) as error:
             raise UsageError(f'{path}, line {rows.line_num}: {error}') from None
         if row['robot'] in robots:
-            turn = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
-            truth[row['robot']].append((stamp_s, np.array([x, y, z]), turn))
+            if dimension == 2 and any(map(math.isnan, turn)):
+                turn = [0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)]
+            truth[row['robot']].append((stamp_s, np.array([x, y, z]), np.array(turn)))
         else:
             others.setdefault(row['robot'])
     if others and not truth:

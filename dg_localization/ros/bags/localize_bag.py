@@ -30,7 +30,12 @@ from dg_localization.fleet import Estimate, solver_warnings, warm_up
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.arguments import REPORTS, make_parser, shared_arguments
 from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
-from dg_localization.ros.bags.ground_truth import read_truth, tracks_of, truth_reader
+from dg_localization.ros.bags.ground_truth import (
+    TruthReader,
+    read_truth,
+    tracks_of,
+    truth_reader,
+)
 from dg_localization.ros.bags.many_bags import (
     MANY_REPORTS,
     by_name,
@@ -110,6 +115,7 @@ def localize_bag(
     inputs: Inputs,
     gathered: Gathered,
     contents: Contents,
+    truth: TruthReader,
     stop: StopRequest,
 ) -> BagReport:
     """
@@ -126,6 +132,8 @@ def localize_bag(
         Gets all answers.
     contents : Contents
         What the files of the bag hold.
+    truth : TruthReader
+        What there is to say of the ground truth.
     stop : StopRequest
         Ends it early, with the answers there are by then.
 
@@ -148,6 +156,7 @@ def localize_bag(
             copied = _add_copies(bag, writer) if options.inputs else ()
             localizer = BagLocalizer(task, inputs.links, writer, copied)
             ending = _write_answers(bag, options, span_ns, localizer, task, gathered, stop)
+        damage = damage_of(bag, contents, None if ending else _read_ns(span_ns, options))
         return BagReport(
             bag=options.bag.resolve().name,
             start_s=options.start,
@@ -159,8 +168,9 @@ def localize_bag(
             states=localizer.intake.states(in_seconds(span_ns[1])),
             malformed=localizer.intake.malformed,
             unreadable=bag.unreadable,
-            notices=(*inputs.notices, *bag.notices),
-            damage=tuple(damage_of(bag, contents, None if ending else _read_ns(span_ns, options))),
+            # What is wrong with the bag as a whole, or with a topic that is both, is found twice.
+            notices=tuple(dict.fromkeys((*inputs.notices, *bag.notices, *truth.notices))),
+            damage=tuple(dict.fromkeys((*damage, *truth.damage))),
             checksums=contents.checksums,
             max_boxes=settings.fleet.solver.max_boxes,
             truth=gathered.compared,
@@ -264,29 +274,28 @@ def _answers(
             raise InterruptedRun('interrupted')
 
 
-def _truth_of(
-    options: argparse.Namespace, settings: Settings, recorded: Mapping[str, Sequence[str]]
-) -> FleetTruth | None:
-    """Return the truth that the command line names, if it does."""
-    if not options.truth:
-        return None
+def _read_truth(
+    options: argparse.Namespace,
+    settings: Settings,
+    recorded: Mapping[str, Sequence[str]],
+    contents: Contents,
+) -> TruthReader:
+    """Read the truth that the command line names, if it does."""
     reader = truth_reader(options.truth, settings, recorded)
     with told_while_waiting('reading the ground truth'):
-        read_truth(options.bag, reader)
-    if reader.malformed:
-        print_line(f'{reader.malformed} messages of the ground truth could not be read')
-    return FleetTruth(settings.fleet, tracks_of(reader.poses, settings.fleet))
+        read_truth(options.bag, reader, contents)
+    return reader
 
 
-def _gathering(
-    options: argparse.Namespace, settings: Settings, truth: FleetTruth | None
-) -> Gathered:
+def _gathering(options: argparse.Namespace, settings: Settings, reader: TruthReader) -> Gathered:
     """Return what gathers the answers, as the command line asks."""
-    compared, picture = TruthTally(truth) if truth else None, None
+    truth, picture = None, None
+    if options.truth:
+        truth = FleetTruth(settings.fleet, tracks_of(reader.poses, settings.fleet))
     if options.plot is not None:
         name = options.bag.resolve().name
         picture = AnswerPicture(settings.fleet, name, 1.0 / settings.rate_hz, truth)
-    return Gathered(Tally(settings.fleet.robots), compared, picture)
+    return Gathered(Tally(settings.fleet.robots), TruthTally(truth) if truth else None, picture)
 
 
 def _draw(picture: AnswerPicture | None, path: Path) -> None:
@@ -378,12 +387,12 @@ def main(args: Sequence[str]) -> int:
         with contents_of(options.bag) as contents:
             recorded = recorded_types(options.bag)
             inputs = find_inputs(task.settings, recorded)
-            truth = _truth_of(options, task.settings, recorded)
+            truth = _read_truth(options, task.settings, recorded, contents)
             gathered = _gathering(options, task.settings, truth)
             _get_solver_ready()
             with stop_request() as stop:
                 began_s = time.perf_counter()
-                report = localize_bag(options, task, inputs, gathered, contents, stop)
+                report = localize_bag(options, task, inputs, gathered, contents, truth, stop)
                 _print_report(report, options.report, time.perf_counter() - began_s)
                 _draw(gathered.picture, options.plot)
     except (InterruptedRun, KeyboardInterrupt):

@@ -3,6 +3,7 @@
 
 """The report on a whole bag: its answers are counted tick by tick and summed up at the end."""
 
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -78,7 +79,7 @@ class Tally:
         self.verdicts: Counter[str] = Counter()
         self.contradictions: list[Contradiction] = []
         self.forgotten: list[tuple[float, str]] = []
-        self._widths_m: dict[str, list[float]] = {robot: [] for robot in robots}
+        self._widths_m = {robot: array('d') for robot in robots}
         self._was_contradictory = False
 
     def add(self, estimate: Estimate, time_s: float) -> None:

@@ -11,9 +11,14 @@ from typing import Any
 import numpy as np
 
 from dg_localization.calibration.answers import FleetTruth, TruePlacement
-from dg_localization.fleet import Estimate, Group, Placement
+from dg_localization.calibration.truth import MOST_GAP_S
+from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.tables import span, table
+from dg_localization.solver.result import Verdict
+
+OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
+"""The frame of the truth itself."""
 
 MOST_NAMED = 20
 """Of the times when the truth is outside; the rest are counted."""
@@ -52,13 +57,17 @@ class TruthTally:
     Attributes
     ----------
     compared : int
-        Answers with a placement of which the truth is known.
+        Answers of whose time the truth is known, with placements or a proof that there is none.
     held : int
         Those of them that hold it.
+    infeasible : int
+        Those without a placement, because the measurements contradict each other.
     unlisted : int
         Those of which none that is listed holds it, and not all are listed.
     misses : list of Miss
         The others, in the order of time.
+    uncompared : int
+        Answers as those compared, of whose time no truth is known.
     unknown : tuple of str
         The robots without a truth.
 
@@ -67,8 +76,10 @@ class TruthTally:
     def __init__(self, truth: FleetTruth) -> None:
         self.compared = 0
         self.held = 0
+        self.infeasible = 0
         self.unlisted = 0
         self.misses: list[Miss] = []
+        self.uncompared = 0
         self._truth = truth
         self._robots = truth.fleet.robots
         self.unknown = tuple(name for name in self._robots if name not in truth.tracks)
@@ -78,14 +89,19 @@ class TruthTally:
 
     def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
         """Compare an answer to a snapshot with the truth, for a time from the start of the bag."""
+        was_missed, self._missed = self._missed, False
+        if estimate.verdict is Verdict.INFEASIBLE:
+            self._add_infeasible(snapshot)
+            return
         answers: list[Estimate | Group] = [estimate, *estimate.groups]
+        placed = [answer for answer in answers if answer.placements]
         compared = [
             (answer, robots)
-            for answer in answers
-            if answer.placements and (robots := self._missed_by(answer, snapshot)) is not None
+            for answer in placed
+            if (robots := self._missed_by(answer, snapshot)) is not None
         ]
-        was_missed, self._missed = self._missed, False
         if not compared:
+            self.uncompared += bool(placed)
             return
         self.compared += 1
         # One that is not listed may hold what the listed ones of its answer miss.
@@ -102,6 +118,14 @@ class TruthTally:
             self.unlisted += 1
         else:
             self.held += 1
+
+    def _add_infeasible(self, snapshot: Snapshot) -> None:
+        """Count a proof that no placement agrees, which the truth refutes where it is known."""
+        if self._truth.beside(OF_TRUTH, snapshot).tells:
+            self.compared += 1
+            self.infeasible += 1
+        else:
+            self.uncompared += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
         """Return whom the placement that is nearest to the truth misses; None if that is open."""
@@ -165,7 +189,9 @@ def truth_tree(tally: TruthTally) -> dict[str, Any]:
     return {
         'compared': tally.compared,
         'held': tally.held,
+        'infeasible': tally.infeasible,
         'unlisted': tally.unlisted,
+        'uncompared': tally.uncompared,
         'without_truth': list(tally.unknown),
         'missed': [vars(miss) | {'robots': list(miss.robots)} for miss in tally.misses],
         'errors': {
@@ -183,15 +209,22 @@ def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
     if tally.unknown:
         yield f'There is no ground truth of {", ".join(tally.unknown)}.'
     if not tally.compared:
-        yield 'No answer has a ground truth at its time.'
+        yield f'No answer has a ground truth at its time.{_gaps_text(tally)}'
         return
     text = f'The truth is inside a hypothesis in {tally.held} of {tally.compared} answers.'
+    if tally.infeasible:
+        text += (
+            f' {tally.infeasible} answers have no placement at all: the measurements contradict '
+            'each other.'
+        )
     if tally.unlisted:
         text += (
             f' {tally.unlisted} answers have more hypotheses than max_hypotheses, and those that '
             'are left out were not compared.'
         )
-    yield text
+    if tally.uncompared:
+        text += f' {tally.uncompared} answers have no ground truth at their time.'
+    yield text + _gaps_text(tally)
     rows = [
         (span(miss.first_s, miss.last_s, miss.ticks), ', '.join(miss.robots))
         for miss in tally.misses
@@ -205,6 +238,13 @@ def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
         'off the truth in the nearest hypothesis, median (95 %)',
         [(robot, _errors_text(kinds)) for robot, kinds in errors.items()],
     )
+
+
+def _gaps_text(tally: TruthTally) -> str:
+    """Return why the truth may be unknown at some times, where that matters."""
+    if not tally.uncompared:
+        return ''
+    return f' Between samples that are more than {MOST_GAP_S:g} s apart no truth is known.'
 
 
 def _errors_text(kinds: Mapping[str, tuple[float, float]]) -> str:

@@ -175,7 +175,9 @@ class Scenario:
     simulator, localizer : mapping of str to object
         Parameters of the two executables.
     compared : list of Compared
-        Every answer.
+        Every answer with placements.
+    contradictions : set of float
+        The stamps in s of answers without any, as far as the diagnostics name them.
 
     """
 
@@ -184,6 +186,7 @@ class Scenario:
     simulator: Mapping[str, object]
     localizer: Mapping[str, object] = field(default_factory=dict)
     compared: list[Compared] = field(default_factory=list)
+    contradictions: set[float] = field(default_factory=set)
 
     @property
     def last(self) -> Compared:
@@ -194,6 +197,11 @@ class Scenario:
     def n_held(self) -> int:
         """How many answers hold the truth."""
         return sum(len(compared.held_by) > 0 for compared in self.compared)
+
+    @property
+    def always_held(self) -> bool:
+        """Whether every answer holds the truth."""
+        return self.n_held == len(self.compared) and not self.contradictions
 
 
 def yaws_of(orientations_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -306,10 +314,17 @@ def summary(scenario: Scenario) -> str:
         for k in compared.held_by
     ]
     nearest = f', at last {min(gaps_m):.2f} m from its placement' if gaps_m else ''
+    empty = ''
+    if scenario.contradictions:
+        empty = (
+            f'  At least {len(scenario.contradictions)} more answers have no placement: the '
+            'measurements contradict each other.\n'
+        )
     return (
         f'{table(compared)}\n'
         f'  {count_text(answer)}; truth held in {scenario.n_held} of '
         f'{len(scenario.compared)} answers{nearest}.\n'
+        f'{empty}'
         f'  Enclosures are {np.median(widths_m):.2f} m wide in the median.\n'
         f'  {progress(scenario.compared)}\n'
     )

@@ -7,7 +7,8 @@ The demonstration: `simulate_fleet` and `localizer` as two processes, looked at 
 First the robots measure ranges only. Then they drive loops and publish odometry: mirror images
 disappear and headings appear. At last they see each other. In each phase every feasible placement
 that arrives on the topics of the localizer is compared with the simulated truth; the last ones are
-printed and drawn. The exit code is 1 when the truth was in no hypothesis of some answer.
+printed and drawn. The exit code is 1 when the truth was in no hypothesis of some answer, or some
+answer was that the measurements contradict each other.
 """
 
 import argparse
@@ -21,13 +22,15 @@ import time
 import rclpy
 
 from dg_localization.optional import install_hint
+from dg_localization.ros.bags.picture import PICTURES
+from dg_localization.ros.bags.writer import writing
 from dg_localization.ros.demo.compare import DemoError, Scenario, count_text, summary
 from dg_localization.ros.demo.picture import draw
 from dg_localization.ros.demo.processes import Executable, find_config, running
 from dg_localization.ros.demo.spectator import Spectator
 from dg_localization.ros.domain import claim_domain
 from dg_localization.ros.spinning import rclpy_running
-from dg_localization.ros.terminal import print_line
+from dg_localization.ros.terminal import number, print_line
 
 # Without compiled kernels in its cache the localizer compiles them before its first answer: some
 # minutes, and several times as long on a machine that is busy. The line shows how far it has come.
@@ -133,20 +136,26 @@ def run(scenario: Scenario) -> None:
             *_arguments(scenario.localizer),
         ),
     )
-    scenario.compared = spectator.compared
+    scenario.compared, scenario.contradictions = spectator.compared, spectator.contradictions
     line = ProgressLine()
     try:
         with running(*executables):
             first_s = _spin_until(
                 spectator, executables, lambda: bool(spectator.compared), FIRST_ANSWER_S, line
             )
-            if not spectator.compared:
-                raise DemoError(f'no answer within {first_s:.0f} s: {spectator.status}')
-            spectator.compared.clear()
+            _check_answered(spectator, first_s)
+            spectator.begin()
             _spin_until(spectator, executables, lambda: False, scenario.seconds, line)
+            _check_answered(spectator, scenario.seconds)
             line.show(1.0, _state(spectator), last=True)
     finally:
         spectator.destroy_node()
+
+
+def _check_answered(spectator: Spectator, within_s: float) -> None:
+    """Raise a DemoError where no answer has come."""
+    if not spectator.compared:
+        raise DemoError(f'no answer within {within_s:g} s: {spectator.status}')
 
 
 def _arguments(parameters: Mapping[str, object]) -> list[str]:
@@ -183,6 +192,16 @@ def _state(spectator: Spectator) -> str:
     )
 
 
+def _picture(text: str) -> Path:
+    """Return the path of a picture that can be written, for a command line."""
+    path = Path(text)
+    if path.suffix not in PICTURES:
+        raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(PICTURES)}")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
+    return path
+
+
 def main(args: Sequence[str]) -> int:
     """
     Run all phases.
@@ -201,13 +220,18 @@ def main(args: Sequence[str]) -> int:
     ------
     DemoError
         If a process ends or no answer comes.
+    ExecutableError
+        If the picture cannot be written.
 
     """
     parser = argparse.ArgumentParser(prog='demo', description='Localize a simulated fleet.')
     parser.add_argument(
-        '--seconds', type=float, default=8.0, help='length of a phase; the second is longer'
+        '--seconds',
+        type=number(0.0, ' s', strict=True),
+        default=8.0,
+        help='length of a phase; the second is longer',
     )
-    parser.add_argument('--picture', type=Path, default=Path('demo.png'), help='file to write')
+    parser.add_argument('--picture', type=_picture, default='demo.png', help='file to write')
     options = parser.parse_args(args)
     claim = claim_domain()
     os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
@@ -243,6 +267,8 @@ def demonstrate(seconds: float, picture: Path) -> int:
     ------
     DemoError
         If a process ends or no answer comes.
+    ExecutableError
+        If the picture cannot be written.
 
     """
     scenarios = phases(seconds)
@@ -252,6 +278,7 @@ def demonstrate(seconds: float, picture: Path) -> int:
     if find_spec('matplotlib') is None:
         print(f'no picture without matplotlib: {install_hint("matplotlib")}')
     else:
-        draw(scenarios, picture)
+        with writing(picture):
+            draw(scenarios, picture)
         print(f'All feasible placements next to the truth: {picture}')
-    return int(any(scenario.n_held < len(scenario.compared) for scenario in scenarios))
+    return int(not all(scenario.always_held for scenario in scenarios))

@@ -5,6 +5,7 @@
 
 from collections import deque
 from functools import partial
+import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,6 +29,7 @@ from dg_localization.ros.demo.compare import (
 )
 from dg_localization.ros.interface.outputs import LATCHED
 from dg_localization.simulation.moving_fleet import ROBOTS
+from dg_localization.solver.result import Verdict
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.markers import marker_scene_from_message
 from msg_adapters.odometry import odometry_from_message
@@ -40,12 +42,27 @@ NEWEST_STATED = 3
 
 
 class Spectator(Node):
-    """Listens to the localizer, and to the simulation for the truth, and compares the two."""
+    """
+    Listens to the localizer, and to the simulation for the truth, and compares the two.
+
+    Attributes
+    ----------
+    compared : list of Compared
+        The answers with placements.
+    contradictions : set of float
+        The stamps in s of answers without any placement, as far as the diagnostics name them: they
+        come when an answer is of another kind than the one before, and every second.
+    status : str
+        What the localizer says of itself.
+
+    """
 
     def __init__(self) -> None:
         super().__init__('demo')
         self.compared: list[Compared] = []
+        self.contradictions: set[float] = set()
         self.status = 'waiting for the localizer'
+        self._began_s = math.inf
         self._shape_frame = ''
         self._truths: deque[Truth] = deque(maxlen=200)
         self._poses: dict[float, Any] = {}
@@ -67,6 +84,11 @@ class Spectator(Node):
         ):
             self.create_subscription(message_class, topic, callback, qos)
 
+    def begin(self) -> None:
+        """Forget the first answers: those after them count."""
+        self._began_s = self.compared[-1].answer.stamp_s
+        self.compared.clear()
+
     def _on_truth(self, message: PoseArray) -> None:
         poses = pose_array_from_message(message)
         yaws_rad = yaws_of(poses.orientations_xyzw)
@@ -86,6 +108,14 @@ class Spectator(Node):
                 frame = status.values.get('frame', '')
                 # Other frames are known by the name that the answers have.
                 self._shape_frame = frame if frame.startswith('origin') else self._shape_frame
+                # An answer that is empty because inputs are missing is no contradiction.
+                if status.values.get('verdict') == Verdict.INFEASIBLE.value:
+                    self._add_contradiction(float(status.values['stamp_s']))
+
+    def _add_contradiction(self, stamp_s: float) -> None:
+        """Add an answer without any placement, if it counts."""
+        if stamp_s > self._began_s:
+            self.contradictions.add(stamp_s)
 
     def _on_poses(self, message: PoseArray) -> None:
         poses = pose_array_from_message(message)
