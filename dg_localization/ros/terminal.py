@@ -9,10 +9,11 @@ work goes on.
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 import os
+from pathlib import Path
 import sys
 from threading import Event, Thread
 import time
@@ -249,3 +250,25 @@ def number(low: float, unit: str, strict: bool = False) -> Callable[[str], float
         return value
 
     return parse
+
+
+def path_ending_in(endings: Collection[str]) -> Callable[[str], Path]:
+    """
+    Return an argument type: the path of a file to write.
+
+    Parameters
+    ----------
+    endings : collection of str
+        One of which it must have, such as '.png'; its folder must be there.
+
+    """
+
+    def check(text: str) -> Path:
+        path = Path(text)
+        if path.suffix not in endings:
+            raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(endings)}")
+        if not path.parent.is_dir():
+            raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
+        return path
+
+    return check

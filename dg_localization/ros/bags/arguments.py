@@ -4,7 +4,7 @@
 """The command line of `localize_bag`."""
 
 import argparse
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 import os
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from dg_localization.ros.bags.ground_truth import add_truth_argument, is_table
 from dg_localization.ros.bags.picture import PICTURES
 from dg_localization.ros.bags.report import as_json, as_markdown
 from dg_localization.ros.bags.writer import STORAGES
-from dg_localization.ros.terminal import number
+from dg_localization.ros.terminal import number, path_ending_in
 
 REPORTS = {'.json': as_json, '.md': as_markdown}
 """What writes a report, by the ending of its file."""
@@ -31,20 +31,6 @@ def parameter_file(text: str) -> Path:
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"'{text}' is no file")
     return path
-
-
-def _path_ending_in(endings: Collection[str]) -> Callable[[str], Path]:
-    """Return what checks the name of a file to write, for a command line."""
-
-    def check(text: str) -> Path:
-        path = Path(text)
-        if path.suffix not in endings:
-            raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(endings)}")
-        if not path.parent.is_dir():
-            raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
-        return path
-
-    return check
 
 
 def _jobs(text: str) -> int:
@@ -86,13 +72,13 @@ def make_parser() -> argparse.ArgumentParser:
     add_truth_argument(parser, 'to compare the answers with')
     parser.add_argument(
         '--report',
-        type=_path_ending_in(REPORTS),
+        type=path_ending_in(REPORTS),
         metavar='FILE',
         help='write the report, as .json or .md',
     )
     parser.add_argument(
         '--plot',
-        type=_path_ending_in(PICTURES),
+        type=path_ending_in(PICTURES),
         metavar='FILE',
         help='draw the answers over time, as .png, .svg or .pdf; of several bags each has a file '
         'of this name beside its report',

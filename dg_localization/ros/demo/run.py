@@ -30,7 +30,7 @@ from dg_localization.ros.demo.processes import Executable, find_config, running
 from dg_localization.ros.demo.spectator import Spectator
 from dg_localization.ros.domain import claim_domain
 from dg_localization.ros.spinning import rclpy_running
-from dg_localization.ros.terminal import number, print_line
+from dg_localization.ros.terminal import number, path_ending_in, print_line
 
 # Without compiled kernels in its cache the localizer compiles them before its first answer: some
 # minutes, and several times as long on a machine that is busy. The line shows how far it has come.
@@ -192,16 +192,6 @@ def _state(spectator: Spectator) -> str:
     )
 
 
-def _picture(text: str) -> Path:
-    """Return the path of a picture that can be written, for a command line."""
-    path = Path(text)
-    if path.suffix not in PICTURES:
-        raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(PICTURES)}")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
-    return path
-
-
 def main(args: Sequence[str]) -> int:
     """
     Run all phases.
@@ -231,7 +221,9 @@ def main(args: Sequence[str]) -> int:
         default=8.0,
         help='length of a phase; the second is longer',
     )
-    parser.add_argument('--picture', type=_picture, default='demo.png', help='file to write')
+    parser.add_argument(
+        '--picture', type=path_ending_in(PICTURES), default='demo.png', help='file to write'
+    )
     options = parser.parse_args(args)
     claim = claim_domain()
     os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
