@@ -22,6 +22,9 @@ DECIMALS = 4
 
 CONFIDENCE = 0.95
 
+MIDDLES = 101
+"""Of a scatter, from end to end, that are tried; an odd number has the middle of both."""
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -108,6 +111,43 @@ def is_relative(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> b
     low, high = _widened(shortest_band(errors / readings, choice.keep), choice.margin)
     low_m, high_m = _widened(shortest_band(errors, choice.keep), choice.margin)
     return high < 0.99 and (high - low) * float(np.mean(readings)) < high_m - low_m
+
+
+def missing_m(scatter_m: ArrayLike, half_widths_m: ArrayLike, choice: Choice) -> tuple[float, int]:
+    """
+    Return by how much bounds are too narrow at each end for a scatter about an unknown bias.
+
+    Parameters
+    ----------
+    scatter_m : array_like, shape (n,)
+        Readings beside what their neighbors let expect.
+    half_widths_m : array_like, shape (n,)
+        Of the bounds at each reading: those of a short range may be narrower.
+    choice : Choice
+
+    Returns
+    -------
+    missing_m : float
+        Not negative.
+    excluded : int
+        The readings that no bias brings between the wider bounds together with those kept.
+
+    """
+    scatter, halves = np.asarray(scatter_m, dtype=float), np.asarray(half_widths_m, dtype=float)
+    widened, kept = 1.0 + 2.0 * choice.margin, n_kept(len(scatter), choice.keep)
+    middles = np.linspace(*shortest_band(scatter, choice.keep), MIDDLES)
+    lacking = [
+        np.partition(widened * np.abs(scatter - m) - halves, kept - 1)[kept - 1] for m in middles
+    ]
+    best = int(np.argmin(lacking))
+    missing = max(0.0, float(lacking[best]))
+    held = np.argsort(widened * np.abs(scatter - middles[best]) - halves)[:kept]
+    reach = halves + missing
+    beyond = (scatter - reach > (scatter + reach)[held].min()) | (
+        scatter + reach < (scatter - reach)[held].max()
+    )
+    beyond[held] = False
+    return missing, int(np.count_nonzero(beyond))
 
 
 def rounded_outward(low_m: float, high_m: float) -> RangeErrorModel:

@@ -10,11 +10,12 @@ as one of the way.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.calibration.angles import without_turns
 from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept
 from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
@@ -24,8 +25,18 @@ IndexArray = NDArray[np.intp]
 
 WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
 EVERY_S = 0.5
+SHORTER = 0.3
+"""
+Windows are shorter by up to this share, and begin anywhere in their piece of time: over whole
+periods of a clock an error in step with it would not be seen.
+"""
+BEGIN, LENGTH = 0.5 * (5.0**0.5 - 1.0), 2.0**0.5
+"""Multiples of them, without their whole parts, are everywhere between 0 and 1 alike."""
 MOST_STRETCHED = 1.5
 """A window that is this many times as long as it should be ends behind a gap of odometry."""
+
+LEAST_WAY_M, LEAST_TURN_RAD = 1.0, 1.0
+"""Of the longest way and the greatest turn of all windows: less tells no error per m or rad."""
 
 STEEPEST = 1.0
 SLOPES = 401
@@ -62,6 +73,16 @@ class OdometryWindows:
         """Return the errors of the ways, once they are scaled, shape (k,)."""
         return np.asarray(np.linalg.norm(scale * self.stated_m - self.true_m, axis=1))
 
+    @property
+    def tell_ways(self) -> bool:
+        """Whether the robot went far enough to tell the scale and the errors of ways."""
+        return bool(self.way_m.max() >= LEAST_WAY_M)
+
+    @property
+    def tell_turns(self) -> bool:
+        """Whether the robot turned far enough to tell the errors of turns."""
+        return bool(self.turn_rad.max() >= LEAST_TURN_RAD)
+
     def halves(self) -> tuple['OdometryWindows', 'OdometryWindows']:
         """Return the windows that end in the first half of their time, and those after it."""
         ends_s = self.begin_s + self.seconds
@@ -94,6 +115,8 @@ class OdometryFit:
         True ways over reported ones.
     constant_m, translation_per_m, constant_rad, rotation_per_rad : float
         The bounds, of ways that are scaled.
+    translation_per_rad, rotation_per_m : float, optional
+        They are not learned, but may have been kept as they were stated.
 
     """
 
@@ -102,12 +125,16 @@ class OdometryFit:
     translation_per_m: float
     constant_rad: float
     rotation_per_rad: float
+    translation_per_rad: float = 0.0
+    rotation_per_m: float = 0.0
 
     @property
     def model(self) -> OdometryErrorModel:
         """The scale and the bounds, as a fleet states them."""
         return OdometryErrorModel(
             translation_per_m=self.translation_per_m,
+            translation_per_rad=self.translation_per_rad,
+            rotation_per_m=self.rotation_per_m,
             rotation_per_rad=self.rotation_per_rad,
             constant_m=self.constant_m,
             constant_rad=self.constant_rad,
@@ -117,11 +144,11 @@ class OdometryFit:
     def excluded(self, windows: OdometryWindows) -> int:
         """Return how many windows exceed the bounds."""
         ways_m = self.translation_scale * windows.way_m
-        errors_m = windows.errors_m(self.translation_scale)
-        beyond = (errors_m > self.constant_m + self.translation_per_m * ways_m) | (
-            windows.error_rad > self.constant_rad + self.rotation_per_rad * windows.turn_rad
-        )
-        return int(np.count_nonzero(beyond))
+        of_ways_m = self.translation_per_m * ways_m + self.translation_per_rad * windows.turn_rad
+        of_turns_rad = self.rotation_per_m * ways_m + self.rotation_per_rad * windows.turn_rad
+        beyond_m = windows.errors_m(self.translation_scale) > self.constant_m + of_ways_m
+        beyond_rad = windows.error_rad > self.constant_rad + of_turns_rad
+        return int(np.count_nonzero(beyond_m | beyond_rad))
 
 
 def odometry_windows(
@@ -148,7 +175,8 @@ def odometry_windows(
         A rise that odometry reports is a part of the way there, too, as it is to the localizer.
     upright : bool, optional
         Whether the errors of roll and pitch are stated otherwise, so that those of turns are those
-        of headings.
+        of headings. Steps are seen from level frames then, as by the localizer: what wrong roll
+        and pitch add to a step is an error of the way.
 
     """
     stamps = np.asarray(stamps_s, dtype=float)
@@ -156,11 +184,13 @@ def odometry_windows(
     true_m = without_heights(truth.positions_at(stamps), dimension)
     true = without_tilt(truth.rotations_at(stamps), dimension)
     steps_m = np.diff(np.asarray(positions_m, dtype=float), axis=0)
-    in_body = np.einsum('mji,mj->mi', turns[:-1], without_heights(steps_m, dimension))
-    along_m = np.einsum('mij,mj->mi', true[:-1], in_body)
+    bodies, true_bodies = (without_tilt(r[:-1], 2) if upright else r[:-1] for r in (turns, true))
+    in_body = np.einsum('mji,mj->mi', bodies, without_heights(steps_m, dimension))
+    along_m = np.einsum('mij,mj->mi', true_bodies, in_body)
     yaws, true_yaws = (np.arctan2(r[:, 1, 0], r[:, 0, 0]) for r in (turns, true))
+    off_rad = yaws - true_yaws
     way_m = _cumulative(np.linalg.norm(steps_m, axis=1))
-    steps_rad = np.abs(_remainder(np.diff(yaws)))
+    steps_rad = np.abs(without_turns(np.diff(yaws)))
     if dimension == 3:
         steps_rad = _angles(turns[:-1], turns[1:])
     turned_rad = _cumulative(steps_rad)
@@ -172,7 +202,7 @@ def odometry_windows(
         whole_m = np.array(
             [along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)]
         ).reshape(-1, 3)
-        error_rad = _remainder((yaws[last] - yaws[first]) - (true_yaws[last] - true_yaws[first]))
+        error_rad = without_turns(off_rad[last] - off_rad[first])
         if not upright:
             ways = [np.swapaxes(r[first], 1, 2) @ r[last] for r in (turns, true)]
             error_rad = _angles(*ways)
@@ -189,7 +219,9 @@ def odometry_windows(
     return OdometryWindows.joined(parts)
 
 
-def fit_odometry(windows: OdometryWindows, choice: Choice) -> OdometryFit:
+def fit_odometry(
+    windows: OdometryWindows, choice: Choice, stated: OdometryErrorModel | None = None
+) -> OdometryFit:
     """
     Return a scale of the way, and bounds, a constant and a slope for the way and for the turn.
 
@@ -200,16 +232,38 @@ def fit_odometry(windows: OdometryWindows, choice: Choice) -> OdometryFit:
     windows : OdometryWindows
         At least one.
     choice : Choice
+    stated : OdometryErrorModel, optional
+        Windows that tell no ways keep its scale, and its errors of ways at least. Those that tell
+        no turns keep its errors of turns at least. Without it there are none.
 
     """
+    stated = stated or OdometryErrorModel()
+    scales: tuple[float, ...] = (stated.translation_scale,)
+    if windows.tell_ways:
+        scales = (1.0, _least_squares_scale(windows))
     lines = [
         (scale, *_fit_line(scale * windows.way_m, windows.errors_m(scale), choice))
-        for scale in (1.0, _least_squares_scale(windows))
+        for scale in scales
     ]
     way_m = float(np.mean(windows.way_m))
     scale, constant_m, per_m = min(lines, key=lambda line: line[1] + line[2] * line[0] * way_m)
     constant_rad, per_rad = _fit_line(windows.turn_rad, windows.error_rad, choice)
-    return OdometryFit(scale, constant_m, per_m, constant_rad, per_rad)
+    fit = OdometryFit(scale, constant_m, per_m, constant_rad, per_rad)
+    if not windows.tell_ways:
+        fit = replace(
+            fit,
+            constant_m=max(constant_m, stated.constant_m),
+            translation_per_m=max(per_m, stated.translation_per_m),
+            translation_per_rad=stated.translation_per_rad,
+        )
+    if not windows.tell_turns:
+        fit = replace(
+            fit,
+            constant_rad=max(constant_rad, stated.constant_rad),
+            rotation_per_m=stated.rotation_per_m,
+            rotation_per_rad=max(per_rad, stated.rotation_per_rad),
+        )
+    return fit
 
 
 def _least_squares_scale(windows: OdometryWindows) -> float:
@@ -235,22 +289,25 @@ def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float
 
 def _begins(stamps_s: FloatArray) -> IndexArray:
     """
-    Return the first sample of every piece of time that has one.
+    Return a sample for every piece of time that has one, the first from some moment in it on.
 
     It goes through the samples, not through the time between them: one wrong stamp makes that
     years long.
     """
-    pieces = np.floor((stamps_s - stamps_s[0]) / EVERY_S)
-    return np.unique(pieces, return_index=True)[1]
+    since_s = stamps_s - stamps_s[0]
+    pieces = np.unique(np.floor(since_s / EVERY_S))
+    taken = np.unique(np.searchsorted(since_s, EVERY_S * (pieces + BEGIN * pieces % 1.0)))
+    return taken[taken < len(stamps_s)]
 
 
 def _ends(
     stamps_s: FloatArray, begins: IndexArray, seconds: float
 ) -> tuple[IndexArray, IndexArray]:
     """Return the first and the last samples of the windows of one length."""
-    ends = np.searchsorted(stamps_s, stamps_s[begins] + seconds)
-    begins, ends = begins[ends < len(stamps_s)], ends[ends < len(stamps_s)]
-    whole = stamps_s[ends] - stamps_s[begins] < MOST_STRETCHED * seconds
+    lengths_s = seconds * (1.0 - SHORTER * (LENGTH * np.arange(len(begins)) % 1.0))
+    ends = np.searchsorted(stamps_s, stamps_s[begins] + lengths_s)
+    before_s, after_s = stamps_s[begins], np.append(stamps_s, np.inf)[ends]
+    whole = after_s - before_s < MOST_STRETCHED * lengths_s
     return begins[whole], ends[whole]
 
 
@@ -262,7 +319,3 @@ def _angles(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the angles between rotations, shape (k,), from the lengths of their differences."""
     lengths = np.linalg.norm(first - second, axis=(1, 2))
     return np.asarray(2.0 * np.arcsin(np.minimum(1.0, lengths / np.sqrt(8.0))))
-
-
-def _remainder(angles_rad: FloatArray) -> FloatArray:
-    return np.remainder(angles_rad + np.pi, 2.0 * np.pi) - np.pi

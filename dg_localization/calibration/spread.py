@@ -15,6 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.calibration.angles import without_turns
+
 FloatArray = NDArray[np.float64]
 
 WINDOW_S = 1.0
@@ -24,7 +26,7 @@ TOGETHER_S = 0.1
 """Readings of three sides that are no farther apart are taken together."""
 
 
-def residuals(stamps_s: ArrayLike, values: ArrayLike) -> FloatArray:
+def residuals(stamps_s: ArrayLike, values: ArrayLike, angles: bool = False) -> FloatArray:
     """
     Return how far each reading is from what its neighbors in time let expect.
 
@@ -33,7 +35,9 @@ def residuals(stamps_s: ArrayLike, values: ArrayLike) -> FloatArray:
     stamps_s : array_like, shape (n,)
         Increasing.
     values : array_like, shape (n,)
-        Ranges in m, or unwrapped angles in rad.
+        Ranges in m, or angles in rad.
+    angles : bool, optional
+        Whether they are angles, which differ by less than half a turn.
 
     Returns
     -------
@@ -50,7 +54,8 @@ def residuals(stamps_s: ArrayLike, values: ArrayLike) -> FloatArray:
         reach = min(i - first[i], last[i] - i)
         if reach >= LEAST_NEIGHBORS:
             around = np.concatenate([readings[i - reach : i], readings[i + 1 : i + reach + 1]])
-            found[i] = readings[i] - np.median(around)
+            ahead = around - readings[i]
+            found[i] = -np.median(without_turns(ahead) if angles else ahead)
     return found
 
 

@@ -14,6 +14,7 @@ from dg_localization.calibration.bounds import (
     fit_half_width_rad,
     fit_range,
     is_relative,
+    missing_m,
     n_kept,
     shortest_band,
     vouched_share,
@@ -86,6 +87,28 @@ def test_errors_as_large_as_the_reading_are_constant():
     model = fit_range(readings, errors, Choice(), relative=True)
     assert excluded_ranges(model, readings, errors) == 0
     assert model.max_error_relative == 0.0 and model.max_error_m > 0.97
+
+
+def test_a_scatter_as_wide_as_the_bounds_needs_none_wider():
+    scatter = np.linspace(-0.1, 0.3, 41)
+    assert missing_m(scatter, np.full(41, 0.2), EXACT) == (pytest.approx(0.0, abs=1e-9), 0)
+    assert missing_m(scatter, np.full(41, 0.15), EXACT) == (pytest.approx(0.05), 0)
+    assert missing_m(scatter, np.full(41, 0.2), Choice(1.0, 0.1))[0] == pytest.approx(0.04)
+
+
+def test_each_reading_is_held_by_bounds_as_wide_as_its_own():
+    """The wide bounds of far readings do not hold what near ones err by."""
+    scatter, halves = np.array([-0.2, 0.2] * 20), np.array([0.03, 0.03] + [0.6] * 38)
+    assert missing_m(scatter, halves, EXACT) == (pytest.approx(0.17), 0)
+    # Errors that grow with the range need no more than bounds that do.
+    assert missing_m(0.9 * halves * np.array([-1.0, 1.0] * 20), halves, EXACT)[0] == 0.0
+
+
+def test_readings_that_no_bias_brings_between_the_bounds_are_counted():
+    scatter, halves = np.append(np.zeros(99), 0.9), np.full(100, 0.5)
+    choice = Choice(0.99, 0.0)
+    assert missing_m(scatter, halves, choice) == (0.0, 0)
+    assert missing_m(scatter + np.append(np.zeros(99), 0.2), halves, choice) == (0.0, 1)
 
 
 def test_half_widths_hold_their_share():

@@ -11,7 +11,8 @@ import pytest
 from dg_localization.calibration.bounds import Choice
 from dg_localization.calibration.odometry import OdometryWindows, fit_odometry, odometry_windows
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet.rotations import quaternion_product
+from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet.rotations import quaternion_product, rotation_of_quaternion
 from dg_localization.simulation.moving_fleet import FleetMotion, Path
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 
@@ -182,7 +183,7 @@ def test_in_the_plane_tilt_of_the_truth_is_no_error(tilt_rad):
     truth = TrueTrack(stamps, places, turns)
     windows = odometry_windows(stamps, places, rotations(yaws), truth, dimension=2)
     assert exact(fit_odometry(windows, EXACT))
-    in_space = odometry_windows(stamps, places, rotations(yaws), truth, dimension=3)
+    in_space = odometry_windows(stamps, places, rotations(yaws), truth, 3, upright=False)
     assert fit_odometry(in_space, EXACT).translation_per_m > 0.05
 
 
@@ -264,3 +265,72 @@ def test_in_space_turns_are_those_of_the_whole_body(upright):
     # How far it rolls counts; where errors of roll are not stated otherwise, so do they.
     assert windows.turn_rad.max() > 1.0
     assert windows.error_rad.max() == pytest.approx(0.0 if upright else 0.2, abs=0.01)
+
+
+@pytest.mark.parametrize('believed_rad', [0.0, 0.1])
+def test_in_space_wrong_pitch_of_upright_odometry_is_an_error_per_m(believed_rad):
+    """The robot drives level; where its odometry takes the nose to be up, it reports a climb."""
+    stamps, places, yaws = planar_drive()
+    truth = TrueTrack(stamps, places, quaternions(yaws))
+    pitch = np.array([0.0, -np.sin(believed_rad / 2.0), 0.0, np.cos(believed_rad / 2.0)])
+    turns = rotation_of_quaternion([quaternion_product(yaw, pitch) for yaw in quaternions(yaws)])
+    steps = 0.03 * turns[:, :, 0]
+    windows = odometry_windows(stamps, np.cumsum(steps, axis=0) - steps, turns, truth, 3)
+    fit = fit_odometry(windows, EXACT)
+    # A step is off by the chord of the pitch.
+    assert fit.translation_per_m + fit.constant_m == pytest.approx(believed_rad, abs=5e-3)
+
+
+@pytest.mark.parametrize('sway_hz', [0.7, 1.0, 1.8, 1.9, 2.0, 4.0, 7.0])
+def test_errors_in_step_with_a_clock_are_seen(sway_hz):
+    stamps = np.arange(0.0, 300.0, 0.05)
+    places = np.column_stack([0.3 * stamps, 0.0 * stamps, 0.0 * stamps])
+    phase_rad = 2.0 * np.pi * sway_hz * stamps
+    swaying = places + np.column_stack([0.0 * stamps, 0.03 * np.sin(phase_rad), 0.0 * stamps])
+    truth = TrueTrack(stamps, swaying, quaternions(0.05 * np.sin(phase_rad)))
+    fit = fit_odometry(odometry_windows(stamps, places, rotations(0.0 * stamps), truth), EXACT)
+    # From one side to the other, as far as samples meet these.
+    assert 0.054 < fit.constant_m < 0.07
+    assert 0.09 < fit.constant_rad < 0.11
+
+
+STATED = OdometryErrorModel(0.1, 0.03, 0.02, 0.2, 0.05, 0.06, translation_scale=0.9)
+
+
+def test_a_robot_that_stood_still_tells_nothing_better_than_what_is_stated():
+    stamps = np.arange(0.0, 60.0, 0.1)
+    still = np.zeros((len(stamps), 3))
+    truth = TrueTrack(stamps, still, quaternions(np.zeros(len(stamps))))
+    windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
+    assert not windows.tell_ways and not windows.tell_turns
+    assert fit_odometry(windows, EXACT, STATED).model == STATED
+
+
+def test_what_a_robot_that_stood_still_shows_to_be_worse_is_learned():
+    stamps = np.arange(0.0, 60.0, 0.1)
+    still = np.zeros((len(stamps), 3))
+    yaws = 0.1 * np.sin(stamps)
+    shaken = still + 0.1 * np.column_stack([np.sin(stamps), 0.0 * stamps, 0.0 * stamps])
+    truth = TrueTrack(stamps, shaken, quaternions(yaws))
+    windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
+    fit = fit_odometry(windows, EXACT, STATED)
+    assert fit.constant_m == pytest.approx(0.2, abs=0.01)
+    assert fit.constant_rad == pytest.approx(0.2, abs=0.01)
+    assert fit.excluded(windows) == 0
+
+
+def test_a_robot_that_never_turned_tells_of_its_ways_alone():
+    stamps = np.arange(0.0, 60.0, 0.1)
+    true = np.column_stack([0.3 * stamps, 0.0 * stamps, 0.0 * stamps])
+    truth = TrueTrack(stamps, true, quaternions(np.zeros(len(stamps))))
+    windows = odometry_windows(stamps, true / 0.8, rotations(np.zeros(len(stamps))), truth)
+    assert windows.tell_ways and not windows.tell_turns
+    learned = fit_odometry(windows, EXACT, STATED).model
+    assert learned.translation_scale == 0.8
+    assert learned.translation_per_m + learned.constant_m < 1e-3
+    assert learned.translation_per_rad == 0.0
+    assert (learned.rotation_per_m, learned.rotation_per_rad, learned.constant_rad) == (
+        STATED.rotation_per_m,
+        STATED.rotation_per_rad,
+        STATED.constant_rad,
+    )

@@ -73,3 +73,19 @@ def test_one_reading_of_a_side_is_enough():
     one = np.array([1.0])
     found = triangle_contradictions([one, one, one], [one, one, 3 * one], [one, one, 3 * one], 0.0)
     assert found == (1, 1)
+
+
+def test_angles_are_compared_the_short_way_round():
+    rng = np.random.default_rng(0)
+    turned_rad = 3.0 + 0.5 * STAMPS + rng.uniform(-0.02, 0.02, len(STAMPS))
+    found = residuals(STAMPS, np.remainder(turned_rad, 2.0 * np.pi), angles=True)
+    np.testing.assert_allclose(found, residuals(STAMPS, turned_rad), atol=1e-9)
+
+
+def test_misread_angles_leave_all_others_alone():
+    """Two in a row, nearly a turn apart: the way from one to the other is the short one."""
+    misread = np.zeros(len(STAMPS))
+    misread[100:102] = 1.8, -1.8
+    found = residuals(STAMPS, misread, angles=True)
+    np.testing.assert_allclose(found[100:102], [1.8, -1.8])
+    assert np.nanmax(np.abs(np.delete(found, [100, 101]))) < 1e-9

@@ -4,6 +4,7 @@
 """The executable `fit_bounds`: recordings of the simulated fleet, and the real UWB recording."""
 
 import csv
+from itertools import combinations
 import json
 import math
 import os
@@ -25,7 +26,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.calibration.bounds import Choice  # noqa: E402
+from dg_localization.calibration.bounds import Choice, excluded_ranges  # noqa: E402
 from dg_localization.fleet import (  # noqa: E402
     FleetConfig,
     LinkKey,
@@ -33,7 +34,7 @@ from dg_localization.fleet import (  # noqa: E402
     Localizer,
     RangeErrorModel,
 )
-from dg_localization.ros.bags import fit_with_truth, samples  # noqa: E402
+from dg_localization.ros.bags import fit_with_truth, fit_without_truth, samples  # noqa: E402
 from dg_localization.ros.bags.compared import Compared, broken_bounds  # noqa: E402
 from dg_localization.ros.bags.ground_truth import read_truth_file  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
@@ -349,6 +350,7 @@ def test_without_truth_the_bias_is_left_open(tmp_path, learn):
     assert found['range']['max_error_relative'] == 0.2, 'the stated bounds are kept'
     text = ' '.join(learn.output.replace('#', '').split())
     assert 'a bias, is not seen' in text
+    assert 'Without --truth the bounds are those that you stated, widened where' in text
     code, found = learn(bag, '--per', 'all', '--bias', '0.9', '1.1')
     assert code == 0
     assert found['range']['min_error'] < 0.9 and found['range']['max_error'] > 1.1
@@ -545,6 +547,62 @@ def test_odometry_is_learned_of_in_the_order_in_which_the_localizer_takes_it(tmp
     assert int(windows[1]) > 150
 
 
+def test_odometry_is_learned_of_between_its_restarts(tmp_path, learn):
+    """It starts anew elsewhere once; the localizer forgets what was before."""
+    recorder = Recorder()
+    for step, stamp_s in enumerate(START_S + np.arange(0.0, 60.0, 0.1)):
+        yaw, jump_m = 0.2 * (stamp_s - START_S), 20.0 if step >= 300 else 0.0
+        place_m = 1.5 * np.array([math.sin(yaw), 1.0 - math.cos(yaw)])
+        recorder.add_truth('r1', place_m, yaw, stamp_s)
+        recorder.add_odometry('r1', place_m + jump_m, yaw, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    state(learn)
+    code, found = learn(tmp_path / 'bag', '--truth', '/{robot}/truth')
+    assert code == 0
+    learned = found['robot_odometry']['r1']
+    assert learned['translation_scale'] == pytest.approx(1.0, abs=1e-3)
+    assert learned['translation_per_m'] + learned['constant_translation'] < 1e-3
+    assert 'Odometry of r1 started anew once' in learn.output.replace('\n#  ', '')
+
+
+@pytest.mark.parametrize('per', ['link', 'all'])
+def test_a_robot_without_truth_keeps_the_odometry_that_is_stated_of_all(
+    tmp_path, learn, told, per
+):
+    """What was learned of another, here that it goes 0.8 times as far, says nothing of it."""
+    recorder = Recorder()
+    for stamp_s in START_S + np.arange(0.0, 20.0, 0.1):
+        way_m = 0.3 * (stamp_s - START_S)
+        recorder.add_truth('r1', (way_m, 0.0), 0.0, stamp_s)
+        for robot, reported_m in (('r1', way_m / 0.8), ('r2', way_m)):
+            recorder.add_odometry(robot, (reported_m, 0.0), 0.0, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    state(learn, odometry={'translation_per_m': 0.07})
+    stated = read_task(learn.params, []).settings.fleet.odometry_error
+    code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', per)
+    assert code == 0
+    fleet = told()
+    assert fleet.odometry_error_of('r1').translation_scale == 0.8
+    assert fleet.odometry_error_of('r2') == stated
+    assert 'Odometry of r2, r3 has no truth, or too little: it is as' in learn.output
+
+
+def test_odometry_of_a_robot_that_stood_still_stays_as_stated(tmp_path, learn, told):
+    recorder = Recorder()
+    for stamp_s in START_S + np.arange(0.0, 20.0, 0.1):
+        recorder.add_truth('r1', (0.0, 0.0), 0.0, stamp_s)
+        recorder.add_odometry('r1', (0.0, 0.0), 0.0, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    state(learn, odometry={'translation_per_m': 0.07, 'rotation_per_rad': 0.3})
+    stated = read_task(learn.params, []).settings.fleet.odometry_error
+    code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth')
+    assert code == 0
+    assert told().odometry_error_of('r1') == told().odometry_error == stated
+    text = learn.output.replace('\n#  ', '')
+    assert 'Odometry of r1: no window is longer than 0.00 m' in text
+    assert 'Odometry of r1: no window turns by more than 0.00 rad' in text
+
+
 def test_without_truth_triangles_refute_bounds_that_are_wrong(tmp_path, learn):
     def far(topic, message):
         if topic == 'robot_1/range/robot_2':
@@ -592,6 +650,35 @@ def test_without_truth_bounds_that_cannot_hold_the_scatter_are_widened(tmp_path,
     _, found = learn(bag, '--per', 'all')
     assert found['range']['max_error'] > 0.5
     assert 'widened' in learn.output
+
+
+def test_without_truth_relative_bounds_hold_the_scatter_of_near_readings(tmp_path, learn, told):
+    """From 20 m to 1 m and back; 3 % of 1 m are less than the errors of 0.2 m."""
+    recorder, rng = Recorder(), np.random.default_rng(0)
+    distances_m, ranges_m = [], []
+    for stamp_s in START_S + np.arange(0.0, 60.0, 0.05):
+        distance_m = 10.5 + 9.5 * math.cos(2.0 * math.pi * (stamp_s - START_S) / 60.0)
+        range_m = distance_m + rng.uniform(-0.2, 0.2)
+        recorder.add_range('r1', 'r2', range_m, stamp_s, stamp_s)
+        distances_m.append(distance_m)
+        ranges_m.append(range_m)
+    recorder.write(tmp_path / 'bag')
+    relative = {'min_error_relative': -0.03, 'max_error_relative': 0.03}
+    state(learn, range={'min_error': 0.0, 'max_error': 0.0, **relative})
+    code, _ = learn(tmp_path / 'bag')
+    assert code == 0 and 'widened; 0.00 % excluded' in learn.output.replace('\n#    ', '')
+    ranges_m, distances_m = np.array(ranges_m), np.array(distances_m)
+    model = told().range_error_of('r1', 'r2')
+    assert excluded_ranges(model, ranges_m, ranges_m - distances_m) == 0
+    assert model.max_error_m < 0.35
+
+
+def test_points_without_a_triangle_are_passed_over():
+    """A ring of 1,000 points: its triples would take minutes."""
+    ring = [frozenset((f'r{k}', f'r{(k + 1) % 1000}')) for k in range(1000)]
+    assert list(fit_without_truth._triangles_of(ring)) == []
+    four = [frozenset(pair) for pair in combinations('dcba', 2)]
+    assert list(fit_without_truth._triangles_of(four)) == list(combinations('abcd', 3))
 
 
 def test_without_truth_readings_that_no_bias_explains_are_excluded(tmp_path, learn):

@@ -48,9 +48,7 @@ def write_split(bag, plugin, late_ns):
         with Writer(folder, version=9, storage_plugin=plugin) as writer:
             connections = {t: writer.add_connection(t, RANGE, typestore=STORE) for t in RANGES_M}
             for topic, time_ns in rows:
-                writer.write(
-                    connections[topic], time_ns, range_message(time_ns, RANGES_M[topic])
-                )
+                writer.write(connections[topic], time_ns, range_message(time_ns, RANGES_M[topic]))
         (storage,) = folder.glob(f'*{SUFFIXES[plugin]}')
         names.append(f'{bag.name}_{number}{SUFFIXES[plugin]}')
         shutil.move(storage, bag / names[-1])

@@ -8,8 +8,9 @@ The executable `fit_bounds`: a rosbag2 in, error bounds for the parameters of th
                [--keep SHARE] [--margin SHARE] [--bias LOW HIGH] [--start S] [--duration S]
                [--ros-args ...]
 
-What it prints is a file of parameters: what was found stands in its comments. It is given to the
-node beside FILE, after it.
+With --truth it learns bounds. Without, it keeps what FILE states, widens it for scatter, and
+cannot see a bias. What it prints is a file of parameters: what was found stands in its comments.
+It is given to the node beside FILE, after it.
 """
 
 import argparse
@@ -89,7 +90,7 @@ def collect(
                 done_s = at_s
         whole = options.start == 0.0 and options.duration is None
         damage = tuple(damage_of(bag, contents, (bag.start_ns, bag.end_ns) if whole else None))
-        for notice in (*inputs.notices, *bag.notices):
+        for notice in (*inputs.notices, *bag.notices, *truth.notices):
             print_line(notice)
         if collector.malformed:
             print_line(f'{collector.malformed} messages could not be read')
@@ -143,7 +144,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='fit_bounds',
         description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
-        'print them as parameters of the node.',
+        'print them as parameters of the node. With --truth it learns bounds. Without, it keeps '
+        'what you state, widens it for scatter, and cannot see a bias.',
         epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
         'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )

@@ -3,7 +3,7 @@
 
 """Bounds from the readings of a bag beside a ground truth."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ from dg_localization.ros.bags.fitted import (
 )
 from dg_localization.ros.bags.ground_truth import tracks_of
 from dg_localization.ros.bags.reader import BagError
-from dg_localization.ros.bags.samples import Samples
+from dg_localization.ros.bags.samples import OdometryPiece, Samples
 from dg_localization.ros.interface.parameters.odometry import odometry_error_parameters
 from dg_localization.ros.interface.parameters.settings import Settings
 
@@ -100,7 +100,7 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     )
     learned = _add_odometry(fit, samples, tracks, settings.fleet, per, choice)
     if learned:
-        _add_stated_odometry(fit, settings.fleet.robot_odometry_error, learned)
+        _add_stated_odometry(fit, settings.fleet, learned)
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
@@ -191,27 +191,40 @@ def _add_odometry(
     """
     found: dict[str, OdometryWindows] = {}
     for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
-        rows = samples.odometry[robot]
-        stamps, positions, turns = (np.array(column) for column in zip(*rows, strict=True))
-        rotations = rotation_of_quaternion(turns)
-        windows = odometry_windows(
-            stamps, positions, rotations, tracks[robot], fleet.dimension, fleet.is_upright(robot)
-        )
+        windows = _windows_of(robot, samples.odometry[robot], tracks[robot], fleet)
+        fit.notes += _restarts(robot, samples.odometry[robot])
         if len(windows.seconds) >= LEAST_READINGS:
             found[robot] = windows
     if not found:
         return frozenset()
     for robot, windows in found.items():
-        bounds = fit_odometry(windows, choice)
+        stated = fleet.odometry_error_of(robot)
+        bounds = fit_odometry(windows, choice, stated)
         fit.notes.append(f'Odometry of {robot}: {_odometry_text(bounds, windows)}')
-        fit.notes += _judged_on_the_rest(robot, windows, choice)
+        fit.notes += _not_told(robot, windows)
+        fit.notes += _judged_on_the_rest(robot, windows, choice, stated)
         if per != 'all':
             fit.robot_odometry[robot] = _learned_odometry(bounds)
     together = OdometryWindows.joined(found.values())
-    bounds = fit_odometry(together, choice)
+    bounds = fit_odometry(together, choice, fleet.odometry_error)
     fit.notes.append(f'Odometry of all: {_odometry_text(bounds, together)}')
+    fit.notes += _not_told('all', together)
     fit.odometry = _learned_odometry(bounds)
     return frozenset(found)
+
+
+def _windows_of(
+    robot: str, pieces: Sequence[OdometryPiece], truth: TrueTrack, fleet: FleetConfig
+) -> OdometryWindows:
+    """Return windows of the odometry of a robot; none goes beyond a start anew."""
+    parts = []
+    for piece in pieces:
+        stamps, positions, turns = (np.array(column) for column in zip(*piece, strict=True))
+        rotations, upright = rotation_of_quaternion(turns), fleet.is_upright(robot)
+        parts.append(
+            odometry_windows(stamps, positions, rotations, truth, fleet.dimension, upright)
+        )
+    return OdometryWindows.joined(parts)
 
 
 def _learned_odometry(fit: OdometryFit) -> dict[str, float]:
@@ -220,20 +233,23 @@ def _learned_odometry(fit: OdometryFit) -> dict[str, float]:
     return {name: numbers[name] for name in LEARNED_OF_ODOMETRY}
 
 
-def _add_stated_odometry(
-    fit: Fit, stated: Mapping[str, OdometryErrorModel], learned: Collection[str]
-) -> None:
+def _add_stated_odometry(fit: Fit, fleet: FleetConfig, learned: Collection[str]) -> None:
     """
-    Add all numbers for each robot that has some of its own already.
+    Add all numbers for each robot that has some of its own already, or nothing to learn from.
 
-    Errors of the file before that are not replaced would be mixed with those learned.
+    Errors of the file before that are not replaced would be mixed with those learned, and what was
+    learned of others would replace those that were stated.
     """
-    for robot, error in stated.items():
-        if robot in learned:
-            fit.robot_odometry.setdefault(robot, fit.odometry)
-        else:
-            fit.robot_odometry[robot] = odometry_error_parameters(error)
-            fit.notes.append(f'Odometry of {robot} has no truth: it is as it was stated.')
+    for robot in filter(learned.__contains__, fleet.robot_odometry_error):
+        fit.robot_odometry.setdefault(robot, fit.odometry)
+    others = [robot for robot in fleet.robots if robot not in learned]
+    for robot in others:
+        stated = fleet.robot_odometry_error.get(robot, fleet.odometry_error)
+        fit.robot_odometry[robot] = odometry_error_parameters(stated)
+    if others:
+        fit.notes.append(
+            f'Odometry of {", ".join(others)} has no truth, or too little: it is as it was stated.'
+        )
 
 
 def _odometry_text(fit: OdometryFit, windows: OdometryWindows) -> str:
@@ -253,13 +269,40 @@ def _bounds_text(fit: OdometryFit) -> str:
     )
 
 
-def _judged_on_the_rest(robot: str, windows: OdometryWindows, choice: Choice) -> Iterator[str]:
+def _restarts(robot: str, pieces: Sequence[OdometryPiece]) -> Iterator[str]:
+    """Yield how often the odometry of a robot started anew, if it did."""
+    if count := len(pieces) - 1:
+        times = 'once' if count == 1 else f'{count} times'
+        yield (
+            f'Odometry of {robot} started anew {times}, by max_speed, max_turn_rate and its '
+            'frame: nothing is learned across.'
+        )
+
+
+def _not_told(name: str, windows: OdometryWindows) -> Iterator[str]:
+    """Yield what was kept as it was stated, because the robot stood still or never turned."""
+    if not windows.tell_ways:
+        yield (
+            f'Odometry of {name}: no window is longer than {windows.way_m.max():.2f} m, which '
+            'tells no error per m. The scale is as it was stated, and errors of ways are no '
+            'smaller.'
+        )
+    if not windows.tell_turns:
+        yield (
+            f'Odometry of {name}: no window turns by more than {windows.turn_rad.max():.2f} rad, '
+            'which tells no error per rad. Errors of turns are no smaller than they were stated.'
+        )
+
+
+def _judged_on_the_rest(
+    robot: str, windows: OdometryWindows, choice: Choice, stated: OdometryErrorModel
+) -> Iterator[str]:
     """Yield how well what the first half of a recording shows holds for the second."""
     learned, judged = windows.halves()
     if min(len(learned.seconds), len(judged.seconds)) < LEAST_READINGS:
         yield f'The recording is too short to judge the odometry of {robot} on a part of its own.'
         return
-    bounds = fit_odometry(learned, choice)
+    bounds = fit_odometry(learned, choice, stated)
     shares = [100.0 * bounds.excluded(half) / len(half.seconds) for half in (learned, judged)]
     yield (
         f'Learned of the first half alone, {_bounds_text(bounds)}: {shares[0]:.2f} % of its '

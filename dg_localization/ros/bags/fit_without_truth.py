@@ -14,6 +14,7 @@ import numpy as np
 from dg_localization.calibration.bounds import (
     Choice,
     fit_half_width_rad,
+    missing_m,
     rounded_outward,
     shortest_band,
 )
@@ -71,7 +72,7 @@ def fit_without_truth(
         ranges[key] = scatter[known], values[known]
     for key, seen in samples.rays.items() if settings.fleet.dimension == 2 else ():
         stamps, angles = _in_order([(s, math.atan2(ray[1], ray[0])) for s, ray in seen])
-        scatter = residuals(stamps, np.unwrap(angles))
+        scatter = residuals(stamps, angles, angles=True)
         bearings[key] = (scatter[np.isfinite(scatter)],)
     fit = Fit(
         judged=with_readings({**ranges, **bearings}),
@@ -113,20 +114,19 @@ def _scatter_group(
     """Return the stated bounds, no narrower than the scatter; those around a known bias."""
     low_m, high_m = shortest_band(scatter_m, choice.keep)
     seen = f'scatter {low_m:.2f} to {high_m:.2f} m'
-    width_m = (high_m - low_m) * (1.0 + 2.0 * choice.margin)
     if bias_m is not None:
         beyond = int(np.count_nonzero((scatter_m < low_m) | (scatter_m > high_m)))
         extra_m = choice.margin * (high_m - low_m)
         model = rounded_outward(bias_m[0] + low_m - extra_m, bias_m[1] + high_m + extra_m)
         return GroupFit(len(scatter_m), beyond, seen, range_parameters(model))
     relative = stated.max_error_relative - stated.min_error_relative
-    stated_m = stated.max_error_m - stated.min_error_m + relative * float(np.median(readings_m))
-    extra_m = max(0.0, width_m - stated_m) / 2.0
+    stated_m = stated.max_error_m - stated.min_error_m + relative * readings_m
+    extra_m, beyond = missing_m(scatter_m, 0.5 * stated_m, choice)
     if extra_m > 0.0:
-        seen += f', which the {stated_m:.2f} m between the stated bounds cannot hold: widened'
-    # What no bias brings between the bounds together with the others.
-    held_m = max(stated_m, width_m)
-    beyond = int(np.count_nonzero((scatter_m > low_m + held_m) | (scatter_m < high_m - held_m)))
+        seen += (
+            f', which the stated bounds, {stated_m.min():.2f} m apart at the shortest reading, '
+            'cannot hold: widened'
+        )
     wide = rounded_outward(stated.min_error_m - extra_m, stated.max_error_m + extra_m)
     bounds = {
         **range_parameters(stated),
@@ -153,8 +153,9 @@ def _limits_without_truth(samples: Samples, bias_m: Sequence[float] | None) -> I
     )
     if bias_m is None:
         yield (
-            'So the stated bounds are kept, and widened where the scatter does not fit between '
-            'them. With --bias LOW HIGH, known from elsewhere, they become narrower.'
+            'Without --truth the bounds are those that you stated, widened where the scatter does '
+            'not fit between them. They become narrower with --truth, or with --bias LOW HIGH, '
+            'known from elsewhere.'
         )
     else:
         yield f'The bias is taken to be between {bias_m[0]:g} and {bias_m[1]:g} m, as stated.'
@@ -197,10 +198,8 @@ def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
     swing_m_s = fleet.max_turn_rate_rad_s * max(arms_m, default=0.0)
     speed_m_s = 2.0 * (max(fleet.speed_m_s(robot) for robot in fleet.robots) + swing_m_s)
     looked_at = 0
-    for corners in combinations(sorted(frozenset().union(*columns)), 3):
-        triangle = [frozenset(pair) for pair in combinations(corners, 2)]
-        if not columns.keys() >= set(triangle):
-            continue
+    for corners in _triangles_of(columns):
+        triangle = (frozenset(pair) for pair in combinations(corners, 2))
         stamps, lower, upper = zip(*(columns[side] for side in triangle), strict=True)
         broken, count = triangle_contradictions(
             stamps, lower, upper, speed_m_s, fleet.between_stamps_s
@@ -212,3 +211,19 @@ def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
                 f'{broken} of {count} moments: no triangle has such sides.'
             )
     yield f'{looked_at} triangles were checked against the stated bounds.'
+
+
+def _triangles_of(sides: Iterable[frozenset[str]]) -> Iterator[tuple[str, str, str]]:
+    """
+    Yield the corners of all triangles, in order.
+
+    They are the common neighbors of the ends of each side: in a large fleet few are near others.
+    """
+    neighbors: dict[str, set[str]] = defaultdict(set)
+    edges = sorted(tuple(sorted(side)) for side in sides)
+    for first, second in edges:
+        neighbors[first].add(second)
+    for first, second in edges:
+        yield from (
+            (first, second, third) for third in sorted(neighbors[first] & neighbors[second])
+        )

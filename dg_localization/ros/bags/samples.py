@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,9 @@ from dg_localization.ros.bags.reader import BagMessage
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.parameters.settings import Settings
 
+OdometryPiece: TypeAlias = list[tuple[float, Any, Any]]
+"""Stamps in s, positions and quaternions, each newer than the one before."""
+
 
 @dataclass
 class Samples:
@@ -42,8 +45,8 @@ class Samples:
         Ranges in m.
     rays : dict of LinkKey to list of (float, ndarray)
         Unit vectors.
-    odometry : dict of str to list of (float, ndarray, ndarray)
-        By robot, positions and quaternions, each newer than the one before.
+    odometry : dict of str to list of OdometryPiece
+        By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
     truth : dict of str to list of (float, ndarray, ndarray)
         As those of `TruthReader`.
 
@@ -53,9 +56,7 @@ class Samples:
         default_factory=lambda: defaultdict(list)
     )
     rays: dict[LinkKey, list[tuple[float, Any]]] = field(default_factory=lambda: defaultdict(list))
-    odometry: dict[str, list[tuple[float, Any, Any]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
+    odometry: dict[str, list[OdometryPiece]] = field(default_factory=lambda: defaultdict(list))
     truth: Poses = field(default_factory=dict)
 
     @property
@@ -139,7 +140,10 @@ class _Gatherer(Localizer):
         if rejection is None:
             turn = np.asarray(orientation_xyzw, dtype=float)
             pose = np.array(position_xyz, dtype=float), turn / np.linalg.norm(turn)
-            self.samples.odometry[robot].append((stamp_s, *pose))
+            pieces = self.samples.odometry[robot]
+            if not pieces or self.odometry_restarted_s(robot) > pieces[-1][-1][0]:
+                pieces.append([])
+            pieces[-1].append((stamp_s, *pose))
         return rejection
 
     def add_peers(
