@@ -203,5 +203,6 @@ def _answer_group(
     measured = None
     if snapshot.mounts.distances:
         measured = constraints.measured[np.ix_(placer.points, placer.points)]
-    rigidity = rigidity_of(names, result, snapshot.config.dimension, measured)
+    all_listed = result.n_hypotheses <= options.max_hypotheses
+    rigidity = rigidity_of(names, result, snapshot.config.dimension, all_listed, measured)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

@@ -191,8 +191,11 @@ class MeasurementStore:
             stated.bearing_half_width_rad if stated else config.bearing_half_width_of(*key.ends)
         )
         rises = config.elevations_m and self._elevations.squared_rise_m2(*key.ends, stamp_s, now_s)
-        if rises and rises[1] > 0.0:
-            half_width_rad = projected_half_width_rad(ray, half_width_rad)
+        body_ray = np.asarray(ray, dtype=float).reshape(-1)
+        # A ray that points up may miss what is ahead by less than its horizontal part does.
+        is_bent = half_width_rad > 0.5 * math.pi and body_ray[2] != 0.0 and config.dimension == 2
+        if (rises and rises[1] > 0.0) or is_bent:
+            half_width_rad = projected_half_width_rad(body_ray, half_width_rad)
         self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
 

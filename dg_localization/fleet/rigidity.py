@@ -90,7 +90,11 @@ NOT_RIGID = Rigidity()
 
 
 def rigidity_of(
-    names: Sequence[str], result: Result, dimension: int, measured: NDArray[np.bool_] | None = None
+    names: Sequence[str],
+    result: Result,
+    dimension: int,
+    all_listed: bool,
+    measured: NDArray[np.bool_] | None = None,
 ) -> Rigidity:
     """
     Return what the answer of the solver says about connected points.
@@ -101,6 +105,8 @@ def rigidity_of(
         The points of the problem.
     result : Result
     dimension : int
+    all_listed : bool
+        Whether no hypothesis was left out for their number.
     measured : numpy.ndarray of bool, shape (n, n), optional
         Which distances would be known without errors, where the solver has bounds of others: its
         pieces are rigid only as far as these hold them.
@@ -129,7 +135,7 @@ def rigidity_of(
             if not (held[joint.pieces[0]] and held[number]):
                 continue
             pair = result.pieces[joint.pieces[0]], result.pieces[number]
-            remedies += _Joined(names, joint, pair, result, dimension).remedies()
+            remedies += _Joined(names, joint, pair, result, dimension, all_listed).remedies()
     return Rigidity(pieces, tuple(remedies))
 
 
@@ -169,6 +175,7 @@ class _Joined:
     pieces: tuple[Piece, Piece]
     result: Result
     dimension: int
+    all_listed: bool
 
     def remedies(self) -> Iterator[Remedy]:
         """Yield what would leave the joint no freedom, or one side only."""
@@ -176,7 +183,7 @@ class _Joined:
         shared = ', '.join(face)
         if self.joint.kind is JointKind.REFLECTION:
             pair = self._best_pair(lambda first, second: first * second)
-            if pair is not None and self._tells_apart(*pair):
+            if pair is not None and self.all_listed and self._tells_apart(*pair):
                 text = f'{self._range(*pair)} or bearings would decide the reflection in {shared}'
                 yield Remedy(text, face, tuple(self.names[point] for point in pair))
             return

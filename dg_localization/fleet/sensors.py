@@ -14,7 +14,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
-from typing import NamedTuple
 
 from dg_localization.fleet.checks import (
     FARTHEST_M,
@@ -126,21 +125,37 @@ def _require_order(
         )
 
 
-class SensorBounds(NamedTuple):
+@dataclass(frozen=True)
+class SensorBounds:
     """
     Error bounds of what one sensor measures, whoever its targets are.
 
-    Attributes
+    Parameters
     ----------
     range_error : RangeErrorModel
         Of its ranges.
     bearing_half_width_rad : float
         The greatest angle between its rays and the truth.
 
+    Raises
+    ------
+    ConfigError
+        If the half width is negative, above pi or not finite.
+
     """
 
     range_error: RangeErrorModel
     bearing_half_width_rad: float
+
+    def __post_init__(self) -> None:
+        require_kind('bounds.range_error', self.range_error, RangeErrorModel)
+        half_width_rad = require_number(
+            'bounds.bearing_half_width_rad',
+            self.bearing_half_width_rad,
+            at_least=0.0,
+            at_most=math.pi,
+        )
+        keep(self, bearing_half_width_rad=half_width_rad)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet import (
+    ConfigError,
     FleetConfig,
     LinkKey,
     LinkKind,
@@ -18,6 +19,7 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
     RejectionReason,
+    SensorBounds,
 )
 
 NOW_S = 100.0
@@ -473,3 +475,32 @@ def test_a_number_of_single_precision_is_bounded_as_the_double_that_it_is():
         links = localizer.snapshot(NOW_S).links
         bounds.append([(link.lower_m, link.upper_m) for link in links])
     assert bounds[0] == bounds[1]
+
+
+def test_a_ray_that_points_up_and_may_be_far_off_tells_no_heading():
+    """Its angle to the true direction is below 2 rad, and that of its horizontal part is not."""
+    config = FleetConfig(robots=('a', 'b'), bearing_half_width_rad=2.0)
+    elevation_rad, off_rad = math.radians(60.0), 2.5
+    horizontal = math.cos(elevation_rad)
+    ray = [horizontal * math.cos(off_rad), horizontal * math.sin(off_rad), math.sin(elevation_rad)]
+    assert math.acos(ray[0]) < 2.0
+    half_widths_rad = []
+    for measured in (ray, [1.0, 0.0, 0.0]):
+        localizer = Localizer(config)
+        assert localizer.add_bearing('a', 'b', measured, NOW_S, NOW_S) is None
+        half_widths_rad.append(localizer.snapshot(NOW_S).rays[0].half_width_rad)
+    assert half_widths_rad == [math.pi, 2.0]
+
+
+@pytest.mark.parametrize('shape', [(3,), (1, 3), (3, 1)])
+def test_a_ray_may_be_a_row_or_a_column(shape):
+    config = FleetConfig(robots=('a', 'b'), elevations_m={'a': (1.0, 2.0)})
+    localizer = Localizer(config)
+    ray = np.reshape([1.0, 0.0, -0.5], shape)
+    assert localizer.add_bearing('a', 'b', ray, NOW_S, NOW_S) is None
+
+
+@pytest.mark.parametrize('half_width_rad', [math.nan, -0.2, 4.0])
+def test_wrong_bounds_of_a_sensor_are_named(half_width_rad):
+    with pytest.raises(ConfigError, match='bearing_half_width_rad'):
+        SensorBounds(RangeErrorModel(), half_width_rad)

@@ -237,6 +237,24 @@ def test_a_range_decides_a_reflection_in_all_hypotheses_or_is_not_proposed():
     assert not any('r2 - r1' in text for text in estimate.would_fix)
 
 
+def test_a_range_is_not_proposed_by_some_of_the_hypotheses():
+    """Those that are not listed may have the same distance on either side."""
+    points = np.random.default_rng(3).uniform(-5.0, 5.0, (7, 2))
+    places = dict(zip('abcdefg', points, strict=True))
+    pairs = within('a b c', 'd e f', 'a d', 'b e', 'c f', 'a g', 'b g')
+    settings = {
+        'range_error': RangeErrorModel(min_error_relative=-0.01, max_error_relative=0.01),
+        'solver': SolverOptions(),
+        'memory_s': 0.0,
+    }
+    few, all_listed = (
+        localizer_of(places, pairs, max_hypotheses=most, **settings).step(NOW_S)
+        for most in (8, 64)
+    )
+    assert few.n_hypotheses > 8 and all_listed.n_hypotheses <= 64
+    assert few.would_fix == all_listed.would_fix == ()
+
+
 def reflected(point, first, second):
     """Return a point reflected in the line through two others."""
     edge = np.subtract(second, first)
