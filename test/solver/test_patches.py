@@ -225,6 +225,9 @@ def test_chains_bound_far_pairs_from_above_and_near_ones_from_below():
     np.testing.assert_allclose(np.sqrt(lower[0, :4]), [0.0, 5.0, 3.0, 0.0], atol=1e-12)
     assert upper[0, 2] >= 64.0 and lower[0, 2] <= 9.0
     assert np.isinf(upper[4, :4]).all() and upper[4, 4] == 0.0
+    repeated = np.array([3, 0, 3, 3, 1, 0])
+    for bound, of_some in zip((lower, upper), graph.bounds(repeated), strict=True):
+        assert (of_some == bound[np.ix_(repeated, repeated)]).all()
 
 
 class CancelAfter:

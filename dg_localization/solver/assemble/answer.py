@@ -79,7 +79,11 @@ def answer(
     if (
         len(solved.pieces) > 1
         and problem.n_points <= MOST_CONTRACTED
-        and product.is_empty(_is_crossed(problem, solved), _has_loop(solved), budget.is_over)
+        and product.is_empty(
+            _is_crossed(problem, solved),
+            within is not None or _has_loop(solved),
+            budget.is_over,
+        )
     ):
         return _infeasible(tuple(range(problem.n_points)), problem, budget)
     return _result(solved, combinations, product, budget)

@@ -131,14 +131,16 @@ class CallBudget:
 
     def keep(self, n_boxes: int) -> bool:
         """Note that boxes found by other means than the search are kept, if so many may be."""
-        if n_boxes > self._boxes():
+        if n_boxes > self.boxes_left():
             return False
         self.spent += Statistics(processed=n_boxes, kept=n_boxes)
         return True
 
     def accept_pending(self, cover: Cover) -> None:
-        """Keep the boxes which a search left pending as they are."""
+        """Keep the boxes which a search left pending as they are, if so many may be."""
         n_pending = len(cover.pending)
+        if n_pending > self.boxes_left():
+            return
         cover.kept, cover.pending = cover.kept + cover.pending, []
         self.spent = replace(
             self.spent,
@@ -178,7 +180,7 @@ class CallBudget:
 
         """
         options = self._share(share, most_boxes)
-        has_boxes = self._boxes() > 0
+        has_boxes = self.boxes_left() > 0
         cancel = self._cancel if has_boxes else _Stopped()
         report = self._reporter()
         cover, statistics = search(problem, options, cancel, report, within, at_gaps=at_gaps)
@@ -259,7 +261,7 @@ class CallBudget:
             False where a part with fewer or more boxes might end otherwise; nothing is counted.
 
         """
-        most = self._share(share, most_boxes).max_boxes if self._boxes() > 0 else 0
+        most = self._share(share, most_boxes).max_boxes if self.boxes_left() > 0 else 0
         if solved.statistics.processed > most:
             return False
         if most != given_boxes and solved.cover.pending:
@@ -270,19 +272,19 @@ class CallBudget:
 
     def _solved(self, part: Part, most_boxes: int) -> SolvedPart:
         """Solve one part in this process."""
-        has_boxes = self._boxes() > 0
+        has_boxes = self.boxes_left() > 0
         cancel = self._cancel if has_boxes else _Stopped()
         solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._reporter())
         self._spend(solved.statistics, has_boxes)
         return solved
 
-    def _boxes(self) -> int:
+    def boxes_left(self) -> int:
         """Return how many boxes are left."""
         return self.options.max_boxes - self.spent.processed
 
     def _share(self, share: float, most_boxes: int | None) -> SolverOptions:
         """Return the options for a share of what is left."""
-        boxes = self._boxes()
+        boxes = self.boxes_left()
         seconds = self.options.max_seconds - (self.seconds() if self.spent.processed else 0.0)
         return self._limited(max(1, min(int(share * boxes), most_boxes or boxes)), share * seconds)
 
@@ -320,7 +322,8 @@ class CallBudget:
 
         """
         options = self._limited(1, share * self.seconds_left())
-        cover, statistics = search(problem, options, self._cancel)
+        cancel = self._cancel if self.boxes_left() > 0 else _Stopped()
+        cover, statistics = search(problem, options, cancel)
         if not cover.pending:
             self.spent += statistics
             self._report(Statistics())

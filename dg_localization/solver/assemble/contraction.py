@@ -146,7 +146,11 @@ def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | No
         return None
     lower = np.min([low for low, _ in left], axis=0)
     upper = np.max([high for _, high in left], axis=0)
-    return _smoothed(lower, upper) if len(lower) <= MOST_SMOOTHED else (lower, upper)
+    if len(lower) > MOST_SMOOTHED:
+        return lower, upper
+    hull = _smoothed(lower, upper)
+    # What is between several boxes may be all that the triangle inequalities leave.
+    return hull if hull and common_parts([hull], within) else None
 
 
 def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:

@@ -51,7 +51,6 @@ from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.branch_and_prune import Cover
-from dg_localization.solver.search.search import POINTS_PER_WORKER
 
 MOST_RANGES = 16
 """A piece is solved at most so often, for different ranges of what it is given."""
@@ -222,18 +221,31 @@ class PieceSolver:
         numbers = [
             number
             for number, task in enumerate(self._tasks)
-            if len(task.points) < POINTS_PER_WORKER
+            if len(task.points) <= MOST_WHOLE
             and not self._parts[number].given
             and not any(j.kind is JointKind.REFLECTION for j in self._joints_of[number])
         ]
-        parts = []
+        parts = {}
         for number in numbers:
             points = self._tasks[number].points
             within = self._within and restricted_boxes(self._within, points)
-            constraints = self._orientations.among(points)
-            parts.append(Part(restricted(self._problem, points, None, constraints), within))
-        solved, self._given_boxes = self._budget.solve_ahead(parts, self._share(0))
-        self._ahead = dict(zip(numbers, solved, strict=False))
+            problem = restricted(self._problem, points, None, self._orientations.among(points))
+            if problem is not None and self._is_plain(problem):
+                parts[number] = Part(problem, within)
+        solved, self._given_boxes = self._budget.solve_ahead([*parts.values()], self._share(0))
+        self._ahead = dict(zip(parts, solved, strict=False))
+
+    def _is_plain(self, problem: Problem) -> bool:
+        """Return whether a small piece is searched as a whole, whatever is left to spend."""
+        if is_grown(problem.n_points, problem.dimension):
+            return False
+        return self._hidden_parts(problem) is None
+
+    def _hidden_parts(self, problem: Problem) -> Decomposition | None:
+        """Return the parts of a piece that its wide distances do not hold together, if any."""
+        # Parts that were merged may be the piece that they were parts of.
+        is_parted = self._are_parts and problem.n_points == self._problem.n_points
+        return None if is_parted else hidden_parts(problem, self._budget.is_over)
 
     def _share(self, number: int) -> float:
         """Return which part of what is left a piece may take at first."""
@@ -333,9 +345,7 @@ class PieceSolver:
         self, problem: Problem, share: float, within: Sequence[Bounds] | None
     ) -> _Search:
         """Solve a small piece in its parts, where it has any and they are done, or as one."""
-        # Parts that were merged may be the piece that they were parts of.
-        is_parted = self._are_parts and problem.n_points == self._problem.n_points
-        parts = None if is_parted else hidden_parts(problem, self._budget.is_over)
+        parts = self._hidden_parts(problem)
         in_parts = parts and self._searched_in_parts(problem, parts, share, within)
         return in_parts or _searched_together(problem, self._budget, share, within)
 

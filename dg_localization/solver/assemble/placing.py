@@ -168,8 +168,8 @@ class Placer:
             return
         old = self.positions[np.isfinite(self.positions[:, 0])]
         candidates = _aligned(local[new], shared, target, turns, signs)
-        apart = ((candidates[:, :, None] - old) ** 2).sum(axis=-1).min(axis=(1, 2))
-        self.positions[members[new]] = candidates[apart.argmax()]
+        apart = [np.min(((points[:, None] - old) ** 2).sum(axis=-1)) for points in candidates]
+        self.positions[members[new]] = candidates[np.argmax(apart)]
 
     def _sign(
         self,

@@ -54,6 +54,10 @@ MOST_ATTEMPTS = 4
 """How often a placement is put together until it is proved to agree."""
 
 
+def _never() -> bool:
+    return False
+
+
 class Nothing:
     """The whole fleet where there is no placement at all: an empty set, with reversed bounds."""
 
@@ -94,7 +98,7 @@ class Product:
         solved: SolvedPieces,
         combinations: Combinations,
         within: Sequence[Bounds] | None,
-        cancelled: Callable[[], bool] = lambda: False,
+        cancelled: Callable[[], bool] = _never,
     ) -> None:
         self._problem = problem
         self._cancelled = cancelled
@@ -103,6 +107,10 @@ class Product:
         self.combinations = combinations
         self._within = within
         self._all_points = tuple(range(problem.n_points))
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what is pickled: whoever might cancel the call is not."""
+        return vars(self) | {'_cancelled': _never}
 
     @cached_property
     @default_environment()
@@ -135,7 +143,7 @@ class Product:
         """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
         return self._all or Nothing(self._problem.n_points).bounds
 
-    def is_empty(self, is_crossed: bool, has_loop: bool, stopped: Callable[[], bool]) -> bool:
+    def is_empty(self, is_crossed: bool, is_tied: bool, stopped: Callable[[], bool]) -> bool:
         """
         Prove that no combination holds a placement, or return False.
 
@@ -143,8 +151,8 @@ class Product:
         ----------
         is_crossed : bool
             Sides, chiralities or least distances are known between different pieces.
-        has_loop : bool
-            The joints close a loop.
+        is_tied : bool
+            The joints close a loop, or all placements have to lie in some boxes.
         stopped : callable
             Whether there is no time left to look.
 
@@ -154,7 +162,7 @@ class Product:
             True is a proof.
 
         """
-        if not (is_crossed or has_loop) or stopped():
+        if not (is_crossed or is_tied) or stopped():
             return False
         if self._all is None:
             return True

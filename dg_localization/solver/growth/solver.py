@@ -69,8 +69,7 @@ def solve_grown(
         The cover; None where there is nothing to begin with.
 
     """
-    boxes_left = budget.options.max_boxes - budget.spent.processed
-    if not is_grown(problem.n_points, problem.dimension) or boxes_left < LEAST_BOXES:
+    if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None
     is_large = problem.n_points > MOST_CONTRACTED
     if within is None and not is_large:
@@ -98,8 +97,7 @@ def solve_grown(
         return Cover(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
     cover = budget.search(problem, share, boxes, most_boxes, at_gaps=True)
-    boxes_left = budget.options.max_boxes - budget.spent.processed
-    if cover.processed >= len(boxes) and boxes_left >= len(cover.pending):
-        # Growth came to its end, and every box that it left was looked at.
+    if cover.unseen == 0:
+        # Growth came to its end, and every box that it left was contracted.
         budget.accept_pending(cover)
     return cover

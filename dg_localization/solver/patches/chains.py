@@ -72,7 +72,7 @@ class ChainGraph:
         Parameters
         ----------
         points : ndarray of int, shape (k,)
-            The points.
+            The points, any of them several times.
 
         Returns
         -------
@@ -80,15 +80,21 @@ class ChainGraph:
             Lower and upper bounds of the squared distances in m^2, infinite where no chain leads.
 
         """
+        distinct, place = np.unique(points, return_inverse=True)
+        lower, upper = self._bounds_among(distinct)
+        return lower[np.ix_(place, place)], upper[np.ix_(place, place)]
+
+    def _bounds_among(self, points: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds of all pairs of different points, in their order."""
         start, neighbors = self._graph
         column_of = np.full(self._n_points, -1)
         column_of[points] = np.arange(len(points))
-        sources, radii_m = _sources(start, neighbors, self._lower, np.asarray(points))
+        sources, radii_m = _sources(start, neighbors, self._lower, points)
         row_of = np.full(self._n_points, -1)
         row_of[sources] = np.arange(len(sources))
         lengths_m = _chain_lengths(start, neighbors, self._upper, sources, radii_m, column_of)
         args = start, neighbors, self._lower, self._upper
-        lower, upper = _bounds(*args, np.asarray(points), row_of, lengths_m)
+        lower, upper = _bounds(*args, points, row_of, lengths_m)
         return np.maximum(lower, lower.T), np.minimum(upper, upper.T)
 
     def pivot_lengths_m(
