@@ -126,7 +126,11 @@ def chord_up(angle_rad: float) -> float:
 
 
 def rotation_2d(angle_rad: float, half_width_rad: float) -> Interval:
-    """Return the matrices of all rotations by angles within the half width, shape (2, 2)."""
-    angle = Interval.around(math.remainder(angle_rad, 2.0 * math.pi), angle_up(half_width_rad))
+    """
+    Return the matrices of all rotations by angles within the half width, shape (2, 2).
+
+    Angles beyond `LARGEST_ANGLE_RAD` bound nothing.
+    """
+    angle = Interval.around(angle_rad, angle_up(half_width_rad))
     x, y = cosine(angle), sine(angle)
     return Interval.stack([Interval.stack([x, -y]), Interval.stack([y, x])], axis=0)
