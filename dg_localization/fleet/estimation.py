@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -185,6 +185,8 @@ def _no_data_reason(snapshot: Snapshot) -> str:
     if any(link.contradicts for link in snapshot.links):
         return 'all fresh measurements contradict what was measured before, and are left out'
     youngest_s = min(link.age_s for link in snapshot.links)
+    if youngest_s < 0.0:
+        return 'all measurements are later than the answer, which is for the time of the odometry'
     return (
         f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
         f'max_age is {snapshot.config.max_age_s:g} s'
@@ -275,7 +277,8 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     if lost:
         parts.append(f'not connected: {", ".join(lost)}')
     parts += _group_texts(found)
-    stale = sum(link.stale for link in snapshot.links)
+    # Others have measured nothing yet at the time of the answer.
+    stale = sum(link.stale and link.age_s >= 0.0 for link in snapshot.links)
     if stale:
         parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
     return '; '.join(parts)
@@ -325,6 +328,16 @@ class _Corrected(NamedTuple):
     plans: list[Plans]
     answers: list[Answer]
 
+    def without(self, wrong: Collection[Suspects]) -> _Corrected:
+        """Return this without some of the corrections; the frames are of use without any, too."""
+        corrections = self.explanation.corrections
+        rows = [row for row, dropped in enumerate(corrections) if dropped not in wrong]
+        return _Corrected(
+            replace(self.explanation, corrections=tuple(corrections[row] for row in rows)),
+            [self.plans[row] for row in rows] or self.plans,
+            [self.answers[row] for row in rows],
+        )
+
 
 def _corrected(
     snapshot: Snapshot, constraints: Constraints, lineup: Lineup, cancel: Cancel | None
@@ -333,41 +346,66 @@ def _corrected(
     Return what to drop so that the rest agree, and what the rest say.
 
     The search for corrections does not look as hard as an answer does. Where the answer of one
-    shows that the rest do not agree, it was none, and larger ones may be.
+    shows that the rest do not agree, it was none, and larger ones may be. Where the answer does
+    not prove that the rest agree, larger ones count beside it.
     """
-    named = lineup.covered_by(snapshot.config.outlier_unit)
     refuted: frozenset[Suspects] = frozenset()
+    unsure: frozenset[Suspects] = frozenset()
     for _ in range(MOST_SEARCHES):
-        explanation = explain_snapshot(snapshot, lineup, cancel, refuted)
-        corrections = [
-            lineup.links_of(one for suspect in correction for one in named[suspect])
-            for correction in (explanation.corrections if explanation.complete else ())
-        ]
-        alternatives = [constrain(snapshot, dropped) for dropped in corrections]
-        plans = plan_frames(snapshot, constraints, alternatives)
-        if not plans or plans[0].main is None:
-            return _Corrected(explanation, plans, [])
-        shares = shared_time(snapshot.solver, len(corrections))
-        answers = [
-            answer(snapshot, alternative, planned, options, dropped, cancel)
-            for alternative, planned, dropped, options in zip(
-                alternatives, plans, corrections, shares, strict=True
-            )
-        ]
-        wrong = [
-            correction
-            for correction, found in zip(explanation.corrections, answers, strict=True)
-            # That nothing is wrong was refuted before, perhaps with more time than now.
-            if found.verdict is Verdict.INFEASIBLE or not correction
-        ]
-        smaller = [dropped for dropped in wrong if len(dropped) < snapshot.config.max_outliers]
-        if not smaller:
-            right = tuple(one for one in explanation.corrections if one not in wrong)
-            explanation = replace(explanation, corrections=right)
-            return _Corrected(explanation, plans, answers if right else [])
-        refuted = refuted.union(smaller)
+        explanation = explain_snapshot(snapshot, lineup, cancel, refuted | unsure)
+        if explanation.complete:
+            every = unsure.union(explanation.corrections)
+            ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
+            explanation = replace(explanation, corrections=tuple(ordered))
+        found = _with_answers(snapshot, constraints, lineup, explanation, cancel)
+        if not found.answers:
+            return found
+        answer_of = dict(zip(explanation.corrections, found.answers, strict=True))
+        # That nothing is wrong was refuted before, perhaps with more time than now.
+        wrong = {d for d, a in answer_of.items() if a.verdict is Verdict.INFEASIBLE or not d}
+        smaller = {d for d in answer_of if len(d) < snapshot.config.max_outliers}
+        doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answer_of[d])}
+        if smaller & wrong <= refuted and doubtful <= unsure:
+            return found.without(wrong)
+        refuted |= smaller & wrong
+        unsure = (unsure | doubtful) - refuted
     stopped = replace(explanation, corrections=(), complete=False, stopped=True)
-    return _Corrected(stopped, plans, [])
+    return _Corrected(stopped, found.plans, [])
+
+
+def _with_answers(
+    snapshot: Snapshot,
+    constraints: Constraints,
+    lineup: Lineup,
+    explanation: Explanation,
+    cancel: Cancel | None,
+) -> _Corrected:
+    """Return an explanation with the answers of its corrections, none where there is no frame."""
+    named = lineup.covered_by(snapshot.config.outlier_unit)
+    corrections = [
+        lineup.links_of(one for suspect in correction for one in named[suspect])
+        for correction in (explanation.corrections if explanation.complete else ())
+    ]
+    alternatives = [constrain(snapshot, dropped) for dropped in corrections]
+    plans = plan_frames(snapshot, constraints, alternatives)
+    if not plans or plans[0].main is None:
+        return _Corrected(explanation, plans, [])
+    shares = shared_time(snapshot.solver, len(corrections))
+    answers = [
+        answer(snapshot, alternative, planned, options, dropped, cancel)
+        for alternative, planned, dropped, options in zip(
+            alternatives, plans, corrections, shares, strict=True
+        )
+    ]
+    return _Corrected(explanation, plans, answers)
+
+
+def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
+    """Return whether it is proved that some placement agrees, or where that is never proved."""
+    if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
+        return True
+    parts: list[Answer | Group] = [found, *found.groups]
+    return any(placement.proved for part in parts for placement in part.placements)
 
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 from threading import Lock
 
@@ -361,6 +362,9 @@ class Localizer:
         if not isinstance(snapshot, Snapshot):
             raise TypeError(f'snapshot must be of type Snapshot, not {type(snapshot).__name__}')
         follower = self._begun(snapshot)
+        if follower.forgotten:
+            # An estimate that ended since the snapshot was taken may have forgotten more.
+            snapshot = replace(snapshot, window=snapshot.window.without(follower.forgotten))
         estimate, proved = estimate_snapshot(
             snapshot,
             cancel,

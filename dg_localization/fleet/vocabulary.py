@@ -242,7 +242,7 @@ class LinkState:
     age_s : float
         Age of the newest measurement.
     stale : bool
-        Whether all its measurements are too old, so that it was not used.
+        Whether it was not used since all its measurements are too old, or later than the answer.
     contradicts : bool
         Whether it is part of a contradiction that was found. A link that contradicts what was
         measured before is left out.

@@ -389,3 +389,36 @@ def test_nothing_is_answered_where_all_that_seem_to_be_corrections_are_none(monk
     # All that contradict each other are suspects, not those alone that were proved to be no cause.
     in_conflicts = {str(key) for conflict in estimate.conflicts for key in conflict}
     assert {str(suspect) for suspect in estimate.suspects} == in_conflicts
+
+
+@pytest.mark.parametrize('max_seconds', [1e-6, 5.0])
+def test_a_smaller_correction_that_is_not_proved_hides_no_larger_one(max_seconds):
+    """Without r0->r1 the rest still contradict each other, which takes the solver long to see."""
+    rng = np.random.default_rng(30004)
+    places = rng.uniform(0.0, 10.0, (8, 2))
+    error = float(rng.choice([0.01, 0.03]))
+    pairs = [(i, j) for i, j in combinations(range(8), 2) if (i, j) != (0, 1)]
+    pairs = [pair for pair in pairs if rng.random() < 0.65]
+    wrong = pairs[rng.integers(len(pairs))]
+    off_m = rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 1.5)
+    config = FleetConfig(
+        robots=tuple(f'r{k}' for k in range(8)),
+        range_error=RangeErrorModel(min_error_relative=-error, max_error_relative=error),
+        memory_s=0.0,
+        max_outliers=2,
+        max_conflict_seconds=math.inf,
+        max_conflict_solves=10_000,
+        solver=SolverOptions(max_seconds=max_seconds),
+    )
+    localizer = Localizer(config)
+    apart_m = np.linalg.norm(places[:, None] - places, axis=-1)
+    for i, j in pairs:
+        range_m = apart_m[i, j] + (off_m if (i, j) == wrong else 0.0)
+        localizer.add_range(f'r{i}', f'r{j}', range_m, NOW_S, NOW_S)
+    localizer.add_range('r0', 'r1', apart_m[0, 1] + 5.0, NOW_S, NOW_S)
+    localizer.add_range('r1', 'r0', apart_m[0, 1], NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert any(
+        ((one.lower_m <= apart_m + 1e-9) & (apart_m - 1e-9 <= one.upper_m)).all()
+        for one in estimate.placements
+    )

@@ -504,3 +504,11 @@ def test_a_ray_may_be_a_row_or_a_column(shape):
 def test_wrong_bounds_of_a_sensor_are_named(half_width_rad):
     with pytest.raises(ConfigError, match='bearing_half_width_rad'):
         SensorBounds(RangeErrorModel(), half_width_rad)
+
+
+def test_what_is_later_than_the_answer_is_not_called_old():
+    localizer = Localizer(FleetConfig(robots=('a', 'b'), max_future_s=0.05))
+    localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S)
+    localizer.add_range('a', 'b', 3.0, NOW_S + 0.12, NOW_S + 0.14)
+    estimate = localizer.step(localizer.answer_time(NOW_S + 0.14))
+    assert estimate.reason.startswith('all measurements are later than the answer')

@@ -154,13 +154,24 @@ def test_what_a_cancelled_estimate_forgets_is_forgotten(monkeypatch):
     assert filters_of(localizer)
     forgotten = Forgotten(frozenset([('r0', 'r1')]), math.inf, 'a test')
     broken = replace(estimates[-1], forgotten=(forgotten,))
-    monkeypatch.setattr(localizer_room, 'estimate_snapshot', lambda *_: (broken, ()))
+    asked = []
+
+    def estimate_snapshot(snapshot, cancel, proved, *_):
+        asked.append((snapshot, proved))
+        return broken, ()
+
+    monkeypatch.setattr(localizer_room, 'estimate_snapshot', estimate_snapshot)
     cancel = Event()
     cancel.set()
-    snapshot = localizer.snapshot(broken.stamp_s)
-    localizer.estimate(snapshot, cancel)
+    # The second one is taken before the first is answered.
+    snapshots = [localizer.snapshot(broken.stamp_s) for _ in range(2)]
+    localizer.estimate(snapshots[0], cancel)
     assert not filters_of(localizer)
     assert not localizer.snapshot(broken.stamp_s).window.observations
+    localizer.estimate(snapshots[1], cancel)
+    (first, proved), (second, proved_after) = asked
+    assert first.window.observations and not second.window.observations
+    assert proved and not proved_after
 
 
 @pytest.mark.parametrize(

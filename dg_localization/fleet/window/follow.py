@@ -120,6 +120,9 @@ class Follower:
         self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
         self.filters.forget(snapshot.config, estimate.forgotten)
         self.pair_filters.forget(snapshot.config, estimate.forgotten)
+        if estimate.forgotten:
+            # What was proved before may rest on what is forgotten.
+            self._proved = ()
 
     def follow(
         self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
