@@ -81,6 +81,12 @@ def test_no_truth_is_lost(seeds):
     assert not lost
 
 
+@pytest.mark.filterwarnings('error')
+def test_pairs_that_sides_bound_join_what_was_apart():
+    """Without the triangles of such a pair its points were placed as if unbounded: NaN."""
+    assert not check(60_714_674)
+
+
 def disturbed(problem, rng):
     """Return the problem with the bounds of one pair moved: most often a contradiction."""
     lower, upper = problem.lower.copy(), problem.upper.copy()

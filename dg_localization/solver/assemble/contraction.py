@@ -91,7 +91,7 @@ def contracted(
     box = np.zeros((4, n_points, n_points))
     box[LOWER], box[UPPER] = problem.lower, problem.upper
     if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and stopped()):
-        if not smooth_triangles(box, np.empty_like(box), np.arange(n_points)):
+        if not _smooth(box):
             return None
     if n_points <= MOST_CONTRACTED:
         contractor = Contractor(problem)
@@ -112,6 +112,9 @@ def contracted(
             if tightened is None:
                 return None
             box = tightened
+        # Sides may have bounded a pair, and so all that chains lead to by it.
+        if not _smooth(box):
+            return None
     return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
 
 
@@ -156,6 +159,9 @@ def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | No
 def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
     """Return bounds that meet all triangle inequalities, None where no distances do."""
     box = np.array([lower, upper, *np.zeros((2, *lower.shape))])
-    if not smooth_triangles(box, np.empty_like(box), np.arange(len(lower))):
-        return None
-    return box[LOWER].copy(), box[UPPER].copy()
+    return (box[LOWER].copy(), box[UPPER].copy()) if _smooth(box) else None
+
+
+def _smooth(box: FloatArray) -> bool:
+    """Have a box meet all triangle inequalities, in place; return False where no distances do."""
+    return bool(smooth_triangles(box, np.empty_like(box), np.arange(box.shape[1])))
