@@ -53,7 +53,8 @@ from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
 
 MOST_SEARCHES = 3
-"""After so many searches for corrections, each of which found wrong ones, there is no answer."""
+"""After so many searches for corrections, and one more for each outlier, there is no answer: each
+of them found some that were wrong or not proved."""
 
 _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
@@ -184,9 +185,10 @@ def _no_data_reason(snapshot: Snapshot) -> str:
         return 'no usable measurement has arrived yet'
     if any(link.contradicts for link in snapshot.links):
         return 'all fresh measurements contradict what was measured before, and are left out'
-    youngest_s = min(link.age_s for link in snapshot.links)
-    if youngest_s < 0.0:
+    ages_s = [link.age_s for link in snapshot.links if link.age_s >= 0.0]
+    if not ages_s:
         return 'all measurements are later than the answer, which is for the time of the odometry'
+    youngest_s = min(ages_s)
     return (
         f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
         f'max_age is {snapshot.config.max_age_s:g} s'
@@ -351,7 +353,7 @@ def _corrected(
     """
     refuted: frozenset[Suspects] = frozenset()
     unsure: frozenset[Suspects] = frozenset()
-    for _ in range(MOST_SEARCHES):
+    for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
         explanation = explain_snapshot(snapshot, lineup, cancel, refuted | unsure)
         if explanation.complete:
             every = unsure.union(explanation.corrections)
@@ -405,7 +407,7 @@ def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
     if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
         return True
     parts: list[Answer | Group] = [found, *found.groups]
-    return any(placement.proved for part in parts for placement in part.placements)
+    return all(any(placement.proved for placement in part.placements) for part in parts)
 
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:

@@ -51,6 +51,9 @@ from dg_localization.fleet.vocabulary import (
 )
 from dg_localization.fleet.window.memory import Memory
 
+MOST_LATER = 1000
+"""So many readings of an input are kept that are later than an answer may be."""
+
 _STAMP_S = attrgetter('stamp_s')
 
 
@@ -77,7 +80,9 @@ class _Input:
         """
         insort(self.readings, reading, key=_STAMP_S)
         n_before = bisect_right(self.readings, answered_s, key=_STAMP_S)
-        del self.readings[: max(0, n_before - most)]
+        # While a clock stands still there is no end of them.
+        n_later = len(self.readings) - n_before
+        del self.readings[: max(0, n_before - most, n_later - MOST_LATER)]
 
 
 class MeasurementStore:

@@ -21,6 +21,7 @@ from dg_localization.fleet import (
     RejectionReason,
     SensorBounds,
 )
+from dg_localization.fleet.measurements import MOST_LATER
 
 NOW_S = 100.0
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
@@ -512,3 +513,12 @@ def test_what_is_later_than_the_answer_is_not_called_old():
     localizer.add_range('a', 'b', 3.0, NOW_S + 0.12, NOW_S + 0.14)
     estimate = localizer.step(localizer.answer_time(NOW_S + 0.14))
     assert estimate.reason.startswith('all measurements are later than the answer')
+
+
+def test_readings_have_an_end_while_a_clock_stands_still():
+    localizer = Localizer(FleetConfig(robots=('a', 'b')))
+    for _ in range(MOST_LATER + 500):
+        localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
+    (source,) = localizer._store._inputs.values()
+    assert len(source.readings) == MOST_LATER
+    assert not link(localizer).stale

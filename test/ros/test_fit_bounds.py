@@ -584,7 +584,7 @@ def test_a_robot_without_truth_keeps_the_odometry_that_is_stated_of_all(
     fleet = told()
     assert fleet.odometry_error_of('r1').translation_scale == 0.8
     assert fleet.odometry_error_of('r2') == stated
-    assert 'Odometry of r2, r3 has no truth, or too little: it is as' in learn.output
+    assert 'Nothing was learned of the odometry of r2, r3: it is as' in learn.output
 
 
 def test_odometry_of_a_robot_that_stood_still_stays_as_stated(tmp_path, learn, told):

@@ -16,9 +16,6 @@ from dg_localization.fleet.snapshot import Snapshot
 
 FloatArray = NDArray[np.float64]
 
-_AT_REST = (FrameKind.ANCHORS, FrameKind.ODOMETRY)
-"""Frames that do not move with the fleet."""
-
 
 @dataclass(frozen=True)
 class Framed:
@@ -35,9 +32,9 @@ def matches(
     Match placements with those they go on from.
 
     Two can be of one hypothesis where the distances of now are those of before, as far as the
-    robots can have moved. Of these, positions that differ least go together, in a frame at rest.
-    Any other frame moves with the fleet: there the shapes are compared, and a mirror image is
-    another shape.
+    robots can have moved. Of these, positions that differ least go together, in the frame of the
+    anchors. Any other frame moves with the fleet: there the shapes are compared, and a mirror
+    image is another shape.
 
     Parameters
     ----------
@@ -111,7 +108,7 @@ def _n_placed(positions: FloatArray) -> NDArray[np.int_]:
 
 
 def _is_at_rest(frame: FixedFrame | None) -> bool:
-    return frame is not None and frame.kind in _AT_REST
+    return frame is not None and frame.kind is FrameKind.ANCHORS
 
 
 def _moved_m2(first: FloatArray, second: FloatArray, known: NDArray[np.bool_]) -> FloatArray:

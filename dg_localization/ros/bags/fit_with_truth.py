@@ -248,7 +248,7 @@ def _add_stated_odometry(fit: Fit, fleet: FleetConfig, learned: Collection[str])
         fit.robot_odometry[robot] = odometry_error_parameters(stated)
     if others:
         fit.notes.append(
-            f'Odometry of {", ".join(others)} has no truth, or too little: it is as it was stated.'
+            f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
         )
 
 
@@ -256,7 +256,7 @@ def _odometry_text(fit: OdometryFit, windows: OdometryWindows) -> str:
     count = len(windows.seconds)
     excluded = fit.excluded(windows)
     return (
-        f'{_bounds_text(fit)}; {count} windows of 0.5 to 40 s, {100.0 * excluded / count:.2f} % '
+        f'{_bounds_text(fit)}; {count} windows of 0.35 to 40 s, {100.0 * excluded / count:.2f} % '
         'excluded.'
     )
 

@@ -359,7 +359,7 @@ def _open(path: Path) -> Any:
         # not got the package of a type.
         raise BagError(
             f'{path} cannot be read as a rosbag2: a topic has no definition of its messages '
-            f"({error}); 'ros2 bag convert' writes a bag without that topic"
+            f"({error}); 'ros2 bag convert' writes a bag without that topic; {RESCUE}"
         ) from error
     except Exception as error:  # on damaged files whatever its parsers raise
         raise BagError(

@@ -322,9 +322,10 @@ class CallBudget:
 
         """
         options = self._limited(1, share * self.seconds_left())
-        cancel = self._cancel if self.boxes_left() > 0 else _Stopped()
+        has_boxes = self.boxes_left() > 0
+        cancel = self._cancel if has_boxes else _Stopped()
         cover, statistics = search(problem, options, cancel)
         if not cover.pending:
-            self.spent += statistics
+            self._spend(statistics, has_boxes)
             self._report(Statistics())
         return cover
