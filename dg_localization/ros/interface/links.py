@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
-from dg_localization.fleet import LinkKey, LinkKind, SensorBounds
+from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel, SensorBounds
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
 from msg_adapters import (
     BearingReading,
@@ -125,15 +125,16 @@ class Link:
             Those of the fleet, which stand where the link states none.
 
         """
-        stated = self.overrides
-        range_error = of_all.range_error
-        if self.key.kind in (LinkKind.RANGE, LinkKind.PEERS):
-            fields: dict[str, Any] = {
-                RANGE_FIELDS[name]: stated[name] for name in RANGE_FIELDS.keys() & stated
-            }
-            range_error = replace(range_error, **fields)
-        half_width_rad = stated.get('half_width', of_all.bearing_half_width_rad)
-        return SensorBounds(range_error, half_width_rad)
+        half_width_rad = self.overrides.get('half_width', of_all.bearing_half_width_rad)
+        return SensorBounds(self.range_error_within(of_all.range_error), half_width_rad)
+
+    def range_error_within(self, of_all: RangeErrorModel) -> RangeErrorModel:
+        """Return the error bounds of the ranges of the link, from those of the fleet."""
+        if self.key.kind not in (LinkKind.RANGE, LinkKind.PEERS):
+            return of_all
+        stated = RANGE_FIELDS.keys() & self.overrides
+        fields: dict[str, Any] = {RANGE_FIELDS[name]: self.overrides[name] for name in stated}
+        return replace(of_all, **fields)
 
     def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""

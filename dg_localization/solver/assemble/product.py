@@ -35,7 +35,7 @@ from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
-from dg_localization.solver.place.hypotheses import place_problem
+from dg_localization.solver.place.hypotheses import never, place_problem
 from dg_localization.solver.place.placements import MOST_STEPS, refine
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem
@@ -52,10 +52,6 @@ MOST_LISTED = 6400
 
 MOST_ATTEMPTS = 4
 """How often a placement is put together until it is proved to agree."""
-
-
-def _never() -> bool:
-    return False
 
 
 class Nothing:
@@ -98,7 +94,7 @@ class Product:
         solved: SolvedPieces,
         combinations: Combinations,
         within: Sequence[Bounds] | None,
-        cancelled: Callable[[], bool] = _never,
+        cancelled: Callable[[], bool] = never,
     ) -> None:
         self._problem = problem
         self._cancelled = cancelled
@@ -110,7 +106,7 @@ class Product:
 
     def __getstate__(self) -> dict[str, object]:
         """Return what is pickled: whoever might cancel the call is not."""
-        return vars(self) | {'_cancelled': _never}
+        return vars(self) | {'_cancelled': never}
 
     @cached_property
     @default_environment()

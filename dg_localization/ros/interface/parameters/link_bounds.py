@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from dg_localization.fleet import LinkKind, LinkOverride, RangeErrorModel
-from dg_localization.ros.interface.links import ANY_OBSERVER, RANGE_BOUNDS, Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, RANGE_FIELDS, Link
 from dg_localization.ros.interface.parameters.spec import WrongParameterError, by_parameters
 from msg_adapters import PeersReading, adapter_for
 
@@ -21,16 +21,15 @@ BEARING_FIELDS = {
 }
 
 
-def range_error_from(values: Mapping[str, Any], **overrides: float) -> RangeErrorModel:
-    """Return the bounds of ranges, some of them overridden by name."""
-    bounds = {name: overrides.get(name, values[f'range.{name}']) for name in RANGE_BOUNDS}
-    expected_error = overrides.get('expected_error', values['range.expected_error'])
+def range_error_from(values: Mapping[str, Any]) -> RangeErrorModel:
+    """Return the bounds of all ranges."""
+    expected_error = values['range.expected_error']
     return RangeErrorModel(
-        min_error_m=bounds['min_error'],
-        max_error_m=bounds['max_error'],
-        min_error_relative=bounds['min_error_relative'],
-        max_error_relative=bounds['max_error_relative'],
-        sigma_factor=bounds['sigma_factor'],
+        min_error_m=values['range.min_error'],
+        max_error_m=values['range.max_error'],
+        min_error_relative=values['range.min_error_relative'],
+        max_error_relative=values['range.max_error_relative'],
+        sigma_factor=values['range.sigma_factor'],
         beyond_max_is_far=values['range.beyond_max_is_far'],
         expected_error_m=None if math.isnan(expected_error) else expected_error,
     )
@@ -72,10 +71,9 @@ def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
     if kind not in MEASURE_OTHERS:
         return stated
     is_cloud = adapter_for(link.type_name).value_class is PeersReading
-    of_ranges = () if kind is LinkKind.BEARING else (*RANGE_BOUNDS, 'expected_error')
-    overrides = {name: value for name, value in link.overrides.items() if name in of_ranges}
-    if overrides or is_cloud or kind is LinkKind.RANGE:
-        stated['range_error'] = range_error_from(values, **overrides)
+    of_ranges = () if kind is LinkKind.BEARING else tuple(RANGE_FIELDS)
+    if not link.overrides.keys().isdisjoint(of_ranges) or is_cloud or kind is LinkKind.RANGE:
+        stated['range_error'] = link.range_error_within(range_error_from(values))
     for name, field in BEARING_FIELDS.items():
         stands = name in link.overrides or is_cloud or kind is LinkKind.BEARING
         if name not in of_ranges and stands:
