@@ -59,20 +59,6 @@ def test_what_a_limit_leaves_open_is_pending(most):
     assert held([*cover.kept, *cover.pending]).all()
 
 
-@pytest.mark.parametrize(('most', 'unseen'), [(1, 1), (3, 1), (4, 0), (30, 0)])
-def test_boxes_that_the_search_did_not_come_to_are_counted(most, unseen):
-    """Of two, the halves of the wider one come before the other."""
-    small = whole()
-    small[UPPER, *PAIR] = small[UPPER, *PAIR[::-1]] = 3.0
-    cover = branch_and_prune(
-        [small, whole()],
-        lambda boxes: [Pruned(Status.CONTRACTED, box, np.zeros((2, 2))) for box in boxes],
-        halved,
-        Budget(SolverOptions(max_boxes=most)),
-    )
-    assert cover.unseen == unseen
-
-
 def test_an_unfinished_box_is_pending_and_not_counted():
     budget = Budget(SolverOptions(max_boxes=5))
     asked = []
@@ -89,4 +75,4 @@ def test_an_unfinished_box_is_pending_and_not_counted():
 def test_cancelling_leaves_everything_pending():
     cancelled = SimpleNamespace(is_set=lambda: True)
     cover = search(lambda box: Status.CONTRACTED, Budget(SolverOptions(), cancelled))
-    assert cover.processed == 0 and held(cover.pending).all() and cover.unseen == 1
+    assert cover.processed == 0 and held(cover.pending).all()

@@ -97,7 +97,7 @@ def solve_grown(
         return Cover(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
     cover = budget.search(problem, share, boxes, most_boxes, at_gaps=True)
-    if cover.unseen == 0:
-        # Growth came to its end, and every box that it left was contracted.
+    if cover.processed >= len(boxes):
+        # Growth came to its end and examined everything; what follows makes its boxes narrower.
         budget.accept_pending(cover)
     return cover

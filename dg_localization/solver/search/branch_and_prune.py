@@ -26,17 +26,12 @@ from dg_localization.solver.result import Statistics
 
 @dataclass
 class Cover:
-    """
-    The boxes that a search kept, those it did not examine, and its effort.
-
-    Of the boxes to search in, `unseen` were not examined themselves, let alone their parts.
-    """
+    """The boxes that a search kept, those it did not examine, and its effort."""
 
     kept: list[FloatArray] = field(default_factory=list)
     pending: list[FloatArray] = field(default_factory=list)
     empty: int = 0
     split: int = 0
-    unseen: int = 0
 
     @property
     def processed(self) -> int:
@@ -94,18 +89,13 @@ class Queue:
     def __len__(self) -> int:
         return len(self._heap)
 
-    def push(self, box: FloatArray, number: int | None = None) -> None:
-        """Add a box, with the number that it had before if it was taken."""
-        number = next(self._order) if number is None else number
-        heapq.heappush(self._heap, (-_size_m(box), number, box))
+    def push(self, box: FloatArray) -> None:
+        """Add a box."""
+        heapq.heappush(self._heap, (-_size_m(box), next(self._order), box))
 
-    def pop(self, most: int) -> list[tuple[int, FloatArray]]:
-        """Take the next boxes, with the numbers in which they were added."""
-        return [heapq.heappop(self._heap)[1:] for _ in range(min(most, len(self._heap)))]
-
-    def n_left(self, first: int) -> int:
-        """Return how many of the boxes that were added first are left."""
-        return sum(number < first for _, number, _ in self._heap)
+    def pop(self, most: int) -> list[FloatArray]:
+        """Take the next boxes."""
+        return [heapq.heappop(self._heap)[2] for _ in range(min(most, len(self._heap)))]
 
     def boxes(self) -> list[FloatArray]:
         """Return all boxes in their order."""
@@ -147,12 +137,10 @@ def branch_and_prune(
     cover, queue = Cover(), Queue()
     for box in boxes:
         queue.push(box)
-    n_starts = len(queue)
     while queue and cover.processed < budget.max_boxes and not budget.stopped():
-        taken = queue.pop(min(at_once, budget.max_boxes - cover.processed))
-        for (number, _), pruned in zip(taken, prune([box for _, box in taken]), strict=True):
+        for pruned in prune(queue.pop(min(at_once, budget.max_boxes - cover.processed))):
             if pruned.status is Status.UNFINISHED:
-                queue.push(pruned.box, number)
+                queue.push(pruned.box)
                 continue
             if pruned.status is Status.EMPTY:
                 cover.empty += 1
@@ -164,7 +152,7 @@ def branch_and_prune(
                 cover.kept.append(pruned.box)
             if progress:
                 progress(budget.statistics(cover, len(queue)))
-    cover.pending, cover.unseen = queue.boxes(), queue.n_left(n_starts)
+    cover.pending = queue.boxes()
     return cover
 
 
