@@ -33,26 +33,30 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.pairs import (
+from benchmarks.robots import (
     BEARING_ERROR_RAD,
     EXCERPT,
-    LIMITS,
     RANGE_ERROR as SEEN_RANGE_ERROR,
     ROBOTS,
+    SPEED_M_S,
     STEP_S,
+    TURN_RATE_RAD_S,
     Recording,
     SimulatedRobot,
     odometry_error,
     rotation,
 )
-from dg_localization.calibration.bounds import Choice
-from dg_localization.calibration.odometry import fit_odometry, odometry_windows
-from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
-from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
-from dg_localization.fleet.odometry_error import OdometryErrorModel
-from dg_localization.fleet.rotations import yaw_of
-from dg_localization.solver.options import SolverOptions
+from dg_localization import SolverOptions
+from dg_localization.fleet import (
+    Anchor,
+    Estimate,
+    FixedFrame,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    Placement,
+    RangeErrorModel,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -147,7 +151,8 @@ def holds(placement: Placement, places_m: FloatArray, yaws_rad: FloatArray) -> b
     if not np.all((low <= places_m) & (places_m <= high)):
         return False
     for row in np.flatnonzero(placement.heading_known):
-        off = math.remainder(yaw_of(placement.orientations_xyzw[row]) - yaws_rad[row], math.tau)
+        _, _, z, w = placement.orientations_xyzw[row]
+        off = math.remainder(2.0 * math.atan2(z, w) - yaws_rad[row], math.tau)
         if abs(off) > placement.heading_half_width_rad[row] + 1e-9:
             return False
     return True
@@ -214,8 +219,14 @@ FITTED_BEARING_ERROR_RAD = 0.060
 """What `fit_bounds --per all --keep 0.99` learns of the excerpt."""
 
 
-def fitted_odometry(excerpt: Excerpt, part: str, choice: Choice) -> dict[str, OdometryErrorModel]:
+def fitted_odometry(
+    excerpt: Excerpt, part: str, keep: float, margin: float
+) -> dict[str, OdometryErrorModel]:
     """Return what `fit_bounds` learns of the odometry of each robot, of a part of the excerpt."""
+    from dg_localization.calibration.bounds import Choice
+    from dg_localization.calibration.odometry import fit_odometry, odometry_windows
+    from dg_localization.calibration.truth import TrueTrack
+
     errors = {}
     for name, robot in zip(excerpt.names, excerpt.robots, strict=True):
         stamps, places, yaws = robot.truth[:, 0], robot.truth[:, 1:3], robot.truth[:, 3]
@@ -230,7 +241,7 @@ def fitted_odometry(excerpt: Excerpt, part: str, choice: Choice) -> dict[str, Od
             stamps_s, positions_m, np.array([rotation(yaw) for yaw in yaws_rad]), truth
         )
         learned = windows.halves()[0] if part == 'half' else windows
-        errors[name] = fit_odometry(learned, choice).model
+        errors[name] = fit_odometry(learned, Choice(keep, margin)).model
     return errors
 
 
@@ -244,8 +255,8 @@ def mrclam_config(excerpt: Excerpt, outliers: int, memory_s: float) -> FleetConf
             min_error_relative=-SEEN_RANGE_ERROR, max_error_relative=SEEN_RANGE_ERROR
         ),
         bearing_half_width_rad=BEARING_ERROR_RAD,
-        max_speed_m_s=LIMITS.speed_m_s,
-        max_turn_rate_rad_s=LIMITS.turn_rate_rad_s,
+        max_speed_m_s=SPEED_M_S,
+        max_turn_rate_rad_s=TURN_RATE_RAD_S,
         odometry_error=odometry_error(0.2),
         memory_s=memory_s,
         memory_max_seconds=math.inf,
@@ -276,46 +287,58 @@ def answers(
         yield float(now_s), estimate, 1000.0 * (time.process_time() - start)
 
 
-def report_mrclam(
-    folder: Path,
-    outliers: int,
-    memory_s: float,
-    tick_s: float,
-    fitted: str | None,
-    choice: Choice,
-) -> None:
+def fitted_config(
+    excerpt: Excerpt, config: FleetConfig, part: str, keep: float, margin: float
+) -> FleetConfig:
+    """Return a configuration with bounds of readings, and of odometry, that were learned."""
+    config = replace(
+        config, range_error=FITTED_RANGE_ERROR, bearing_half_width_rad=FITTED_BEARING_ERROR_RAD
+    )
+    if part == 'readings':
+        return config
+    return replace(config, robot_odometry_error=fitted_odometry(excerpt, part, keep, margin))
+
+
+@dataclass
+class Drive:
+    """Figures of a recorded drive: of each answer, and of each robot in each answer."""
+
+    inside: list[bool] = field(default_factory=list)
+    width_m: list[float] = field(default_factory=list)
+    bounded: list[bool] = field(default_factory=list)
+    off_m: list[float] = field(default_factory=list)
+    milliseconds: list[float] = field(default_factory=list)
+    forgotten: int = 0
+
+    @classmethod
+    def of(cls, excerpt: Excerpt, config: FleetConfig, tick_s: float) -> Drive:
+        """Localize the robots of the excerpt."""
+        drive = cls()
+        for now_s, estimate, milliseconds in answers(excerpt, config, ticks_s(excerpt, tick_s)):
+            drive.milliseconds.append(milliseconds)
+            drive.forgotten += bool(estimate.forgotten)
+            places, yaws = excerpt.truth(now_s)
+            held = [holds(placement, places, yaws) for placement in estimate.placements]
+            drive.inside.append(any(held))
+            if estimate.placements:
+                best = estimate.placements[0]
+                wide = np.ptp(best.enclosure_m, axis=1).max(axis=1)
+                drive.width_m += list(wide[np.isfinite(wide)])
+                drive.bounded += list(np.isfinite(wide))
+                errors = np.linalg.norm(best.positions_m - places, axis=1)
+                drive.off_m += list(errors[np.isfinite(errors)])
+        return drive
+
+
+def report_mrclam(excerpt: Excerpt, config: FleetConfig, tick_s: float) -> None:
     """Print the figures of the four-minute excerpt as a row of a table."""
-    excerpt = Excerpt(folder)
-    config = mrclam_config(excerpt, outliers, memory_s)
-    if fitted:
-        config = replace(
-            config,
-            range_error=FITTED_RANGE_ERROR,
-            bearing_half_width_rad=FITTED_BEARING_ERROR_RAD,
-        )
-    if fitted in ('half', 'whole'):
-        errors = fitted_odometry(excerpt, fitted, choice)
-        config = replace(config, robot_odometry_error=errors)
-    inside, widths, infinite, off, spent, forgotten = [], [], [], [], [], 0
-    for now_s, estimate, milliseconds in answers(excerpt, config, ticks_s(excerpt, tick_s)):
-        spent.append(milliseconds)
-        forgotten += bool(estimate.forgotten)
-        places, yaws = excerpt.truth(now_s)
-        held = [holds(placement, places, yaws) for placement in estimate.placements]
-        inside.append(any(held))
-        if estimate.placements:
-            best = estimate.placements[0]
-            wide = np.ptp(best.enclosure_m, axis=1).max(axis=1)
-            widths += list(wide[np.isfinite(wide)])
-            infinite += list(~np.isfinite(wide))
-            errors = np.linalg.norm(best.positions_m - places, axis=1)
-            off += list(errors[np.isfinite(errors)])
-    cells = [f'{np.median(v):.2f} (95 %: {np.percentile(v, 95):.2f})' for v in (widths, off)]
-    fast, slow = np.percentile(spent, [50, 95])
+    drive = Drive.of(excerpt, config, tick_s)
+    fast, slow = np.percentile(drive.milliseconds, [50, 95])
     print(
-        f'| {memory_s:.0f} | {outliers} | {sum(inside)} of {len(inside)} | '
-        f'{np.mean(infinite):.1%} | {cells[0]} | {cells[1]} | {fast:.0f} ({slow:.0f}) | '
-        f'{forgotten} |'
+        f'| {config.memory_s:.0f} | {config.window_outliers} '
+        f'| {sum(drive.inside)} of {len(drive.inside)} | {1.0 - np.mean(drive.bounded):.1%} '
+        f'| {_median_and_95(drive.width_m)} | {_median_and_95(drive.off_m)} '
+        f'| {fast:.0f} ({slow:.0f}) | {drive.forgotten} |'
     )
 
 
@@ -441,6 +464,14 @@ def _arcs_rad(estimate: Estimate) -> FloatArray:
     return np.minimum(2.0 * estimate.placements[0].heading_half_width_rad, 2.0 * math.pi)
 
 
+def simulated(robots: int, runs: int, seconds: float, memory_s: float) -> Runs:
+    """Return the figures of simulated fleets of a size."""
+    figures = Runs()
+    for seed in range(runs):
+        figures.run(SimulatedFleet.draw(seed, robots, seconds, memory_s), seconds, 1.0)
+    return figures
+
+
 def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: float) -> None:
     """Print the table of simulated fleets."""
     print(
@@ -449,11 +480,7 @@ def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: flo
         '| heading width (rad) | farthest point off by (m) | widest enclosure (m) | ms (95 %) |'
     )
     for count in robots:
-        figures = Runs()
-        for seed in range(runs):
-            fleet = SimulatedFleet.draw(seed, count, seconds, memory_s)
-            figures.run(fleet, seconds, 1.0)
-        print(figures.row(count, seconds), flush=True)
+        print(simulated(count, runs, seconds, memory_s).row(count, seconds), flush=True)
 
 
 def main() -> None:
@@ -475,7 +502,7 @@ def main() -> None:
         help='bounds learned by fit_bounds: of ranges and bearings alone, or of odometry, too',
     )
     parser.add_argument('--keep', type=float, default=0.95, metavar='SHARE')
-    parser.add_argument('--margin', type=float, default=Choice.margin, metavar='SHARE')
+    parser.add_argument('--margin', type=float, default=0.1, metavar='SHARE')
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
         report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
@@ -493,14 +520,12 @@ def main() -> None:
             '| memory (s) | outliers | truth inside | infinite | width (m) | point off by (m) '
             '| ms (95 %) | forgot |'
         )
-        report_mrclam(
-            arguments.data,
-            arguments.outliers,
-            arguments.memory,
-            arguments.every,
-            arguments.fitted,
-            Choice(arguments.keep, arguments.margin),
-        )
+        excerpt = Excerpt(arguments.data)
+        config = mrclam_config(excerpt, arguments.outliers, arguments.memory)
+        if arguments.fitted:
+            learned = arguments.fitted, arguments.keep, arguments.margin
+            config = fitted_config(excerpt, config, *learned)
+        report_mrclam(excerpt, config, arguments.every)
 
 
 if __name__ == '__main__':

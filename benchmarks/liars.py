@@ -39,7 +39,7 @@ from benchmarks.fleet_in_time import (
     ticks_s,
     truth_in_frame,
 )
-from benchmarks.pairs import (
+from benchmarks.robots import (
     BEARING_ERROR_RAD,
     RANGE_ERROR as SEEN_RANGE_ERROR,
     STEP_S,
@@ -205,36 +205,69 @@ class Case:
         return truth_in_frame(self.members, -1, origin, towards)
 
 
-HEADER = '| graph | lies | robots | k | truth inside | s (95 %) |\n|---|---|---|---|---|---|'
+@dataclass
+class Tally:
+    """Figures of many runs."""
+
+    runs: int = 0
+    inside: int = 0
+    wrong: int = 0
+    named: int = 0
+    suspects: list[int] = field(default_factory=list)
+    detections: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+
+def window_tally(seeds: range, graph: str, kind: str, robots: int, wrong: int) -> Tally:
+    """Return how fleets stand wrong readings in a window that tolerates as many."""
+    tally = Tally()
+    for seed in seeds:
+        case = Case.draw([seed, robots, wrong], graph, kind, robots, wrong)
+        estimate, seconds = case.localize(wrong)
+        tally.runs += 1
+        tally.inside += case.truth_is_in(estimate)
+        tally.seconds.append(seconds)
+    return tally
 
 
 def report_window(seeds: range, robots: list[int], wrong: list[int]) -> None:
-    """Print how fleets stand wrong readings in a window that tolerates so many."""
-    print(HEADER)
+    """Print how fleets stand wrong readings in a window that tolerates as many."""
+    print('| graph | lies | robots | k | truth inside | s (95 %) |\n|---|---|---|---|---|---|')
     for graph, kind, count, k in product(GRAPHS, LIES, robots, wrong):
-        inside, spent = 0, []
-        for seed in seeds:
-            case = Case.draw([seed, count, k], graph, kind, count, k)
-            estimate, seconds = case.localize(k)
-            inside += case.truth_is_in(estimate)
-            spent.append(seconds)
-        fast, slow = np.percentile(spent, [50, 95])
+        tally = window_tally(seeds, graph, kind, count, k)
+        fast, slow = np.percentile(tally.seconds, [50, 95])
         print(
-            f'| {graph} | {kind} | {count} | {k} | {inside} of {len(seeds)} '
+            f'| {graph} | {kind} | {count} | {k} | {tally.inside} of {tally.runs} '
             f'| {fast:.2f} ({slow:.2f}) |',
             flush=True,
         )
 
 
-@dataclass
-class Tally:
-    """Figures of many runs."""
+REACHES_M = (4.0, 6.0, math.inf)
 
-    inside: int = 0
-    wrong: int = 0
-    named: int = 0
-    suspects: list[int] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
+
+def landmarks_tally(runs: int, reach_m: float, wrong: int, most: int) -> Tally:
+    """Return what the search for the cause finds with five robots among 15 landmarks."""
+    tally = Tally()
+    for seed in range(runs):
+        scene = Landmarks(seed, reach_m, wrong, most)
+        start_s = time.process_time()
+        estimate = scene.localizer.step(START_S)
+        tally.seconds.append(time.process_time() - start_s)
+        named = {
+            pair
+            for pair in scene.pairs
+            for one in estimate.suspects
+            if (one.target and (one.name, one.target) == pair)
+            or (not one.target and one.name in pair)
+        }
+        tally.runs += 1
+        tally.inside += scene.truth_is_in(estimate)
+        tally.wrong += wrong
+        tally.named += len(set(scene.liars) & named)
+        tally.suspects.append(len(named))
+        tally.detections.append(len(scene.pairs))
+    return tally
 
 
 def report_landmarks(runs: int) -> None:
@@ -243,32 +276,14 @@ def report_landmarks(runs: int) -> None:
         '| reach (m) | detections | k wrong | dropped at most | truth inside | culprits among the '
         'suspects | suspects | s (95 %) | longest |\n|---|---|---|---|---|---|---|---|---|'
     )
-    for reach_m, wrong, most in product((4.0, 6.0, math.inf), (1, 2), (0, 1, 2)):
-        tally, seen = Tally(), []
-        for seed in range(runs):
-            scene = Landmarks(seed, reach_m, wrong, most)
-            start_s = time.process_time()
-            estimate = scene.localizer.step(START_S)
-            seconds = time.process_time() - start_s
-            seen.append(len(scene.pairs))
-            named = {
-                pair
-                for pair in scene.pairs
-                for one in estimate.suspects
-                if (one.target and (one.name, one.target) == pair)
-                or (not one.target and one.name in pair)
-            }
-            tally.inside += scene.truth_is_in(estimate)
-            tally.seconds.append(seconds)
-            tally.wrong += wrong
-            tally.named += len(set(scene.liars) & named)
-            tally.suspects.append(len(named))
+    for reach_m, wrong, most in product(REACHES_M, (1, 2), (0, 1, 2)):
+        tally = landmarks_tally(runs, reach_m, wrong, most)
         inside = f'{tally.inside} of {runs}' if most >= wrong else ''
         fast, slow = np.percentile(tally.seconds, [50, 95])
         print(
-            f'| {reach_m:g} | {np.median(seen):.0f} | {wrong} | {most} | {inside} | {tally.named} '
-            f'of {tally.wrong} | {np.mean(tally.suspects):.1f} | {fast:.2f} ({slow:.2f}) '
-            f'| {max(tally.seconds):.2f} |',
+            f'| {reach_m:g} | {np.median(tally.detections):.0f} | {wrong} | {most} | {inside} '
+            f'| {tally.named} of {tally.wrong} | {np.mean(tally.suspects):.1f} '
+            f'| {fast:.2f} ({slow:.2f}) | {max(tally.seconds):.2f} |',
             flush=True,
         )
 

@@ -8,9 +8,6 @@ Pair sets: how wide, how fast, and whether the truth is inside; the figures of d
     python -m benchmarks.pairs carried
     python -m benchmarks.pairs two [--runs 100]
     python -m benchmarks.pairs picture docs/pairs.png
-
-MRCLAM (UTIAS, Leung et al., IJRR 30(8), 2011) is a recording of five robots with cameras among 15
-landmarks. Odometry is the velocity that was commanded.
 """
 
 from __future__ import annotations
@@ -18,7 +15,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 import math
 from pathlib import Path
 import time
@@ -27,6 +23,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import robots
+from benchmarks.robots import (
+    BEARING_ERROR_RAD,
+    EXCERPT,
+    RANGE_ERROR,
+    ROBOTS,
+    SPEED_M_S,
+    STEP_S,
+    TURN_RATE_RAD_S,
+    SimulatedRobot,
+    odometry_error,
+    rotation,
+)
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
@@ -34,65 +43,14 @@ from dg_localization.pairs import Cover, PairOptions, PairReadings, PastPoses, c
 
 FloatArray = NDArray[np.float64]
 
-EXCERPT = 'excerpt_D7_t200_440'
-ROBOTS = range(1, 6)
 WINDOW_S = 90.0
-SAMPLE_S = 0.1
-"""Commands come every 15 ms; integrated, they are sampled this often."""
-RANGE_ERROR = 0.15
-BEARING_ERROR_RAD = 0.12
-LIMITS = MotionLimits(speed_m_s=0.3, turn_rate_rad_s=1.0)
+LIMITS = MotionLimits(speed_m_s=SPEED_M_S, turn_rate_rad_s=TURN_RATE_RAD_S)
 
 RESOLUTIONS_M = (0.1, 0.25, 0.5)
 
 
-def odometry_error(per_turn: float) -> OdometryErrorModel:
-    """Return the bounds of commanded odometry: the robot follows about 0.2 s later."""
-    return OdometryErrorModel(
-        translation_per_m=0.1, rotation_per_rad=per_turn, constant_m=0.04, constant_rad=0.12
-    )
-
-
-@dataclass(frozen=True)
-class Recording:
-    """One robot of the excerpt: truth, odometry and what it saw of landmarks."""
-
-    truth: FloatArray
-    commands: FloatArray
-    sightings: FloatArray
-    all_sightings: FloatArray
-    landmarks: dict[int, FloatArray]
-
-    @classmethod
-    def load(cls, folder: Path, robot: int) -> Recording:
-        """Read the files of a robot."""
-        subjects = {int(row[1]): int(row[0]) for row in np.loadtxt(folder / 'Barcodes.dat')}
-        landmarks = {
-            int(row[0]): row[1:3] for row in np.loadtxt(folder / 'Landmark_Groundtruth.dat')
-        }
-        seen = np.loadtxt(folder / f'Robot{robot}_Measurement.dat')
-        seen[:, 1] = [subjects.get(int(barcode), 0) for barcode in seen[:, 1]]
-        return cls(
-            np.loadtxt(folder / f'Robot{robot}_Groundtruth.dat'),
-            np.loadtxt(folder / f'Robot{robot}_Odometry.dat'),
-            seen[np.isin(seen[:, 1], list(landmarks))],
-            seen[seen[:, 1] > 0],
-            landmarks,
-        )
-
-    @cached_property
-    def track(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Stamps, positions and yaws of the integrated commands."""
-        stamps, speeds, rates = self.commands.T
-        steps_s = np.diff(stamps)
-        yaws = np.concatenate([[0.0], np.cumsum(rates[:-1] * steps_s)])
-        middles = yaws[:-1] + 0.5 * rates[:-1] * steps_s
-        steps = (speeds[:-1] * steps_s)[:, None] * np.stack(
-            [np.cos(middles), np.sin(middles), np.zeros(len(middles))], axis=-1
-        )
-        positions = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-        kept = np.unique(np.round((stamps - stamps[0]) / SAMPLE_S), return_index=True)[1]
-        return stamps[kept], positions[kept], yaws[kept]
+class Recording(robots.Recording):
+    """One robot of the excerpt, and what it saw as readings of a pair."""
 
     def readings(
         self, now_s: float, error: OdometryErrorModel, window_s: float = WINDOW_S
@@ -124,20 +82,6 @@ class Recording:
         rotations = [rotation(yaw) for yaw in yaws[used]]
         path = OdometryPath(stamps[used], positions[used], rotations, error, LIMITS)
         return path.past_poses(times_s, now_s)
-
-    def pose(self, time_s: float) -> tuple[FloatArray, float]:
-        """Return the true pose at a time."""
-        x, y, yaw = (
-            np.interp(time_s, self.truth[:, 0], column)
-            for column in (self.truth[:, 1], self.truth[:, 2], np.unwrap(self.truth[:, 3]))
-        )
-        return np.array([x, y, 0.0]), float(yaw)
-
-
-def rotation(yaw_rad: float) -> FloatArray:
-    """Return the rotation about the vertical axis."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass
@@ -264,64 +208,11 @@ def report_carried(folder: Path, tick_s: float = 1.0, start_boxes: int = 30) -> 
         print(f'| {name} | {tally.row()} |')
 
 
-STEP_S = 0.1
-ARENA_M = 5.0
-"""Simulated robots drive from one place to another of a square of twice this side."""
-TURN_RATE_RAD_S = 0.8
-
-
-def integrate(lengths: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions (n + 1, 3) and yaws (n + 1,) of a robot that steps, then turns, n times."""
-    yaws = np.concatenate([[0.0], np.cumsum(turns)])
-    directions = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(len(yaws))], axis=-1)[:-1]
-    steps = lengths[:, None] * directions
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), yaws
-
-
-def wander(
-    rng: np.random.Generator, count: int, place_m: FloatArray, yaw_rad: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the lengths and turns of a drive from one random place to the next."""
-    length = rng.uniform(0.3, 0.8) * STEP_S
-    most_rad = TURN_RATE_RAD_S * STEP_S
-    goal, turns = rng.uniform(-ARENA_M, ARENA_M, 2), np.empty(count)
-    x, y = place_m[:2]
-    for step in range(count):
-        x, y = x + length * math.cos(yaw_rad), y + length * math.sin(yaw_rad)
-        if math.hypot(goal[0] - x, goal[1] - y) < 1.0:
-            goal = rng.uniform(-ARENA_M, ARENA_M, 2)
-        aim = math.remainder(math.atan2(goal[1] - y, goal[0] - x) - yaw_rad, 2.0 * math.pi)
-        turns[step] = min(most_rad, max(-most_rad, aim))
-        yaw_rad += turns[step]
-    return np.full(count, length), turns
-
-
-@dataclass(frozen=True)
-class SimulatedRobot:
-    """A robot that drives about, and its odometry, which errs by a share of way and turn."""
-
-    positions_m: FloatArray
-    yaws_rad: FloatArray
-    stated_m: FloatArray
-    stated_rad: FloatArray
-    path: OdometryPath
-
-    @classmethod
-    def drive(cls, rng: np.random.Generator, seconds: float, odometry: float) -> SimulatedRobot:
-        """Draw a drive in the arena."""
-        count = round(seconds / STEP_S)
-        place_m = rng.uniform(-ARENA_M, ARENA_M, 3) * [1.0, 1.0, 0.0]
-        yaw_rad = rng.uniform(-math.pi, math.pi)
-        lengths, turns = wander(rng, count, place_m, yaw_rad)
-        positions, yaws = integrate(lengths, turns)
-        # Drift that lasts is worse than drift that averages out.
-        off = 1.0 + rng.uniform(-odometry, odometry, 2)
-        stated_m, stated_rad = integrate(lengths / off[0], turns / off[1])
-        error = OdometryErrorModel(translation_per_m=odometry, rotation_per_rad=odometry)
-        stamps = np.arange(count + 1) * STEP_S
-        path = OdometryPath(stamps, stated_m, [rotation(yaw) for yaw in stated_rad], error)
-        places = place_m + positions @ rotation(yaw_rad).T
-        return cls(places, yaw_rad + yaws, stated_m, stated_rad, path)
+def path_of(robot: SimulatedRobot, odometry: float) -> OdometryPath:
+    """Return the odometry of a simulated robot with its bounds."""
+    error = OdometryErrorModel(translation_per_m=odometry, rotation_per_rad=odometry)
+    stamps = np.arange(len(robot.stated_m)) * STEP_S
+    return OdometryPath(stamps, robot.stated_m, [rotation(yaw) for yaw in robot.stated_rad], error)
 
 
 def two_robots(
@@ -336,7 +227,8 @@ def two_robots(
     stamps = np.arange(len(ranges)) * STEP_S
     origin = Interval.point(np.zeros((len(stamps), 3)))
     first_m, second_m = (
-        robot.path.past_poses(stamps, stamps[-1]).points_now(origin) for robot in (first, second)
+        path_of(robot, odometry).past_poses(stamps, stamps[-1]).points_now(origin)
+        for robot in (first, second)
     )
     bounds = Interval(ranges / (1.0 + range_error), ranges / (1.0 - range_error))
     turned_rad = float(second.yaws_rad[-1] - first.yaws_rad[-1])
