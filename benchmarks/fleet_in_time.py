@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Fleets over time: what ranges and odometry tell of robots that move; figures of docs/pairs.md.
+Fleets over time: what ranges and odometry tell of robots that move.
 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
@@ -10,10 +10,12 @@ Fleets over time: what ranges and odometry tell of robots that move; figures of 
     python -m benchmarks.fleet_in_time rate [--data ../shared/data/mrclam] [--outliers 0]
         [--start 95]
     python -m benchmarks.fleet_in_time robots [--data ../shared/data/mrclam] [--outliers 0]
+    python -m benchmarks.fleet_in_time kalman [--data ../shared/data/mrclam] [--memory 30]
 
 Simulated robots range each other at 5 Hz to 3 %; odometry errs by 5 % of the way and of the turn,
 there are no cameras and no anchors. MRCLAM: five robots among 15 landmarks, which serve as
-anchors; `rate` answers at 5 Hz for some seconds; `robots` leaves the landmarks out. With
+anchors; `rate` answers at 5 Hz for some seconds; `robots` leaves the landmarks out; `kalman`
+compares the published point with an extended Kalman filter that starts at the truth. With
 `--fitted` the bounds of ranges and bearings are those that were learned of the recording, and with
 `half` and `whole` scale and bounds of the odometry of each robot, too, which were learned of its
 first half or of the whole, hold the share `--keep` of its windows, and are widened by `--margin`.
@@ -33,6 +35,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.methods.kalman_filter import Deviations, KalmanFilter
 from benchmarks.robots import (
     BEARING_ERROR_RAD,
     EXCERPT,
@@ -342,6 +345,31 @@ def report_mrclam(excerpt: Excerpt, config: FleetConfig, tick_s: float) -> None:
     )
 
 
+def report_kalman(excerpt: Excerpt, config: FleetConfig, tick_s: float) -> None:
+    """Print how far the published point and a Kalman filter are from the truth."""
+    places, yaws = excerpt.truth(excerpt.events[0].stamp_s)
+    landmarks = {name: np.array(anchor.coordinates_m) for name, anchor in excerpt.anchors.items()}
+    poses = np.column_stack([places, yaws])
+    peer = KalmanFilter(poses, excerpt.names, landmarks, Deviations())
+    events, filtered_m = iter(excerpt.events), []
+    event = next(events, None)
+    for now_s in ticks_s(excerpt, tick_s):
+        while event is not None and event.stamp_s <= now_s:
+            if event.target:
+                peer.correct(event.robot, event.target, *event.values)
+            else:
+                peer.predict(event.robot, np.array(event.values), event.stamp_s)
+            event = next(events, None)
+        off_m = np.linalg.norm(peer.poses[:, :2] - excerpt.truth(float(now_s))[0], axis=1)
+        filtered_m += list(off_m)
+    found_m = Drive.of(excerpt, config, tick_s).off_m
+    ratio = np.percentile(found_m, [50, 95]) / np.percentile(filtered_m, [50, 95])
+    print(
+        f'| {_median_and_95(found_m)} | {_median_and_95(filtered_m)} '
+        f'| {ratio[0]:.2f} (95 %: {ratio[1]:.2f}) |'
+    )
+
+
 def report_rate(folder: Path, outliers: int, memory_s: float, from_s: float) -> None:
     """Print what an answer takes at 5 Hz, once the memory is full."""
     excerpt = Excerpt(folder)
@@ -487,7 +515,7 @@ def main() -> None:
     """Read the command line and print what was asked for."""
     name = 'python -m benchmarks.fleet_in_time'
     parser = argparse.ArgumentParser(prog=name, description=__doc__)
-    parser.add_argument('study', choices=['simulated', 'mrclam', 'rate', 'robots'])
+    parser.add_argument('study', choices=['simulated', 'mrclam', 'rate', 'robots', 'kalman'])
     parser.add_argument('--runs', type=int, default=10)
     parser.add_argument('--robots', type=int, nargs='+', default=[2, 3, 4, 6])
     parser.add_argument('--seconds', type=float, default=15.0)
@@ -509,6 +537,11 @@ def main() -> None:
     elif arguments.study == 'rate':
         print('| memory (s) | outliers | truth inside | ms (95 %) |')
         report_rate(arguments.data, arguments.outliers, arguments.memory, arguments.start)
+    elif arguments.study == 'kalman':
+        print('| published point off by (m) | Kalman filter off by (m) | ratio |')
+        excerpt = Excerpt(arguments.data)
+        config = mrclam_config(excerpt, arguments.outliers, arguments.memory)
+        report_kalman(excerpt, config, arguments.every)
     elif arguments.study == 'robots':
         print(
             '| memory (s) | outliers | ticks | frames | one hypothesis | true distances inside '

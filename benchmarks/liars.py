@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Wrong readings: is the truth in the answer, are culprits named; figures of docs/wrong_readings.md.
+Wrong readings: whether the truth is in the answer, and whether culprits are named.
 
     python -m benchmarks.liars window [--runs 10] [--robots 6 9] [--wrong 1 2 5]
     python -m benchmarks.liars landmarks [--runs 20]
     python -m benchmarks.liars mrclam [--data ../shared/data/mrclam]
 
 Simulated robots drive in a square of 10 m and range each other to 3 %. Some readings lie by 1 to
-4 m. Every seed counts. `benchmarks.culprits` says which of these are named.
+4 m. Every seed counts.
 """
 
 from __future__ import annotations

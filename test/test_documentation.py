@@ -11,6 +11,7 @@ import pytest
 REPOSITORY = Path(__file__).parents[1]
 README = REPOSITORY / 'README.md'
 PAGES = [README, *sorted((REPOSITORY / 'docs').glob('*.md'))]
+NOTES = sorted((REPOSITORY / 'benchmarks').rglob('*.md'))
 
 
 def name(page):
@@ -29,7 +30,7 @@ def anchors(page):
     return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
 
 
-@pytest.mark.parametrize('page', PAGES, ids=name)
+@pytest.mark.parametrize('page', [*PAGES, *NOTES], ids=name)
 def test_links_lead_somewhere(page):
     links = re.findall(r'\]\(([^)\s]+)\)', without_code(page.read_text(encoding='utf-8')))
     for link in links:
