@@ -83,6 +83,7 @@ setup(
             'replay = dg_localization.ros.executables:replay',
             'localize_bag = dg_localization.ros.executables:localize_bag',
             'fit_bounds = dg_localization.ros.executables:fit_bounds',
+            'fleet_status = dg_localization.ros.executables:fleet_status',
             'security_policy = dg_localization.ros.executables:security_policy',
         ],
     },

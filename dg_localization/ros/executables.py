@@ -67,6 +67,11 @@ def fit_bounds(args: Sequence[str] | None = None) -> int:
     return _run('bags.fit_bounds', args, interrupted=EXIT_INTERRUPTED)
 
 
+def fleet_status(args: Sequence[str] | None = None) -> int:
+    """Run `fleet_status`; return the exit code."""
+    return _run('fleet_status', args)
+
+
 def security_policy(args: Sequence[str] | None = None) -> int:
     """Run `security_policy`; return the exit code."""
     return _run('security_policy', args, interrupted=EXIT_INTERRUPTED)
@@ -85,6 +90,7 @@ EXECUTABLES = {
         replay,
         localize_bag,
         fit_bounds,
+        fleet_status,
         security_policy,
         demo,
     )
