@@ -72,6 +72,11 @@ def fleet_status(args: Sequence[str] | None = None) -> int:
     return _run('fleet_status', args)
 
 
+def self_test(args: Sequence[str] | None = None) -> int:
+    """Run `self_test`; return the exit code."""
+    return _run('self_test', args, interrupted=EXIT_INTERRUPTED)
+
+
 def security_policy(args: Sequence[str] | None = None) -> int:
     """Run `security_policy`; return the exit code."""
     return _run('security_policy', args, interrupted=EXIT_INTERRUPTED)
@@ -91,6 +96,7 @@ EXECUTABLES = {
         localize_bag,
         fit_bounds,
         fleet_status,
+        self_test,
         security_policy,
         demo,
     )
