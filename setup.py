@@ -30,7 +30,7 @@ EXTRAS = {
     ],
     'bench': ['scipy'],
     # What the benchmarks compare with; `make bench` installs it.
-    'compare': ['codac>=2', 'pyscipopt'],
+    'compare': ['codac>=2', 'gtsam>=4.2', 'pyscipopt'],
     'lint': ['ruff>=0.6', 'mypy>=1.8'],
     # `colcon build` and `colcon test` where no ROS is installed; `.ci/run` installs it.
     'colcon': [
