@@ -104,7 +104,7 @@ INTERVAL = [
     *_in(
         'interval',
         'bounds',
-        ('test/interval/test_bounds.py',),
+        ('test/interval/test_rounding.py',),
         (
             'stamps count as exact',
             'step_up(step_up(abs(first_s - second_s)) + unit_s)',

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Ranges of sines, cosines and angles against evaluation in many digits."""
+"""Sines, cosines and angles, of arrays and in kernels, against evaluation in many digits."""
 
 import math
 
@@ -10,47 +10,78 @@ import mpmath
 import numpy as np
 import pytest
 
-from dg_localization.interval import angles
+from dg_localization.interval import angles, trigonometry
+from dg_localization.interval.angles import ANGLE_ROUNDING
 from dg_localization.interval.arrays import Interval
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
-ANGLES_RAD = st.floats(-angles.LARGEST_ANGLE_RAD, angles.LARGEST_ANGLE_RAD)
 FRACTIONS = st.floats(0.0, 1.0)
+COORDINATES = st.floats(-1e100, 1e100)
+HALF_TURN = st.floats(-math.pi, math.pi)
+EXACT = {
+    'cosine': mpmath.cos,
+    'sine': mpmath.sin,
+    'arccosine': mpmath.acos,
+    'arcsine': mpmath.asin,
+}
+
+
+def between(low, high, fraction):
+    return min(max(low + fraction * (high - low), low), high)
+
+
+def holds(name, ends, fraction, bounds, excess):
+    """Check that bounds hold a value between two angles, and exceed their range by little."""
+    low, high = bounds
+    with mpmath.workprec(200):
+        value = EXACT[name](mpmath.mpf(between(*ends, fraction)))
+        assert -1.0 <= low <= value <= high <= 1.0
+        extremes = [EXACT[name](mpmath.mpf(end)) for end in ends]
+        quarters = [k * mpmath.pi / 2 for k in range(-9, 10)]
+        extremes += [EXACT[name](x) for x in quarters if ends[0] < x < ends[1]]
+        assert low >= min(extremes) - excess and high <= max(extremes) + excess
 
 
 @pytest.mark.parametrize('name', ['cosine', 'sine'])
 @LAWS
-@given(low_rad=ANGLES_RAD, width_rad=st.floats(0.0, 7.0), fraction=FRACTIONS)
+@given(
+    low_rad=st.floats(-angles.LARGEST_ANGLE_RAD, angles.LARGEST_ANGLE_RAD),
+    width_rad=st.floats(0.0, 7.0),
+    fraction=FRACTIONS,
+)
 @example(low_rad=0.0, width_rad=math.pi, fraction=1.0)
 @example(low_rad=-math.pi, width_rad=0.0, fraction=0.0)
 @example(low_rad=math.pi / 2, width_rad=math.pi, fraction=1.0)
 @example(low_rad=2.0 * math.pi, width_rad=1e-16, fraction=0.0)
-def test_every_value_between_the_ends_is_in_the_range(name, low_rad, width_rad, fraction):
-    high_rad = min(low_rad + width_rad, angles.LARGEST_ANGLE_RAD)
-    low, high = getattr(angles, f'{name}_bounds')(low_rad, high_rad)
-    inside_rad = min(max(low_rad + fraction * (high_rad - low_rad), low_rad), high_rad)
-    function = {'cosine': mpmath.cos, 'sine': mpmath.sin}[name]
-    with mpmath.workprec(200):
-        assert -1.0 <= low <= function(mpmath.mpf(inside_rad)) <= high <= 1.0
+def test_sines_and_cosines_of_arrays(name, low_rad, width_rad, fraction):
+    ends = low_rad, min(low_rad + width_rad, angles.LARGEST_ANGLE_RAD)
+    # A sine is the cosine of an angle that is a quarter turn less.
+    excess = 1e-13 if max(map(abs, ends)) < 10.0 else 2.0
+    holds(name, ends, fraction, getattr(angles, f'{name}_bounds')(*ends), excess)
 
 
 @pytest.mark.parametrize('name', ['cosine', 'sine'])
 @LAWS
-@given(low_rad=st.floats(-6.0, 6.0), width_rad=st.floats(0.0, 6.0))
-def test_ranges_are_tight(name, low_rad, width_rad):
-    samples = getattr(math, name[:3])
-    values = [samples(low_rad + k / 400 * width_rad) for k in range(401)]
-    low, high = getattr(angles, f'{name}_bounds')(low_rad, low_rad + width_rad)
-    # Between two samples the function leaves their range by the square of their distance only.
-    missed = (width_rad / 400) ** 2 + 1e-13
-    assert min(values) - missed <= low
-    assert high <= max(values) + missed
+@given(ends=st.tuples(HALF_TURN, HALF_TURN), fraction=FRACTIONS)
+@example(ends=(-math.pi, math.pi), fraction=0.75)
+@example(ends=(0.5 * math.pi, 0.5 * math.pi), fraction=0.0)
+@example(ends=(-1e-9, 1e-9), fraction=1.0)
+def test_sines_and_cosines_in_kernels(name, ends, fraction):
+    ends = tuple(sorted(ends))
+    holds(name, ends, fraction, getattr(trigonometry, name)(*ends), 3.0 * ANGLE_ROUNDING)
+
+
+def test_the_cosine_of_a_tiny_angle_loses_nothing():
+    assert trigonometry.cosine(-1e-14, 1e-14)[0] >= 1.0 - 2.0**-51
 
 
 @pytest.mark.parametrize('angle_rad', [15.0, -1e9, math.inf, -math.inf])
 def test_angles_that_went_round_too_often_bound_nothing(angle_rad):
-    assert angles.cosine_bounds(angle_rad, angle_rad) == (-1.0, 1.0)
-    assert angles.sine_bounds(angle_rad, angle_rad) == (-1.0, 1.0)
+    for module in (angles.cosine_bounds, angles.sine_bounds):
+        assert module(angle_rad, angle_rad) == (-1.0, 1.0)
+    for function in (trigonometry.cosine, trigonometry.sine):
+        assert function(angle_rad, angle_rad) == (-1.0, 1.0)
+        assert function(-4.0, 0.0) == function(0.0, 3.2) == (-1.0, 1.0)
 
 
 def test_arrays_give_what_single_numbers_do():
@@ -60,30 +91,51 @@ def test_arrays_give_what_single_numbers_do():
     assert np.array_equal(np.stack([found.lower, found.upper], axis=1), singles)
 
 
+@pytest.mark.parametrize('name', ['arccosine', 'arcsine'])
 @LAWS
-@given(st.floats(0.0, 1.0))
-@example(1.0)
-@example(1e-300)
-def test_arcsines(x):
+@given(ends=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)), fraction=FRACTIONS)
+@example(ends=(1.0, 1.0), fraction=0.0)
+@example(ends=(-1.0, -1.0), fraction=0.0)
+def test_inverse_functions_bound_every_angle(name, ends, fraction):
+    low, high = sorted(ends)
+    least_rad, most_rad = getattr(trigonometry, name)(low, high)
+    value = between(low, high, fraction)
+    if abs(value) <= 1.0:
+        with mpmath.workprec(200):
+            assert least_rad <= EXACT[name](mpmath.mpf(value)) <= most_rad
+
+
+@LAWS
+@given(a=st.tuples(COORDINATES, COORDINATES), b=st.tuples(COORDINATES, COORDINATES))
+@example(a=(1.0, 0.0), b=(-1.0, 0.0))
+@example(a=(1e-160, 0.0), b=(0.0, 1e-160))
+@example(a=(0.0, 0.0), b=(1.0, 0.0))
+@example(a=(1.0, 1.0 + 2.0**-52), b=(1.0, 1.0))
+@example(a=(1e200, 1e200), b=(1e200, -1e200))
+def test_the_angle_between_two_vectors_is_bounded(a, b):
+    low_rad, high_rad = trigonometry.angle_between(*a, *b)
+    with mpmath.workprec(2400):
+        x, y, u, v = (mpmath.mpf(value) for value in (*a, *b))
+        if (x, y) != (0, 0) and (u, v) != (0, 0):
+            assert low_rad <= mpmath.atan2(x * v - y * u, x * u + y * v) <= high_rad
+    assert high_rad - low_rad <= 3.0 * ANGLE_ROUNDING or math.isinf(high_rad)
+
+
+@LAWS
+@given(FRACTIONS, st.floats(0.0, math.pi))
+@example(1.0, 0.0)
+@example(1e-300, 0.0)
+def test_arcsines_and_chords(x, angle_rad):
     with mpmath.workprec(200):
         exact_rad = mpmath.asin(mpmath.mpf(x))
         assert exact_rad <= angles.arcsine_up(x) <= exact_rad + 2e-14
-
-
-def test_an_arcsine_beyond_one_is_a_right_angle():
+        exact = 2 * mpmath.sin(mpmath.mpf(angle_rad) / 2)
+        assert exact <= angles.chord_up(angle_rad) <= exact + 1e-13
     assert math.pi / 2 < angles.arcsine_up(1.5) < math.pi / 2 + 1e-13
 
 
 @LAWS
-@given(st.floats(0.0, math.pi))
-def test_chords(angle_rad):
-    with mpmath.workprec(200):
-        exact = 2 * mpmath.sin(mpmath.mpf(angle_rad) / 2)
-        assert exact <= angles.chord_up(angle_rad) <= exact + 1e-13
-
-
-@LAWS
-@given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi))
+@given(HALF_TURN, HALF_TURN)
 def test_a_computed_angle_lies_between_its_bounds(yaw_rad, other_rad):
     computed_rad = math.atan2(math.sin(yaw_rad), math.cos(yaw_rad)) + other_rad
     with mpmath.workprec(200):
@@ -92,7 +144,7 @@ def test_a_computed_angle_lies_between_its_bounds(yaw_rad, other_rad):
 
 
 @LAWS
-@given(ANGLES_RAD, st.floats(0.0, 4.0), st.floats(-1.0, 1.0))
+@given(st.floats(-12.0, 12.0), st.floats(0.0, 4.0), st.floats(-1.0, 1.0))
 def test_rotations_hold_every_matrix_within_the_half_width(angle_rad, half_width_rad, fraction):
     matrix = angles.rotation_2d(angle_rad, half_width_rad)
     with mpmath.workprec(200):

@@ -1,15 +1,16 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Outward rounding against exact rationals."""
+"""Outward rounding of single numbers, in kernels and out of them, against exact rationals."""
 
 from fractions import Fraction
 import math
 
 from hypothesis import example, given, settings, strategies as st
+import numpy as np
 import pytest
 
-from dg_localization.interval import rounding
+from dg_localization.interval import arrays, bounds, rounding
 
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 MODERATE = st.floats(-1e150, 1e150)
@@ -25,11 +26,8 @@ def ulps_between(x, y):
 @LAWS
 @given(ANY)
 @example(0.0)
-@example(-0.0)
 @example(5e-324)
-@example(-5e-324)
 @example(2.2250738585072014e-308)
-@example(1.0)
 @example(math.nextafter(1.0, 0.0))
 @example(-1.7976931348623157e308)
 def test_up_and_down_move_by_one_or_two_units(x):
@@ -48,51 +46,106 @@ def test_steps_scale_with_powers_of_two(x, scale):
     assert rounding.down(x * scale) == rounding.down(x) * scale
 
 
-def test_the_infinities_stay_bounds():
-    assert rounding.up(math.inf) == math.inf
-    assert rounding.down(-math.inf) == -math.inf
-    assert rounding.square_up(math.inf) == rounding.sqrt_up(math.inf) == math.inf
-
-
-def test_an_overflow_is_a_bound_on_the_near_side():
+def test_infinities_are_missing_bounds_and_overflow_is_a_bound_on_the_near_side():
     largest = math.nextafter(math.inf, 0.0)
     assert rounding.LARGEST == largest
+    assert rounding.up(math.inf) == rounding.sqrt_up(math.inf) == math.inf
     assert rounding.down(math.inf) == rounding.square_down(1e200) == rounding.down(largest)
     assert rounding.up(-math.inf) == -rounding.down(math.inf)
+    assert bounds.sum_up(1.0, math.inf, -math.inf) == math.inf
+    assert bounds.sum_down(1.0, math.inf, -math.inf) == -math.inf
+    assert bounds.sum_up(-math.inf, 1.0) < -1e308
+    assert bounds.quotient_up(1.0, 0.0) == math.inf
+    assert bounds.quotient_down(1.0, 0.0) == 0.0
+
+
+@LAWS
+@given(st.lists(MODERATE, min_size=1, max_size=5))
+@example([1.0, 2.0**-60, -1.0])
+@example([0.1])
+def test_sums_hold_the_exact_one(terms):
+    low, high = bounds.sum_down(*terms), bounds.sum_up(*terms)
+    assert low <= sum(map(Fraction, terms)) <= high
+    assert len(terms) > 1 or low == high
 
 
 @LAWS
 @given(MODERATE, MODERATE)
-def test_one_operation_rounded_outward_holds_the_exact_result(x, y):
-    a, b = Fraction(x), Fraction(y)
-    results = [(x + y, a + b), (x - y, a - b), (x * y, a * b)]
-    if abs(y) > 1e-150:
-        results.append((x / y, a / b))
-    for computed, exact in results:
-        assert rounding.down(computed) <= exact <= rounding.up(computed)
+@example(0.0, math.inf)
+@example(-math.inf, 0.0)
+def test_products_and_quotients_hold_the_exact_one(x, y):
+    low, high = bounds.product_down(x, y), bounds.product_up(x, y)
+    if x == 0.0 or y == 0.0:
+        assert low == high == 0.0
+        return
+    assert low <= Fraction(x) * Fraction(y) <= high and ulps_between(low, high) <= 8
+    x, y = abs(x), abs(y)
+    if 1e-150 < x and 1e-150 < y:
+        low, high = bounds.quotient_down(x, y), bounds.quotient_up(x, y)
+        assert 0.0 <= low <= Fraction(x) / Fraction(y) <= high and ulps_between(low, high) <= 8
 
 
 @LAWS
-@given(st.floats(-1e154, 1e154))
-@example(0.0)
+@given(st.floats(0.0, 1e154))
 @example(1e-170)
-def test_squares(x):
-    exact = Fraction(x) ** 2
+@example(5e-324)
+def test_squares_and_roots(x):
+    exact = Fraction(x)
     low, high = rounding.square_down(x), rounding.square_up(x)
-    assert 0 <= low <= exact <= high
-    assert ulps_between(low, high) <= 5
+    assert 0 <= low <= exact**2 <= high and ulps_between(low, high) <= 5
+    low, high = rounding.sqrt_down(x), rounding.sqrt_up(x)
+    assert 0 <= Fraction(low) ** 2 <= exact <= Fraction(high) ** 2 and ulps_between(low, high) <= 5
+    assert rounding.sqrt_up(-x) == rounding.sqrt_down(-x) == 0.0 or x == 0.0
 
 
 @LAWS
-@given(st.floats(0.0, allow_infinity=False))
-@example(0.0)
-@example(5e-324)
-@example(1.7976931348623157e308)
-def test_roots(x):
-    low, high = rounding.sqrt_down(x), rounding.sqrt_up(x)
-    assert 0 <= Fraction(low) ** 2 <= Fraction(x) <= Fraction(high) ** 2
-    assert ulps_between(low, high) <= 5
+@given(st.floats(allow_nan=False))
+@example(math.inf)
+def test_kernels_arrays_and_plain_functions_round_alike(x):
+    for name in ('square_up', 'square_down', 'sqrt_up', 'sqrt_down'):
+        assert getattr(bounds, name)(x) == getattr(rounding, name)(x)
+    with np.errstate(over='ignore'):
+        assert rounding.up(x) == rounding.step_up(x) == arrays.up(x)
+        assert rounding.down(x) == rounding.step_down(x) == arrays.down(x)
 
 
-def test_roots_of_what_is_not_positive_are_zero():
-    assert rounding.sqrt_up(-4.0) == rounding.sqrt_down(-4.0) == rounding.sqrt_up(0.0) == 0.0
+@LAWS
+@given(st.floats(0.0, 1e150), st.floats(0.0, 1e150))
+def test_squared_distances(lower_m, width_m):
+    upper_m = lower_m + width_m
+    lower_m2, upper_m2 = bounds.squared_distance(lower_m, upper_m)
+    assert 0.0 <= lower_m2 <= Fraction(lower_m) ** 2
+    assert Fraction(upper_m) ** 2 <= upper_m2
+
+
+@pytest.mark.parametrize('lower_m', [-2.0, 0.0, 1.0, math.inf])
+def test_no_distance_is_negative(lower_m):
+    lower_m2, upper_m2 = bounds.squared_distance(lower_m, -1.0)
+    assert lower_m2 > upper_m2
+    assert bounds.squared_distance(-3.0, math.inf) == (0.0, math.inf)
+
+
+@LAWS
+@given(st.integers(0, 2**61), st.integers(0, 10**11))
+@example(1_700_000_000_123_456_789, 0)
+@example(1_700_000_000_123_456_789, 50_000_000)
+def test_elapsed_time_of_stamps_in_nanoseconds(stamp_ns, passed_ns):
+    first_s, second_s = stamp_ns / 10**9, (stamp_ns + passed_ns) / 10**9
+    elapsed_s = Fraction(passed_ns, 10**9)
+    of_arrays = arrays.elapsed_up(np.array([first_s, second_s]), np.array([second_s, first_s]))
+    for bound_s in (
+        bounds.elapsed_up(first_s, second_s),
+        bounds.elapsed_up(second_s, first_s),
+        *of_arrays.tolist(),
+    ):
+        assert elapsed_s <= bound_s <= elapsed_s + 8 * Fraction(math.ulp(second_s))
+
+
+@LAWS
+@given(st.lists(st.floats(-1e3, 1e3), min_size=4, max_size=4))
+def test_rounding_error_bounds_a_sum_of_products(numbers):
+    a, b, c, d = numbers
+    computed = a * b - c * d
+    exact = Fraction(a) * Fraction(b) - Fraction(c) * Fraction(d)
+    magnitude = abs(a * b) + abs(c * d)
+    assert abs(computed - exact) <= rounding.rounding_error(magnitude, 3.0)
