@@ -5,6 +5,8 @@
 Messages of drivers that name who measured whom by ids of their own.
 
 - uwb_ros/RangeStamped (MILUV): one range, with the ids of both radios;
+- px4_msgs/SensorUwb (PX4): one range, with the MAC addresses of both radios. Its angles of arrival
+  are not read: their signs depend on how the radio is mounted, which the message does not settle;
 - nlink_parser/LinktrackNodeframe2, 3 and 5 (Nooploop LinkTrack), from either package that ports
   them: the ranges of one radio to all others. An id there is unique among those of a role only.
 
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 from msg_adapters.headers import header_to_message, stamp_from_message
 
 RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
+SENSOR_UWB = 'px4_msgs/msg/SensorUwb'
 NODE_FRAMES = {
     f'{package}/msg/LinktrackNodeframe{number}': f'{package}/msg/LinktrackNode{row}'
     for package in ('nlink_parser', 'nlink_parser_ros2_interfaces')
@@ -92,21 +95,44 @@ def range_stamped_from_message(message: Any) -> IdentifiedReading:
 
 
 def range_stamped_to_message(reading: IdentifiedReading) -> Any:
-    """
-    Write a `uwb_ros/RangeStamped`.
-
-    Raises
-    ------
-    ValueError
-        If there is not exactly one target.
-
-    """
-    if len(reading.target_ids) != 1:
-        raise ValueError(f'{len(reading.target_ids)} targets, the message has one')
+    """Write a `uwb_ros/RangeStamped`; raise ValueError if there is not exactly one target."""
     message = new_message(RANGE_STAMPED)
     message.header = header_to_message(reading.stamp_s, reading.frame_id)
-    message.from_id, message.to_id = int(reading.observer_id), int(reading.target_ids[0])
+    target_id = _only_target(reading)
+    message.from_id, message.to_id = int(reading.observer_id), int(target_id)
     message.range = float(reading.ranges_m[0])
+    return message
+
+
+def _only_target(reading: IdentifiedReading) -> str:
+    """Return the id of the only target."""
+    if len(reading.target_ids) != 1:
+        raise ValueError(f'{len(reading.target_ids)} targets, the message has one')
+    return reading.target_ids[0]
+
+
+def sensor_uwb_from_message(message: Any) -> IdentifiedReading:
+    """
+    Read a `px4_msgs/SensorUwb`; the ids are the MAC addresses as decimal numbers.
+
+    The stamp counts microseconds since the flight controller started, or in ROS time where its
+    bridge synchronizes the clocks.
+    """
+    return IdentifiedReading(
+        stamp_s=1e-6 * float(message.timestamp),
+        observer_id=str(int(message.mac)),
+        target_ids=(str(int(message.mac_dest)),),
+        ranges_m=np.array([float(message.distance)]),
+    )
+
+
+def sensor_uwb_to_message(reading: IdentifiedReading) -> Any:
+    """Write a `px4_msgs/SensorUwb`; raise ValueError if there is not exactly one target."""
+    message = new_message(SENSOR_UWB)
+    message.timestamp = round(1e6 * reading.stamp_s)
+    target_id = _only_target(reading)
+    message.mac, message.mac_dest = int(reading.observer_id), int(target_id)
+    message.distance = float(reading.ranges_m[0])
     return message
 
 

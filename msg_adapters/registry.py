@@ -152,6 +152,12 @@ for _adapter in (
         identified.range_stamped_from_message,
         identified.range_stamped_to_message,
     ),
+    Adapter(
+        identified.SENSOR_UWB,
+        identified.IdentifiedReading,
+        identified.sensor_uwb_from_message,
+        identified.sensor_uwb_to_message,
+    ),
     *(
         Adapter(
             type_name,

@@ -40,6 +40,12 @@ DEFINITIONS = {
         'uint8 to_id',
         'float32 covariance',
     ),
+    'px4_msgs/SensorUwb': (
+        'uint64 timestamp',
+        'uint16 mac',
+        'uint16 mac_dest',
+        'float32 distance',
+    ),
     **link_track('nlink_parser'),
     **link_track('nlink_parser_ros2_interfaces'),
     'apriltag_msgs/Point': ('float64 x', 'float64 y'),

@@ -18,6 +18,7 @@ from msg_adapters import (
 )
 
 RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
+SENSOR_UWB = 'px4_msgs/msg/SensorUwb'
 APRILTAGS = 'apriltag_msgs/msg/AprilTagDetectionArray'
 DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
 DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
@@ -38,6 +39,7 @@ VALUES = [
         RANGE_STAMPED,
         IdentifiedReading(1.5, '10', ('21',), np.array([3.25]), np.full((1, 3), np.nan), 'uwb'),
     ),
+    (SENSOR_UWB, IdentifiedReading(1.5, '4660', ('21',), np.array([3.25]))),
     *((name, RANGES) for name in FRAMES_2),
     *(
         (name, IdentifiedReading(0.0, '1:0', ('1:3', '2:0'), np.array([4.25, 6.5])))
@@ -72,7 +74,7 @@ def test_value_survives_the_message(type_name, value):
 def test_empty_message_has_arrays_of_the_right_shape(type_name):
     reading = adapter_for(type_name).from_message(adapter_for(type_name).message_class()())
     n_targets = len(reading.target_ids)
-    assert n_targets == (1 if type_name == RANGE_STAMPED else 0)
+    assert n_targets == (1 if type_name in (RANGE_STAMPED, SENSOR_UWB) else 0)
     if isinstance(reading, PixelReading):
         assert reading.pixels_xy.shape == (n_targets, 2)
     else:
@@ -198,6 +200,7 @@ def test_ranges_and_rays_must_be_as_many_as_ids():
 
 
 @pytest.mark.usefixtures('third_party_messages')
-def test_range_message_of_several_targets_is_refused():
+@pytest.mark.parametrize('type_name', [RANGE_STAMPED, SENSOR_UWB])
+def test_range_message_of_several_targets_is_refused(type_name):
     with pytest.raises(ValueError, match='2 targets, the message has one'):
-        adapter_for(RANGE_STAMPED).to_message(RANGES)
+        adapter_for(type_name).to_message(RANGES)
