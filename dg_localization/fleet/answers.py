@@ -192,9 +192,10 @@ def _answer_group(
         placements += placer.placements(hypothesis, alone=result.n_hypotheses == 1)
         n_seen += 1
     else:
-        # The solver built no more than these, and left out those that it found to be empty.
-        n_seen = max(n_seen, min(result.n_hypotheses, options.max_hypotheses))
-    n_unseen = result.n_hypotheses - n_seen
+        # The list is complete where it has fewer than it may; what is empty is left out.
+        is_complete = len(result.hypotheses) < options.max_hypotheses
+        n_seen = result.n_hypotheses if is_complete else max(n_seen, options.max_hypotheses)
+    n_unseen = max(0, result.n_hypotheses - n_seen)
     # A hypothesis whose headings contradict the rays has no placement.
     verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE
     number = len(placements) + n_unseen * placer.most_images

@@ -150,6 +150,11 @@ class WholeFleet(Protocol):
         ...
 
     @property
+    def is_bound(self) -> bool:
+        """Whether some of the hypotheses that are counted may hold no placement."""
+        ...
+
+    @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower and upper bounds of all squared distances in m^2."""
         ...
@@ -173,8 +178,8 @@ class Result:
         What the pieces share.
     n_hypotheses : int
         How many hypotheses of the whole fleet the pieces make together, which may be far more than
-        could be listed. It is exact where the joints of pieces close no loop. Elsewhere it may
-        count combinations that only a loop forbids.
+        could be listed. An open joint counts once, however the pieces turn about it. The number
+        is never too small; `n_hypotheses_is_bound` tells whether it may be too large.
 
     """
 
@@ -186,12 +191,27 @@ class Result:
     whole_fleet: WholeFleet = field(repr=False, compare=False)
 
     @property
+    def n_hypotheses_is_bound(self) -> bool:
+        """
+        Whether there may be fewer hypotheses that hold a placement than `n_hypotheses`.
+
+        False is a proof, looked for when first asked: each hypothesis counted has a proved
+        placement, or one proved placement of the whole fleet can be mirrored at every joint,
+        because nothing but the distances within pieces is known. True where a limit stopped the
+        call, where some hypothesis is not proved, and where loops or constraints between pieces
+        leave more combinations than `SolverOptions.max_hypotheses`.
+        """
+        return self.whole_fleet.is_bound
+
+    @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """
         The hypotheses of the whole fleet, built when first asked for.
 
         Where there are several pieces, at most `SolverOptions.max_hypotheses` combinations of
-        theirs; one that a contraction of the whole fleet proves to be empty is left out.
+        theirs; what a contraction of the whole fleet proves to be empty is left out. Where the
+        first thousand choices are all empty and others are left, one hypothesis without a
+        placement holds all of these.
         """
         return self.whole_fleet.hypotheses
 

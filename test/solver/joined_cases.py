@@ -199,7 +199,10 @@ def _missing_links(result, positions, squared):
         true = set()
         for pair, sides in link.allowed.items():
             for side in sides:
-                constraint = link.constraint(*pair, side)
+                ends = [(link.first, pair[0]), (link.second, pair[1])]
+                known = link.site is not None and all(end in link.site.apexes for end in ends)
+                apexes = [link.site.apexes[end] for end in ends] if known else []
+                constraint = link.site.constraint(*apexes, side) if known else None
                 if constraint is None or _is_on_sides(constraint, positions):
                     true.add(pair)
         pieces = [result.whole_fleet.solved.pieces[x] for x in (link.first, link.second)]
@@ -207,7 +210,7 @@ def _missing_links(result, positions, squared):
             all(_is_in(piece, x, squared) for piece, x in zip(pieces, pair, strict=True))
             for pair in true
         ):
-            found.append(f'link {link.first}-{link.second} at {link.joint.points}')
+            found.append(f'link {link.first}-{link.second}')
     return found
 
 

@@ -10,7 +10,6 @@ from solver_cases import squared_distances
 from benchmarks.pieces import Row, neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import pieces as solved_by
-from dg_localization.solver.assemble.hidden_parts import PartsTogether, hidden_parts
 from dg_localization.solver.problem import Chirality
 
 ROUNDING = 1e-12
@@ -36,12 +35,6 @@ def holds(piece, positions):
     squared = squared_distances(positions[list(piece.points)])
     low, high = (1 - ROUNDING) * squared, (1 + ROUNDING) * squared
     return any(((h.lower <= high) & (low <= h.upper)).all() for h in piece.hypotheses)
-
-
-def test_the_parts_are_found():
-    lower, upper, _ = strip_with_a_pendant()
-    strip = Problem(lower[:-1, :-1], upper[:-1, :-1])
-    assert [len(part.points) for part in hidden_parts(strip, lambda: False).pieces] == [4, 4, 4, 4]
 
 
 def test_each_part_is_solved_once_and_all_placements_are_found():
@@ -117,15 +110,3 @@ def test_so_many_mirror_images_are_told_apart(length, number):
     # Of 2^(length - 1) some cannot hold the pendant.
     assert result.verdict is Verdict.COVERED and len(strip.hypotheses) == number
     assert holds(strip, positions)
-
-
-def test_parts_are_laid_together_until_a_placement_is_proved(monkeypatch):
-    """Eight boxes make a hypothesis each: one placement of it is enough."""
-    laid = PartsTogether._laid
-    calls = []
-    monkeypatch.setattr(PartsTogether, '_laid', lambda *args: calls.append(args) or laid(*args))
-    result = solve(uwb_fleet(20, 5, seed=1), SolverOptions(max_boxes=10**6))
-    piece = max(result.pieces, key=lambda piece: len(piece.points))
-    assert [len(h.boxes) for h in piece.hypotheses] == [8, 8, 8, 8]
-    assert all(h.proved for h in piece.hypotheses)
-    assert len(calls) == 4

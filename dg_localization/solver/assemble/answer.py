@@ -12,13 +12,10 @@ import numpy as np
 
 from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.combinations import Combinations
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
-from dg_localization.solver.assemble.links import Linker
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
-from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds, Constraint, points_of
+from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds
 from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import (
@@ -69,24 +66,13 @@ def answer(
     solved = _solved(problem, decomposition, budget, within)
     if solved.contradiction is not None:
         return _infeasible(solved.contradiction, problem, budget)
-    joints = solved.joints
-    links = Linker(problem, solved, budget, within).links(joints) if joints else []
-    combinations = Combinations([len(piece.hypotheses) for piece in solved.pieces], links)
-    if combinations.contradiction is not None:
-        points = solved.pieces[combinations.contradiction].points
+    product = Product(problem, solved, budget, within)
+    if not product.number:
+        piece = product.combinations.contradiction
+        every = tuple(range(problem.n_points))
+        points = every if piece is None else solved.pieces[piece].points
         return _infeasible(points, problem, budget)
-    product = Product(problem, budget.options, solved, combinations, within, budget.is_cancelled)
-    if (
-        len(solved.pieces) > 1
-        and problem.n_points <= MOST_CONTRACTED
-        and product.is_empty(
-            _is_crossed(problem, solved),
-            within is not None or _has_loop(solved),
-            budget.is_over,
-        )
-    ):
-        return _infeasible(tuple(range(problem.n_points)), problem, budget)
-    return _result(solved, combinations, product, budget)
+    return _result(product, budget)
 
 
 def _solved(
@@ -157,10 +143,9 @@ def _infeasible(points: Points, problem: Problem, budget: CallBudget) -> Result:
     return Result(Verdict.INFEASIBLE, statistics, (piece,), (), 0, Nothing(problem.n_points))
 
 
-def _result(
-    solved: SolvedPieces, combinations: Combinations, product: Product, budget: CallBudget
-) -> Result:
+def _result(product: Product, budget: CallBudget) -> Result:
     """Return the answer that the pieces and their combinations are."""
+    solved, combinations = product.solved, product.combinations
     pieces = tuple(
         Piece(
             piece.points,
@@ -186,7 +171,7 @@ def _result(
     )
     verdict = Verdict.OUT_OF_BUDGET if n_pending else Verdict.COVERED
     joints = tuple(solved.joints)
-    return Result(verdict, statistics, pieces, joints, combinations.number, product)
+    return Result(verdict, statistics, pieces, joints, product.number, product)
 
 
 def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:
@@ -195,30 +180,3 @@ def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:
         for patch in solved.patches:
             points = tuple(piece.points[x] for x in patch.points)
             yield Piece(points, tuple(patch.remaining()))
-
-
-def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
-    """Return whether something but distances is known between different pieces."""
-    if len(problem.chiralities) > 1:
-        return True
-    sets = [set(piece.points) for piece in solved.pieces]
-    holders: list[set[int]] = [set() for _ in range(problem.n_points)]
-    for number, points in enumerate(sets):
-        for point in points:
-            holders[point].add(number)
-    bounded = problem.pairs.pairs[problem.pairs.lower > 0.0]
-    if any(holders[i].isdisjoint(holders[j]) for i, j in bounded.tolist()):
-        return True
-    constraints: list[Constraint] = [*problem.sides, *problem.chiralities]
-    return any(not any(s.issuperset(points_of(c)) for s in sets) for c in constraints)
-
-
-def _has_loop(solved: SolvedPieces) -> bool:
-    """Return whether pieces and joints close a loop, as the bars of a linkage do."""
-    group = list(range(len(solved.pieces)))
-    for joint in solved.joints:
-        together = {group[piece] for piece in joint.pieces}
-        if len(together) < len(joint.pieces):
-            return True
-        group = [min(together) if number in together else number for number in group]
-    return False

@@ -2,92 +2,90 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How the hypotheses of all pieces combine: counted and numbered, never enumerated.
+How the hypotheses of all pieces combine: counted without a list, and listed one by one.
 
-Pieces and links form a graph. Hypotheses that some neighbor has no match for are dropped until
-none is left to drop (arc consistency). Then a forest of links is taken, in which the number of
-combinations of every subtree follows from those of its branches; a link that would close a loop
-only drops hypotheses.
+Hypotheses that some neighbor has no match for are dropped until none is left to drop (arc
+consistency). A forest of links counts the combinations, those of every subtree from those of its
+branches; a link that would close a loop only drops hypotheses, and so the count is an upper bound
+then. The list follows the forest depth first and checks every link.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
-from dg_localization.solver.assemble.links import Link
-from dg_localization.solver.decompose.joints import JointKind
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.assemble.links import Link, Network, Site
 from dg_localization.solver.problem import Side, SideConstraint
 
 
 @dataclass(frozen=True)
 class Combination:
-    """One hypothesis for every piece, and the sides of the apexes for every link of the forest."""
+    """
+    A hypothesis for every piece, and the sides of their apexes.
 
-    hypotheses: tuple[int, ...]
-    sides: tuple[tuple[Link, Side], ...]
+    Where only some pieces have a hypothesis chosen, it stands for all that goes on from it.
+    """
 
-    def constraints(self) -> list[SideConstraint]:
-        """Return the sides of the apexes as constraints."""
-        return list(self.reflections().values())
+    hypotheses: dict[int, int]
+    sides: dict[tuple[int, int], int]  # 1 or -1 for a site, by its number, and a piece
 
-    def reflections(self) -> dict[tuple[Points, int, int], SideConstraint]:
-        """Return the same for (face, first, second), the two pieces that share a face."""
-        return {
-            (link.joint.points, link.first, link.second): constraint
-            for link, side in self.sides
-            if (
-                constraint := link.constraint(
-                    self.hypotheses[link.first], self.hypotheses[link.second], side
-                )
-            )
-        }
+    def constraints(self, sites: list[Site]) -> list[SideConstraint]:
+        """Return on which sides of the first apex of a site all others are."""
+        found = []
+        for site in sites:
+            chosen = [
+                (site.apexes[piece, self.hypotheses[piece]], self.sides[site.number, piece])
+                for piece in site.members
+                if (site.number, piece) in self.sides
+            ]
+            for apex, sign in chosen[1:]:
+                side = Side.SAME if sign == chosen[0][1] else Side.OPPOSITE
+                constraint = site.constraint(chosen[0][0], apex, side)
+                found += [constraint] if constraint else []
+        return found
 
 
 class Combinations:
-    """
-    All combinations of the hypotheses of pieces that the links allow.
+    """All combinations of the hypotheses of pieces, so many of each, that a network allows."""
 
-    Parameters
-    ----------
-    n_hypotheses : list of int
-        The number of hypotheses of each piece.
-    links : list of Link
-        What they allow each other.
-
-    """
-
-    def __init__(self, n_hypotheses: list[int], links: list[Link]) -> None:
+    def __init__(self, n_hypotheses: list[int], network: Network) -> None:
         self.left = [set(range(number)) for number in n_hypotheses]
-        self.links = links
-        self._drop_unmatched()
-        self._root_trees()
-        self._count()
+        self.sites, self.links = network.sites, network.links
+        self._sites_of: list[list[int]] = [[] for _ in self.left]
+        for site in network.sites:
+            for piece in site.members:
+                self._sites_of[piece].append(site.number)
+        self._links_of: list[list[Link]] = [[] for _ in self.left]
+        for link in network.links:
+            self._links_of[link.first].append(link)
+            self._links_of[link.second].append(link)
+        self._drop_unmatched(network.links)
+        self._is_forest = network.is_exact
+        self.forest: list[Link] = []
+        self._order: list[int] = []
+        self._roots: list[int] = []
+        self._branches: list[list[tuple[int, Link]]] = [[] for _ in self.left]
+        self._plant(network.links)
+        self.number = self._count()
 
     @property
-    def number(self) -> int:
-        """How many there are."""
-        number = 1
-        for root in self._roots:
-            number *= sum(self._below[root].values())
-        return number
+    def is_exact(self) -> bool:
+        """Whether `number` counts no combination that a link rules out."""
+        return self._is_forest
 
     @property
     def contradiction(self) -> int | None:
         """A piece that is left without a hypothesis."""
         return next((x for x, left in enumerate(self.left) if not left), None)
 
-    def _drop_unmatched(self) -> None:
+    def _drop_unmatched(self, links: list[Link]) -> None:
         """Drop the hypotheses that a link leaves without a match, until there is none."""
-        links_of: list[set[int]] = [set() for _ in self.left]
-        for number, link in enumerate(self.links):
-            links_of[link.first].add(number)
-            links_of[link.second].add(number)
-        waiting = set(range(len(self.links)))
+        waiting = list(links)
         while waiting:
-            number = waiting.pop()
-            link = self.links[number]
+            link = waiting.pop()
             first, second = self.left[link.first], self.left[link.second]
             together = [(x, y) for x, y in link.allowed if x in first and y in second]
             for piece, matched in (
@@ -96,104 +94,92 @@ class Combinations:
             ):
                 if len(matched) < len(self.left[piece]):
                     self.left[piece] = matched
-                    waiting |= links_of[piece] - {number}
+                    waiting += [k for k in self._links_of[piece] if k is not link]
 
-    def _forest(self) -> list[Link]:
-        """Return links that close no loop, reflections before others."""
+    def _plant(self, links: list[Link]) -> None:
+        """Choose a forest of links, those of sites first, and an order from its roots on."""
         tree = list(range(len(self.left)))
-
-        def root_of(piece: int) -> int:
-            while tree[piece] != piece:
-                tree[piece] = tree[tree[piece]]
-                piece = tree[piece]
-            return piece
-
-        forest = []
-        for link in sorted(self.links, key=lambda k: k.joint.kind is not JointKind.REFLECTION):
-            first, second = root_of(link.first), root_of(link.second)
-            if first != second:
-                tree[second] = first
-                forest.append(link)
-        return forest
-
-    def _root_trees(self) -> None:
-        """Choose the forest: for every piece, the links to those below it."""
         neighbors: list[list[tuple[int, Link]]] = [[] for _ in self.left]
-        for link in self._forest():
+        for link in sorted(links, key=lambda k: (k.closes_loop, k.site is None)):
+            first, second = tree[link.first], tree[link.second]
+            if first == second or link.closes_loop:
+                self._is_forest = False
+                continue
+            tree = [first if root == second else root for root in tree]
+            self.forest.append(link)
             neighbors[link.first].append((link.second, link))
             neighbors[link.second].append((link.first, link))
-        self._roots: list[int] = []
-        self._order: list[int] = []
-        self._branches: list[list[tuple[int, Link]]] = [[] for _ in self.left]
-        seen = [False] * len(self.left)
+        seen: set[int] = set()
         for root in range(len(self.left)):
-            if seen[root]:
+            if root in seen:
                 continue
             self._roots.append(root)
-            seen[root] = True
+            seen.add(root)
             queue = deque([root])
             while queue:
                 piece = queue.popleft()
                 self._order.append(piece)
                 for other, link in neighbors[piece]:
-                    if not seen[other]:
-                        seen[other] = True
+                    if other not in seen:
+                        seen.add(other)
                         self._branches[piece].append((other, link))
                         queue.append(other)
 
-    def _count(self) -> None:
-        """Count the combinations of every subtree, for each hypothesis at its root."""
-        self._below: list[dict[int, int]] = [{} for _ in self.left]
-        # For each piece but the roots, what goes with a hypothesis of the piece above it.
-        self._choices: list[dict[int, list[tuple[int, Side]]]] = [{} for _ in self.left]
+    def _count(self) -> int:
+        """Return how many combinations the forest has."""
+        below: list[dict[int, int]] = [{} for _ in self.left]
         for piece in reversed(self._order):
+            below[piece] = dict.fromkeys(self.left[piece], 1)
             for branch, link in self._branches[piece]:
-                self._choices[branch] = self._matches(link, piece, branch)
-            for x in sorted(self.left[piece]):
-                number = 1
-                for branch, _ in self._branches[piece]:
-                    number *= self._number(branch, x)
-                self._below[piece][x] = number
-
-    def _matches(self, link: Link, above: int, below: int) -> dict[int, list[tuple[int, Side]]]:
-        """Return what goes with each hypothesis of the upper one of two linked pieces."""
-        matches: dict[int, list[tuple[int, Side]]] = {x: [] for x in self.left[above]}
-        for (first, second), sides in sorted(link.allowed.items()):
-            x, y = (first, second) if link.first == above else (second, first)
-            if x in matches and y in self.left[below]:
-                matches[x] += [(y, side) for side in sides]
-        return matches
-
-    def _number(self, branch: int, above: int) -> int:
-        """Return the combinations of a branch that go with a hypothesis of the piece above it."""
-        return sum(self._below[branch][y] for y, _ in self._choices[branch][above])
-
-    def __getitem__(self, rank: int) -> Combination:
-        """Return one of the combinations, by its number from 0."""
-        hypotheses = [-1] * len(self.left)
-        sides: list[tuple[Link, Side]] = []
+                ways = dict.fromkeys(self.left[piece], 0)
+                for (first, second), sides in link.allowed.items():
+                    x, y = (first, second) if link.first == piece else (second, first)
+                    if x in ways:
+                        ways[x] += len(sides) * below[branch].get(y, 0)
+                for x in ways:
+                    below[piece][x] *= ways[x]
+        number = 1
         for root in self._roots:
-            rank, place = divmod(rank, sum(self._below[root].values()))
-            x, place = _find(list(self._below[root].items()), place)
-            stack = [(root, x, place)]
-            while stack:
-                piece, x, place = stack.pop()
-                hypotheses[piece] = x
-                for branch, link in self._branches[piece]:
-                    place, inner = divmod(place, self._number(branch, x))
-                    choices = self._choices[branch][x]
-                    numbers = [(k, self._below[branch][y]) for k, (y, _) in enumerate(choices)]
-                    chosen, inner = _find(numbers, inner)
-                    y, side = choices[chosen]
-                    sides.append((link, side))
-                    stack.append((branch, y, inner))
-        return Combination(tuple(hypotheses), tuple(sides))
+            number *= sum(below[root].values())
+        return number
 
+    def listed(self, is_possible: Callable[[Combination], bool]) -> Iterator[Combination]:
+        """List the combinations, leaving out all that goes on from one that is not possible."""
+        stack = [Combination({}, {})]
+        while stack:
+            begun = stack.pop()
+            if len(begun.hypotheses) == len(self._order):
+                yield begun
+                continue
+            further = list(self._further(begun, self._order[len(begun.hypotheses)]))
+            if len(further) > 1:
+                further = [c for c in further if is_possible(c)]
+            stack += reversed(further)
 
-def _find(numbers: list[tuple[int, int]], place: int) -> tuple[int, int]:
-    """Return which of several runs of so many numbers a place lies in, and where in the run."""
-    for key, number in numbers:
-        if place < number:
-            return key, place
-        place -= number
-    raise IndexError(f'{place} more than there are')
+    def _further(self, begun: Combination, piece: int) -> Iterator[Combination]:
+        """Return what a combination becomes with one more piece."""
+        for x in sorted(self.left[piece]):
+            numbers = [n for n in self._sites_of[piece] if (piece, x) in self.sites[n].apexes]
+            # The first apex of a site is on either side of it: the sides count from there.
+            options = [
+                (1, -1) if any(site == number for site, _ in begun.sides) else (1,)
+                for number in numbers
+            ]
+            for signs in product(*options):
+                sides = {(n, piece): sign for n, sign in zip(numbers, signs, strict=True)}
+                new = Combination({**begun.hypotheses, piece: x}, {**begun.sides, **sides})
+                if all(self._allows(link, new) for link in self._links_of[piece]):
+                    yield new
+
+    def _allows(self, link: Link, begun: Combination) -> bool:
+        """Return whether a link allows the choices of its two pieces, where both are made."""
+        first, second = (begun.hypotheses.get(x) for x in (link.first, link.second))
+        if first is None or second is None:
+            return True
+        sides = link.allowed.get((first, second), ())
+        if not sides or link.site is None:
+            return bool(sides)
+        signs = [begun.sides.get((link.site.number, x)) for x in (link.first, link.second)]
+        if None in signs:
+            return True
+        return (Side.SAME if signs[0] == signs[1] else Side.OPPOSITE) in sides

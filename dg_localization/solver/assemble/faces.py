@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
+from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.chiralities import volume_product
 from dg_localization.solver.decompose.rigid_components import Points
@@ -81,6 +82,14 @@ def _best_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
     return best
 
 
+def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -> int | None:
+    """Return which of some points is farthest off the hyperplane of a face, None where none is."""
+    place = {point: x for x, point in enumerate(points)}
+    corners, apexes = ([place[point] for point in some] for some in (face, others))
+    best = int(_best_apex(np.array(bounds), np.array(corners), np.array(apexes, dtype=np.int64)))
+    return points[best] if best >= 0 else None
+
+
 def apex_of(
     points: Points, hypothesis: Hypothesis, face: Points, guide: Hypothesis | None = None
 ) -> int | None:
@@ -105,21 +114,20 @@ def apex_of(
         The point that is farthest off for certain; None where all may lie in the hyperplane.
 
     """
-    corners = np.array([points.index(point) for point in face])
-    others = np.array([x for x, point in enumerate(points) if point not in face])
+    others = [point for point in points if point not in face]
     if len(points) > LARGE:
         positions = (guide or hypothesis).positions
         if positions is None:
             return None
-        away = positions[others] - positions[corners].mean(axis=0)
-        near = others[np.argsort((away**2).sum(axis=1))[:MOST_APEXES]]
-        named = np.concatenate([corners, near])
-        bounds = np.array(hypothesis.bounds_among(named.tolist()))
-        numbers = np.arange(len(named))
-        best = int(_best_apex(bounds, numbers[: len(face)], numbers[len(face) :]))
-        return points[named[best]] if best >= 0 else None
-    best = int(_best_apex(np.array([hypothesis.lower, hypothesis.upper]), corners, others))
-    return points[best] if best >= 0 else None
+        place = {point: x for x, point in enumerate(points)}
+        center = positions[[place[point] for point in face]].mean(axis=0)
+        away = ((positions[[place[point] for point in others]] - center) ** 2).sum(axis=1)
+        others = [others[x] for x in np.argsort(away)[:MOST_APEXES]]
+        points = (*face, *others)
+        bounds = hypothesis.bounds_among([place[point] for point in points])
+    else:
+        bounds = hypothesis.lower, hypothesis.upper
+    return best_apex(bounds, points, face, others)
 
 
 def _width_m(corners: list[list[float]]) -> float:

@@ -4,22 +4,24 @@
 """
 What the hypotheses of joined pieces allow each other.
 
-A joint of several pieces links each of them to the first. Two hypotheses go together when they
-agree on the distances of the shared points; where both lie on one side of the face for certain,
-they make two placements, with their apexes on the same side and on opposite sides of it. Sides,
-chiralities and least distances between the two may rule out either.
+Pieces that share a face, q points that span a hyperplane, may each be mirrored in it. Whatever
+lies off the hyperplane in every placement, the apex of a piece, is on one side of it or on the
+other. A flat piece has no apex, and passes the sides on: the pieces at all its faces make one
+site. Two hypotheses go together when they agree on the distances of shared points; sides,
+chiralities and least distances between the two may rule out either side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
-from dg_localization.solver.assemble.faces import apex_of
+from dg_localization.solver.assemble.faces import apex_of, best_apex
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
@@ -38,40 +40,66 @@ from dg_localization.solver.problem import Chirality, Problem, Side, SideConstra
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
 
+MOST_COMPARED = 64
+"""Up to so many pairs of the pieces of one joint are compared by contraction; of more, each with
+the first alone."""
+
 FREE = (Side.FREE,)
 EITHER = (Side.SAME, Side.OPPOSITE)
+
+Apexes = dict[tuple[int, int], int]
+"""The apex of each piece and hypothesis that has one."""
+
+
+@dataclass
+class Site:
+    """Pieces on the two sides of one hyperplane, the one that can serve as a reference first."""
+
+    face: Points
+    members: list[int]
+    apexes: Apexes
+    is_merged: bool = False  # at the faces of several joints
+    number: int = 0  # among the sites
+
+    def n_certain(self, piece: int) -> int:
+        """Return how many hypotheses of a piece have an apex."""
+        return sum(number == piece for number, _ in self.apexes)
+
+    def constraint(self, first: int, second: int, side: Side) -> SideConstraint | None:
+        """Return that two apexes lie on these sides; None where they are one point."""
+        if first == second:
+            return None
+        return SideConstraint(self.face, first, second, side)
 
 
 @dataclass
 class Link:
-    """
-    Two joined pieces.
-
-    Attributes
-    ----------
-    first, second : int
-        The pieces.
-    joint : Joint
-        What they share.
-    apexes : dict
-        For each piece and hypothesis, the apex with respect to the face, or None.
-    allowed : dict
-        For each pair of hypotheses that go together, the sides their apexes may lie on.
-
-    """
+    """Two pieces, and the sides of their apexes for each pair of hypotheses that go together."""
 
     first: int
     second: int
-    joint: Joint
-    apexes: dict[tuple[int, int], int | None] = field(default_factory=dict)
+    site: Site | None = None
     allowed: dict[tuple[int, int], tuple[Side, ...]] = field(default_factory=dict)
+    closes_loop: bool = False  # it only rules out what other links allow
 
-    def constraint(self, x: int, y: int, side: Side) -> SideConstraint | None:
-        """Return what it means for two hypotheses that their apexes lie on these sides."""
-        first, second = self.apexes.get((self.first, x)), self.apexes.get((self.second, y))
-        if side is Side.FREE or first is None or second is None:
-            return None
-        return SideConstraint(self.joint.points, first, second, side)
+    @property
+    def number(self) -> int:
+        """The number of its site, -1 without one."""
+        return self.site.number if self.site else -1
+
+    def is_free(self, n_pairs: int) -> bool:
+        """Return whether so many pairs of hypotheses all go together, on any side."""
+        is_open = all(sides in (FREE, EITHER) for sides in self.allowed.values())
+        return is_open and len(self.allowed) == n_pairs
+
+
+@dataclass
+class Network:
+    """The sites and links of all pieces; not exact where the links count too many combinations."""
+
+    sites: list[Site] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
+    is_exact: bool = True
 
 
 class Linker:
@@ -90,51 +118,150 @@ class Linker:
         self._pieces = solved.pieces
         self._budget = budget
         self._orientations = Orientations(problem)
+        self._options = replace(budget.options, tighten_slices=0)
 
-    def links(self, joints: Sequence[Joint]) -> list[Link]:
-        """Return the links of all joints."""
-        found = (
-            self._link(joint, joint.pieces[0], second)
-            for joint in joints
-            for second in joint.pieces[1:]
-            # What is not linked goes together.
-            if not self._budget.is_overdue()
-        )
-        return [link for link in found if link is not None]
+    def network(self, joints: Sequence[Joint]) -> Network:
+        """Return the sites and links of all joints; what is not linked goes together."""
+        faces = [joint for joint in joints if joint.kind is JointKind.REFLECTION]
+        network = Network(self._sites(faces))
+        for joint in joints:
+            if joint.kind is not JointKind.REFLECTION:
+                self._add_links(network, joint.pieces, None)
+        for site in network.sites:
+            self._add_links(network, site.members, site)
+        return network
 
-    def _link(self, joint: Joint, first: int, second: int) -> Link | None:
-        """Return what two pieces allow each other; None where that is everything."""
-        pieces = self._pieces[first], self._pieces[second]
-        between = self._between(*pieces)
-        together = _agreeing(pieces, joint.points)
-        if together.size > MOST_PAIRS or (between is None and len(joint.points) == 1 < self._q):
-            return None
-        link = Link(first, second, joint)
-        sides: tuple[Side, ...] = FREE
-        if joint.kind is JointKind.REFLECTION:
-            sides = EITHER
-            for number, piece in zip((first, second), pieces, strict=True):
-                link.apexes |= self._apexes(number, piece, joint.points)
-        for x, y in np.argwhere(together).tolist():
-            certain = link.apexes.get((first, x)), link.apexes.get((second, y))
-            allowed: tuple[Side, ...] = FREE if None in certain else sides
-            if between is not None:
-                allowed = tuple(s for s in allowed if self._may_be(link, (x, y), s, between))
-            if allowed:
-                link.allowed[x, y] = allowed
-        return link
+    def _sites(self, joints: Sequence[Joint]) -> list[Site]:
+        """Return the sites: joints that flat pieces connect are one."""
+        apexes = [self._apexes(joint) for joint in joints]
+        group = list(range(len(joints)))
+        flat_at: dict[tuple[int, int], int] = {}
+        for number, joint in enumerate(joints):
+            for piece in joint.pieces:
+                if len(self._pieces[piece].points) > MOST_CONTRACTED:
+                    continue
+                for x in range(self._n(piece)):
+                    if (piece, x) in apexes[number]:
+                        continue
+                    old, new = group[number], group[flat_at.setdefault((piece, x), number)]
+                    group = [new if g == old else g for g in group]
+        sites: list[Site] = []
+        for root in dict.fromkeys(group):
+            numbers = [x for x, g in enumerate(group) if g == root]
+            if len(numbers) == 1:
+                joint = joints[root]
+                site = Site(joint.points, list(joint.pieces), apexes[root])
+            else:
+                site = self._site_of([joints[x] for x in numbers], [apexes[x] for x in numbers])
+            # All others say on which side of the first they lie.
+            is_open = {x: site.n_certain(x) < self._n(x) for x in site.members}
+            site.members.sort(key=is_open.__getitem__)
+            site.number = len(sites)
+            sites.append(site)
+        return sites
 
-    def _apexes(
-        self, number: int, piece: SolvedPiece, face: Points
-    ) -> dict[tuple[int, int], int | None]:
-        """Return the apexes of the hypotheses of a piece; without time a side is open."""
-        apexes: dict[tuple[int, int], int | None] = {}
-        for x, hypothesis in enumerate(piece.hypotheses):
+    def _apexes(self, joint: Joint) -> Apexes:
+        """Return the apexes of the hypotheses at a face; without time all sides are open."""
+        apexes: Apexes = {}
+        for number in joint.pieces:
+            piece = self._pieces[number]
+            for x, hypothesis in enumerate(piece.hypotheses):
+                if self._budget.is_over():
+                    return apexes
+                # A placement is sought once for all: most points are near the face in each.
+                apex = apex_of(piece.points, hypothesis, joint.points, piece.hypotheses[0])
+                if apex is not None:
+                    apexes[number, x] = apex
+        return apexes
+
+    def _site_of(self, joints: Sequence[Joint], apexes: Sequence[Apexes]) -> Site:
+        """Return one site of joints with flat pieces between them, its face the most decisive."""
+        members = sorted({piece for joint in joints for piece in joint.pieces})
+        n_joints = {x: sum(x in joint.pieces for joint in joints) for x in members}
+        between = [x for x in members if n_joints[x] > 1]
+        best = Site(joints[0].points, members, {})
+        for joint, known in zip(joints, apexes, strict=True):
+            found = dict(known)
+            for piece in members:
+                if piece not in joint.pieces and piece not in between:
+                    found |= self._apexes_through(between, piece, joint.points)
+            if len(found) > len(best.apexes):
+                best = Site(joint.points, members, found, is_merged=True)
+        return best
+
+    def _apexes_through(self, between: Sequence[int], piece: int, face: Points) -> Apexes:
+        """Return the apexes of a piece at a face that flat pieces hold at it."""
+        members = self._pieces[piece].points
+        held = {point for x in between for point in self._pieces[x].points}
+        points, others = tuple(sorted(held | set(members))), sorted(set(members) - held)
+        apexes: Apexes = {}
+        if len(points) > MOST_CONTRACTED:
+            return apexes
+        parts = [(self._pieces[x].points, self._pieces[x].hull()) for x in between]
+        for x, hypothesis in enumerate(self._pieces[piece].hypotheses):
             if self._budget.is_over():
                 break
-            # A placement is sought once for all: most points are near the face in each of them.
-            apexes[number, x] = apex_of(piece.points, hypothesis, face, piece.hypotheses[0])
+            bounds = (hypothesis.lower, hypothesis.upper)
+            left = self._contracted(points, [*parts, (members, bounds)])
+            apex = left and best_apex(left, points, face, others)
+            if apex is not None:
+                apexes[piece, x] = apex
         return apexes
+
+    def _add_links(self, network: Network, members: Sequence[int], site: Site | None) -> None:
+        """Link the pieces of a joint or site: each with the first, and others that disagree."""
+        hub = members[0]
+        is_compared = len(members) * (len(members) - 1) // 2 <= MOST_COMPARED
+        for first, second in combinations(members, 2):
+            if self._budget.is_overdue():
+                return
+            if first != hub and not is_compared:
+                break
+            link = self._link(first, second, site)
+            if link is None:
+                continue
+            if first != hub:
+                if link.is_free(self._n(first) * self._n(second)):
+                    continue
+                link.closes_loop = True
+            network.links.append(link)
+        if site and sum(site.n_certain(x) > 0 for x in members) > 2:
+            if site.n_certain(hub) < self._n(hub):
+                network.is_exact = False
+                self._allow_more(network.links, hub, site)
+
+    def _allow_more(self, links: Sequence[Link], hub: int, site: Site) -> None:
+        """Have two sides count where the first piece of a site does not say which it is."""
+        for link in links:
+            if link.site is site and link.first == hub:
+                for (x, y), sides in link.allowed.items():
+                    if sides == FREE and (hub, x) not in site.apexes:
+                        is_open = (link.second, y) in site.apexes
+                        link.allowed[x, y] = EITHER if is_open else FREE
+
+    def _n(self, piece: int) -> int:
+        return len(self._pieces[piece].hypotheses)
+
+    def _link(self, first: int, second: int, site: Site | None) -> Link | None:
+        """Return what two pieces allow each other; None where that is everything."""
+        pieces = self._pieces[first], self._pieces[second]
+        if self._n(first) * self._n(second) > MOST_PAIRS:
+            return None
+        between = self._between(*pieces)
+        together = _agreeing(pieces)
+        if site is None and between is None and together.all():
+            return None
+        link = Link(first, second, site)
+        for x, y in np.argwhere(together).tolist():
+            sides: tuple[Side, ...] = FREE
+            if site and (first, x) in site.apexes and (second, y) in site.apexes:
+                same = site.apexes[first, x] == site.apexes[second, y]
+                sides = (Side.SAME,) if same else EITHER
+            if between is not None:
+                sides = tuple(s for s in sides if self._may_be(link, (x, y), s, between))
+            if sides:
+                link.allowed[x, y] = sides
+        return link
 
     def _between(self, first: SolvedPiece, second: SolvedPiece) -> list[Constraint] | None:
         """Return the constraints among two pieces; None where nothing is known across them."""
@@ -145,11 +272,11 @@ class Linker:
         if self._within is not None:
             return known
         inside = [set(piece.points) for piece in (first, second)]
-        holds = [
-            [any(s.issuperset(points_of(c)) for c in known if isinstance(c, Chirality))]
+        is_chiral = [
+            any(s.issuperset(points_of(c)) for c in known if isinstance(c, Chirality))
             for s in inside
         ]
-        if all(h[0] for h in holds) or any(
+        if all(is_chiral) or any(
             not any(s.issuperset(points_of(constraint)) for s in inside) for constraint in known
         ):
             return known
@@ -163,25 +290,39 @@ class Linker:
         """Return whether two hypotheses may go together on these sides of the face."""
         if self._budget.is_over():
             return True
-        chosen = [
-            (self._pieces[number].points, self._pieces[number].hypotheses[x])
-            for number, x in zip((link.first, link.second), pair, strict=True)
-        ]
-        points = tuple(sorted({*chosen[0][0], *chosen[1][0]}))
-        decided = link.constraint(*pair, side)
+        numbers = (link.first, link.second)
+        parts = []
+        for number, x in zip(numbers, pair, strict=True):
+            piece = self._pieces[number]
+            parts.append((piece.points, (piece.hypotheses[x].lower, piece.hypotheses[x].upper)))
+        points = set(parts[0][0]) | set(parts[1][0])
+        decided = None
+        if link.site and side is not Side.FREE:
+            ends = [link.site.apexes[number, x] for number, x in zip(numbers, pair, strict=True)]
+            decided = link.site.constraint(ends[0], ends[1], side)
+        if decided and not points.issuperset(decided.face):
+            decided = None
         constraints = [*known, decided] if decided else known
-        bounds = bounds_within(points, [(p, (h.lower, h.upper)) for p, h in chosen])
+        return self._contracted(tuple(sorted(points)), parts, constraints) is not None
+
+    def _contracted(
+        self,
+        points: Points,
+        parts: Sequence[tuple[Points, Bounds]],
+        constraints: Sequence[Constraint] = (),
+    ) -> Bounds | None:
+        """Return the bounds of all pairs of some points; None where they have no placement."""
+        bounds = bounds_within(points, parts)
         problem = restricted(self._problem, points, bounds, constraints)
         if problem is None:
-            return False
+            return None
         within = self._within and restricted_boxes(self._within, points)
-        stopped = self._budget.is_over
-        options = replace(self._budget.options, tighten_slices=0)
-        return contracted(problem, options, within, stopped) is not None
+        return contracted(problem, self._options, within, self._budget.is_over)
 
 
-def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece], shared: Points) -> BoolArray:
+def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece]) -> BoolArray:
     """Tell which pairs of hypotheses of two pieces agree on the distances of shared points."""
+    shared = set(pieces[0].points) & set(pieces[1].points)
     together = np.ones([len(piece.hypotheses) for piece in pieces], dtype=np.bool_)
     for i, j in pairs_of(shared):
         ends = []

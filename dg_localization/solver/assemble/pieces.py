@@ -21,7 +21,7 @@ from dg_localization.interval.kernels import WORK_PER_LOOK
 from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
-from dg_localization.solver.assemble.hidden_parts import MOST_PARTED, PartsTogether, hidden_parts
+from dg_localization.solver.assemble.hidden_parts import MOST_PARTED, hidden_parts
 from dg_localization.solver.assemble.large_pieces import (
     MOST_TOGETHER,
     LargePiece,
@@ -29,6 +29,7 @@ from dg_localization.solver.assemble.large_pieces import (
     is_known_well,
     solve_large,
 )
+from dg_localization.solver.assemble.product import Product
 from dg_localization.solver.assemble.ranges import common_ranges, hull_of_ranges, ranges_of
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
@@ -365,7 +366,7 @@ class PieceSolver:
         budget.go_on_from(sum(n_boxes - n_pending for n_boxes, n_pending in counts))
         if not all(piece.is_finished for piece in solved.pieces):
             return None
-        boxes, start_of = PartsTogether(problem, solved, budget, within).boxes()
+        boxes, start_of = Product(problem, solved, budget, within).boxes(budget.is_over)
         if not budget.keep(len(boxes)):
             return None
         found = hypotheses_of(problem, boxes, budget.is_overdue, start_of)

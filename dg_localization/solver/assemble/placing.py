@@ -11,11 +11,11 @@ joint leaves open is chosen such that the pieces keep apart. Nothing is proved h
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from dg_localization.solver.box import FloatArray
+from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.problem import Side, SideConstraint
@@ -69,25 +69,8 @@ class Placer:
     """
     Lays pieces against each other.
 
-    Parameters
-    ----------
-    pieces : sequence of (tuple of int, ndarray)
-        The points of each piece and a placement of them in m.
-    joints : sequence of Joint
-        What they share.
-    reflections : mapping
-        For (face, first, second), two pieces that share a face, the sides that they lie on.
-    dimension : int
-        The dimension q of the space.
-    seed : int
-        What is open is chosen anew for every seed.
-
-    Attributes
-    ----------
-    positions : ndarray, shape (n, q)
-        Of the points that are placed, in a scale of their own.
-    has_chosen : bool
-        Whether anything was open.
+    `positions` are those of the points that are placed, in a scale of their own; `has_chosen`
+    tells whether anything was open, which is chosen anew for every seed.
 
     """
 
@@ -95,7 +78,7 @@ class Placer:
         self,
         pieces: Sequence[tuple[Points, FloatArray]],
         joints: Sequence[Joint],
-        reflections: Mapping[tuple[Points, int, int], SideConstraint],
+        sides: Sequence[SideConstraint],
         dimension: int,
         seed: int,
     ) -> None:
@@ -111,7 +94,11 @@ class Placer:
         for joint in joints:
             for number in joint.pieces:
                 self._joints_of[number].append(joint)
-        self._reflections = reflections
+        self._sides = sides
+        self._sides_at: dict[int, list[int]] = {}
+        for number, side in enumerate(sides):
+            for point in (*side.face, side.first, side.second):
+                self._sides_at.setdefault(point, []).append(number)
         self._dimension = dimension
         self._rng = np.random.default_rng(seed)
         n_points = 1 + max(max(points) for points, _ in pieces)
@@ -138,10 +125,9 @@ class Placer:
             while queue:
                 number = queue.popleft()
                 for joint in self._joints_of[number]:
-                    # The others say on which side of the first they lie.
                     for other in joint.pieces:
                         if not done[other]:
-                            self._add(joint, number, other)
+                            self._add(joint, other)
                             done[other] = True
                             queue.append(other)
             new = np.isfinite(self.positions[:, 0]) & ~placed
@@ -150,45 +136,43 @@ class Placer:
             edge = float(self.positions[new, 0].max()) + clearance
         return self._scaled(self.positions, 1)
 
-    def _add(self, joint: Joint, placed: int, number: int) -> None:
-        """Lay a piece against those that are placed."""
+    def _add(self, joint: Joint, number: int) -> None:
+        """Lay a piece against those that are placed, on the sides that are known."""
         points, local = self._pieces[number]
         members, face = np.array(points), list(joint.points)
-        shared = local[np.searchsorted(members, face)]
-        target = self.positions[face]
-        if len(face) == self._dimension:
-            turns = np.eye(self._dimension)[None]
-            signs = np.array([self._sign(joint, placed, number, local, shared, target)])
-        else:
-            self.has_chosen = True
-            turns = _orthogonal(self._rng, MOST_TURNS, self._dimension)
-            signs = np.repeat([1, -1], MOST_TURNS // 2)
-        new = ~np.isfinite(self.positions[members, 0])
-        if not new.any():
+        is_new = ~np.isfinite(self.positions[members, 0])
+        if not is_new.any():
             return
+        is_face = len(face) == self._dimension
+        n_turns = 1 if is_face else MOST_TURNS // 2
+        if is_face:
+            turns, signs = np.repeat(np.eye(self._dimension)[None], 2, axis=0), np.array([1, -1])
+        else:
+            turns = _orthogonal(self._rng, MOST_TURNS, self._dimension)
+            signs = np.repeat([1, -1], n_turns)
+        shared = local[np.searchsorted(members, face)]
+        candidates = _aligned(local[is_new], shared, self.positions[face], turns, signs)
         old = self.positions[np.isfinite(self.positions[:, 0])]
-        candidates = _aligned(local[new], shared, target, turns, signs)
-        apart = [np.min(((points[:, None] - old) ** 2).sum(axis=-1)) for points in candidates]
-        self.positions[members[new]] = candidates[np.argmax(apart)]
+        ranks = []
+        for candidate in candidates:
+            self.positions[members[is_new]] = candidate
+            apart = np.min(((candidate[:, None] - old) ** 2).sum(axis=-1))
+            ranks.append(
+                (-self._n_violated(members[is_new]), self._rng.random() if is_face else apart)
+            )
+        best = max(range(len(ranks)), key=ranks.__getitem__)
+        self.has_chosen |= not is_face or ranks[0][0] == ranks[1][0]
+        self.positions[members[is_new]] = candidates[best]
 
-    def _sign(
-        self,
-        joint: Joint,
-        placed: int,
-        number: int,
-        local: FloatArray,
-        shared: FloatArray,
-        target: FloatArray,
-    ) -> int:
-        """Return whether to mirror a piece, by the side of the face that it has to lie on."""
-        hub = joint.pieces[0]
-        other = placed if number == hub else number
-        known = self._reflections.get((joint.points, hub, other))
-        if known is None:
-            self.has_chosen = True
-            return int(self._rng.choice([1, -1]))
-        # The first apex is that of the hub.
-        apexes = (known.first, known.second) if number == hub else (known.second, known.first)
-        apex = local[self._pieces[number][0].index(apexes[0])]
-        side = _volume(shared, apex) * _volume(target, self.positions[apexes[1]])
-        return 1 if (side < 0.0) == (known.side is Side.OPPOSITE) else -1
+    def _n_violated(self, new: IntArray) -> int:
+        """Return how many of the known sides that name new points are not kept."""
+        named = {number for point in new.tolist() for number in self._sides_at.get(point, ())}
+        count = 0
+        for number in named:
+            side = self._sides[number]
+            corners = self.positions[[*side.face, side.first, side.second]]
+            if np.isfinite(corners[:, 0]).all():
+                face, first, second = corners[:-2], corners[-2], corners[-1]
+                is_opposite = _volume(face, first) * _volume(face, second) < 0.0
+                count += is_opposite != (side.side is Side.OPPOSITE)
+        return count

@@ -1,18 +1,12 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The whole fleet: bounds and placements of the combinations that the pieces make together.
-
-Nothing here is computed before it is asked for. A combination narrows the original problem to
-what its hypotheses say of their pieces, with a side for every reflection that is decided; one
-contraction, without a split, bounds the distances between the pieces.
-"""
+"""The hypotheses of the whole fleet, counted at once and built when they are asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 import time
@@ -20,24 +14,27 @@ import time
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
+from dg_localization.solver.assemble.assembly import Assembly
+from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combination, Combinations
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
-from dg_localization.solver.assemble.placing import Placer
+from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
+from dg_localization.solver.assemble.links import Linker, Network
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
     Constraint,
+    as_box,
     parts_within,
-    restricted,
+    points_of,
 )
-from dg_localization.solver.box import FloatArray
+from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.joints import JointKind
-from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
-from dg_localization.solver.place.hypotheses import never, place_problem
-from dg_localization.solver.place.placements import MOST_STEPS, refine
+from dg_localization.solver.place.hypotheses import hulls_of, never, place_problem
+from dg_localization.solver.place.placements import MARGIN, MOST_STEPS, refine
 from dg_localization.solver.place.proofs import with_known_chirality
+from dg_localization.solver.place.sparse_placements import refined
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -48,16 +45,38 @@ MOST_AT_ONCE = 20
 """Up to so many rigid points a placement is first sought for all of them together."""
 
 MOST_LISTED = 6400
-"""Combinations times the square of the points, up to which all are looked at for a placement."""
+"""Choices times the square of the points, up to which they are looked at to count them."""
+
+MOST_APART = 64
+"""So many combinations of the parts of a piece are told apart, or as many hypotheses as asked."""
 
 MOST_ATTEMPTS = 4
 """How often a placement is put together until it is proved to agree."""
+
+STEPS_PER_HYPOTHESIS = 16
+"""For each hypothesis to list, so many choices are looked at, to the end or on the way there."""
+
+
+@dataclass
+class _Listing:
+    """Hypotheses that are listed, up to a number of them and of choices to look at."""
+
+    most: int
+    steps_left: int
+    found: list[Hypothesis] = field(default_factory=list)
+    is_complete: bool = True
+
+    def may_step(self) -> bool:
+        """Count one more choice; return whether it may be looked at."""
+        self.steps_left -= 1
+        return self.steps_left >= 0
 
 
 class Nothing:
     """The whole fleet where there is no placement at all: an empty set, with reversed bounds."""
 
     hypotheses: tuple[Hypothesis, ...] = ()
+    is_bound = False
 
     def __init__(self, n_points: int) -> None:
         self.bounds = (
@@ -67,155 +86,172 @@ class Nothing:
 
 
 class Product:
-    """
-    All whole-fleet hypotheses of pieces that were solved one by one.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem of the whole fleet.
-    options : SolverOptions
-        Its options.
-    solved : SolvedPieces
-        The pieces and joints.
-    combinations : Combinations
-        The combinations that the joints allow.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in.
-    cancelled : callable, optional
-        Whether the call was cancelled; the hypotheses are less tight then.
-
-    """
+    """All whole-fleet hypotheses of pieces that were solved one by one."""
 
     def __init__(
         self,
         problem: Problem,
-        options: SolverOptions,
         solved: SolvedPieces,
-        combinations: Combinations,
+        budget: CallBudget,
         within: Sequence[Bounds] | None,
-        cancelled: Callable[[], bool] = never,
     ) -> None:
         self._problem = problem
-        self._cancelled = cancelled
-        self._options = options
+        self._cancelled = budget.is_cancelled
+        self._options = budget.options
         self.solved = solved
-        self.combinations = combinations
         self._within = within
-        self._all_points = tuple(range(problem.n_points))
+        is_joined = len(solved.pieces) > 1 and bool(solved.joints)
+        linker = Linker(problem, solved, budget, within) if is_joined else None
+        network = linker.network(solved.joints) if linker else Network()
+        counts = [len(piece.hypotheses) for piece in solved.pieces]
+        self.combinations = Combinations(counts, network)
+        self._assembly = Assembly(problem, budget.options, solved, self.combinations, within)
+        # More is known than distances within pieces, or holds all of them together.
+        self._is_crossed = _is_crossed(problem, solved)
+        self._is_tied = within is not None or _has_loop(solved)
+        self._is_counted = not (self._is_crossed or self._is_tied)
+        self.number = 0 if self.combinations.contradiction is not None else self._count(budget)
 
     def __getstate__(self) -> dict[str, object]:
         """Return what is pickled: whoever might cancel the call is not."""
         return vars(self) | {'_cancelled': never}
+
+    def _count(self, budget: CallBudget) -> int:
+        """
+        Return how many hypotheses there are at most, 0 as a proof that there is none.
+
+        Where more is known than distances within pieces, the combinations are looked at one by
+        one, up to a limit.
+        """
+        number, n_points = self.combinations.number, self._problem.n_points
+        is_plain = self._is_counted and self.combinations.is_exact
+        is_large = n_points > MOST_CONTRACTED
+        if is_plain or len(self.solved.pieces) == 1 or is_large or budget.is_over():
+            return number
+        if not self._is_counted and self._assembly.hull is None:
+            return 0
+        if self._is_crossed or not self.combinations.is_exact:
+            listing = _Listing(self._options.max_hypotheses, max(1, MOST_LISTED // n_points**2))
+            self._list(listing, budget.is_over)
+            if listing.is_complete and not budget.is_over():
+                self._is_counted = True
+                self.hypotheses = tuple(listing.found)
+                return len(listing.found)
+        # Each combination may come apart in several of the boxes.
+        boxes = [as_box(part) for part in self._within or ()]
+        return number * max(1, len(hulls_of(boxes)))
+
+    @cached_property
+    @default_environment()
+    def bounds(self) -> Bounds:
+        """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
+        return self._assembly.hull or Nothing(self._problem.n_points).bounds
 
     @cached_property
     @default_environment()
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The first combinations, but those that turn out to hold no placement."""
         end = time.perf_counter() + self._options.max_seconds
-        return self._build(lambda: self._cancelled() or time.perf_counter() > end)
-
-    def _build(self, stopped: Callable[[], bool]) -> tuple[Hypothesis, ...]:
-        """Build the hypotheses, less tight ones from when there is no time left."""
-        if len(self.solved.pieces) == 1:
-            return tuple(self.solved.pieces[0].hypotheses)
-        count = min(self.combinations.number, self._options.max_hypotheses)
-        end = time.perf_counter() + self._options.tighten_seconds
-
-        def options() -> SolverOptions:
-            left = end - time.perf_counter()
-            if left <= 0.0:
-                return replace(self._options, tighten_slices=0)
-            return replace(self._options, tighten_seconds=left)
-
-        found = (
-            self._hypothesis(self.combinations[rank], options(), stopped) for rank in range(count)
-        )
-        return tuple(hypothesis for hypothesis in found if hypothesis is not None)
+        most = self._options.max_hypotheses
+        listing = _Listing(most, STEPS_PER_HYPOTHESIS * most)
+        self._list(listing, lambda: self._cancelled() or time.perf_counter() > end)
+        lower, upper = self.bounds if not listing.is_complete else (np.array(1), np.array(0))
+        if not listing.found and (lower <= upper).all():
+            # Placements may be in any of the combinations that were not looked at.
+            return (Hypothesis(lower, upper, np.array([[lower, upper]]), None, False, True),)
+        return tuple(listing.found)
 
     @cached_property
     @default_environment()
-    def bounds(self) -> Bounds:
-        """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
-        return self._all or Nothing(self._problem.n_points).bounds
-
-    def is_empty(self, is_crossed: bool, is_tied: bool, stopped: Callable[[], bool]) -> bool:
-        """
-        Prove that no combination holds a placement, or return False.
-
-        Parameters
-        ----------
-        is_crossed : bool
-            Sides, chiralities or least distances are known between different pieces.
-        is_tied : bool
-            The joints close a loop, or all placements have to lie in some boxes.
-        stopped : callable
-            Whether there is no time left to look.
-
-        Returns
-        -------
-        bool
-            True is a proof.
-
-        """
-        if not (is_crossed or is_tied) or stopped():
-            return False
-        if self._all is None:
+    def is_bound(self) -> bool:
+        """Whether some of the combinations that are counted may hold no placement."""
+        pieces = self.solved.pieces
+        if not all(piece.is_finished for piece in pieces):
             return True
-        most = min(self._options.max_hypotheses, MOST_LISTED // self._problem.n_points**2)
-        if not is_crossed or self.combinations.number > most or stopped():
-            return False
-        self.hypotheses = self._build(stopped)
-        return not self.hypotheses
+        if len(pieces) == 1 or self.number <= self._options.max_hypotheses:
+            listed = self.hypotheses
+            return len(listed) < self.number or not all(h.proved for h in listed)
+        # One placement is mirrored wherever nothing but distances within pieces is known.
+        is_plain = self._is_counted and self.combinations.is_exact
+        is_single = all(len(left) == 1 for left in self.combinations.left)
+        if not (is_plain and is_single):
+            return True
+        first = _Listing(1, STEPS_PER_HYPOTHESIS)
+        self._list(first, self._cancelled)
+        return not (first.found and first.found[0].proved)
 
-    @cached_property
-    def _all(self) -> Bounds | None:
-        """The bounds of all combinations together; None when they prove that there is none."""
-        parts: list[tuple[Points, Bounds]] = []
-        for piece, left in zip(self.solved.pieces, self.combinations.left, strict=True):
-            hypotheses = [piece.hypotheses[x] for x in sorted(left)]
-            lower = np.min([h.lower for h in hypotheses], axis=0)
-            upper = np.max([h.upper for h in hypotheses], axis=0)
-            parts.append((piece.points, (lower, upper)))
-        if len(parts) == 1:
-            return parts[0][1]
-        problem = self._narrowed(parts, None)
-        options = replace(self._options, tighten_slices=0)
-        return contracted(problem, options, self._within) if problem else None
+    def boxes(
+        self, stopped: Callable[[], bool]
+    ) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]]:
+        """
+        Return a box for each combination, or one for all where there are too many to list.
 
-    def _narrowed(
-        self,
-        parts: Sequence[tuple[Points, Bounds]],
-        combination: Combination | None,
-    ) -> Problem | None:
-        """Return the problem within the bounds of its pieces and with the sides that are known."""
-        constraints: list[Constraint] = [*self._problem.sides, *self._problem.chiralities]
-        if combination is not None:
-            constraints += combination.constraints()
-        bounds = bounds_within(self._all_points, parts)
-        return restricted(self._problem, self._all_points, bounds, constraints)
+        Also returned: what gives a placement in m, (n, q), in or near a box by its number; None
+        where a piece has no placement.
+        """
+        found: list[FloatArray] = []
+        of: list[Combination] = []
+        is_small = self._assembly.is_small
+        if self.combinations.number > max(MOST_APART, self._options.max_hypotheses):
+            hull = self._assembly.hull
+            first = next(self.combinations.listed(lambda _: True), None)
+            listed = [(first, hull)] if first and hull else []
+        else:
+            bounds_of = self._assembly.bounds if is_small else self._assembly.bounds_by_twos
+            every = self.combinations.listed(lambda _: True)
+            listed = [(c, bounds) for c in every if (bounds := bounds_of(c, stopped=stopped))]
+        for combination, bounds in listed:
+            for part in parts_within(bounds, self._within):
+                found.append(as_box(part))
+                of.append(combination)
+        return found, lambda x: None if stopped() else self._laid(of[x], stopped)
 
-    def _hypothesis(
+    def _laid(self, combination: Combination, stopped: Callable[[], bool]) -> FloatArray | None:
+        """Return the placements of pieces, laid against each other and fitted to all bounds."""
+        known = self._problem.pairs
+        for positions in self._assembly.placements(combination, 0.0, 1):
+            return refined(positions, known.pairs, known.lower, known.upper, MARGIN, stopped)
+        return None
+
+    def _list(self, listing: _Listing, stopped: Callable[[], bool]) -> None:
+        """Build hypotheses, less tight ones from when there is no time left."""
+        if len(self.solved.pieces) == 1:
+            listing.found = list(self.solved.pieces[0].hypotheses)
+            return
+        end = time.perf_counter() + self._options.tighten_seconds
+
+        def is_possible(combination: Combination) -> bool:
+            if not (self._is_crossed or self._is_tied) or not listing.may_step():
+                return True
+            return self._assembly.bounds(combination, stopped=stopped) is not None
+
+        for combination in self.combinations.listed(is_possible):
+            if not listing.may_step() or len(listing.found) >= listing.most:
+                listing.is_complete = False
+                return
+            left = end - time.perf_counter()
+            options = replace(self._options, tighten_slices=0)
+            if left > 0.0:
+                options = replace(self._options, tighten_seconds=left)
+            listing.found += self._hypotheses(combination, options, stopped)
+
+    def _hypotheses(
         self, combination: Combination, options: SolverOptions, stopped: Callable[[], bool]
-    ) -> Hypothesis | None:
-        """Return the whole fleet as a combination has it; None when that is impossible."""
+    ) -> Iterator[Hypothesis]:
+        """Yield the whole fleet as a combination has it, one for each part that is connected."""
+        bounds = self._assembly.bounds(combination, options, stopped)
+        if bounds is None:
+            return
         chosen = [
-            piece.hypotheses[x]
-            for piece, x in zip(self.solved.pieces, combination.hypotheses, strict=True)
+            piece.hypotheses[combination.hypotheses[x]]
+            for x, piece in enumerate(self.solved.pieces)
         ]
-        parts = [
-            (piece.points, (hypothesis.lower, hypothesis.upper))
-            for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
-        ]
-        problem = self._narrowed(parts, combination)
-        bounds = contracted(problem, options, self._within, stopped) if problem else None
-        if problem is None or bounds is None:
-            return None
-        # The bounds are the hull of what lies within one of several boxes.
-        boxes = [np.stack(part) for part in parts_within(bounds, self._within)]
-        positions, proved = self._placement(problem, bounds, boxes, combination, chosen, stopped)
         flexible = self._turns or any(hypothesis.flexible for hypothesis in chosen)
-        return Hypothesis(bounds[0], bounds[1], np.stack(boxes), positions, proved, flexible)
+        parts = [as_box(part) for part in parts_within(bounds, self._within)]
+        for hull, numbers in hulls_of(parts):
+            boxes = [parts[x][: UPPER + 1] for x in numbers]
+            found = self._placement(combination, hull, boxes, stopped)
+            yield Hypothesis(hull[0], hull[1], np.stack(boxes), *found, flexible)
 
     @cached_property
     def _turns(self) -> bool:
@@ -230,56 +266,65 @@ class Product:
 
     def _placement(
         self,
-        problem: Problem,
-        bounds: Bounds,
-        boxes: Sequence[FloatArray],
         combination: Combination,
-        chosen: Sequence[Hypothesis],
+        bounds: FloatArray,
+        boxes: Sequence[FloatArray],
         stopped: Callable[[], bool],
     ) -> tuple[FloatArray | None, bool]:
         """Return a placement of a combination, and whether it is proved to agree, in a box."""
-        begins_at_once = problem.n_points <= MOST_AT_ONCE and not self._turns
-        if begins_at_once:
-            positions, proved = settled(self._problem, self._at_once(problem, bounds), boxes)
-            if proved:
-                return positions, True
-        pieces = [
-            (piece.points, hypothesis.positions)
-            for piece, hypothesis in zip(self.solved.pieces, chosen, strict=True)
-            if hypothesis.positions is not None
-        ]
-        if len(pieces) < len(chosen):
-            # There was no time to place one of them.
-            return None, False
-        reflections = combination.reflections()
-        least_m = math.sqrt(problem.lower.max())
-        known = np.stack([problem.lower, problem.upper])
+        problem = self._assembly.with_sides(combination)
         first = None
-        for seed in range(MOST_ATTEMPTS):
-            placer = Placer(pieces, self.solved.joints, reflections, self._problem.dimension, seed)
-            positions = with_known_chirality(self._problem, placer.place(least_m))
-            positions, proved = settled(self._problem, positions, boxes)
+        for positions in self._attempts(problem, combination, bounds):
+            placed = with_known_chirality(problem, positions)
+            placed, proved = settled(problem, placed, boxes)
             if proved:
-                return positions, True
-            if stopped():
-                return positions, False
-            if problem.n_points <= MOST_REFINED:
-                refined = refine(positions, known, MOST_STEPS)
-                positions = with_known_chirality(self._problem, refined)
-                positions, proved = settled(self._problem, positions, boxes)
-                if proved:
-                    return positions, True
+                return placed, True
             if first is None:
-                first = positions
-            if not placer.has_chosen:
+                first = placed
+            if stopped():
                 break
-        if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
-            positions, proved = settled(self._problem, self._at_once(problem, bounds), boxes)
-            if proved:
-                return positions, True
         return first, False
 
-    @staticmethod
-    def _at_once(problem: Problem, bounds: Bounds) -> FloatArray:
-        """Return a placement by the bounds of all distances, whatever the pieces."""
-        return place_problem(problem, np.array([*bounds, *np.zeros_like(bounds)]))
+    def _attempts(
+        self, problem: Problem, combination: Combination, bounds: FloatArray
+    ) -> Iterator[FloatArray]:
+        """Yield placements that may agree: of all points together, and of pieces laid out."""
+        begins_at_once = problem.n_points <= MOST_AT_ONCE and not self._turns
+        if begins_at_once:
+            yield place_problem(problem, as_box((bounds[0], bounds[1])))
+        least_m = math.sqrt(bounds[0].max())
+        for positions in self._assembly.placements(combination, least_m, MOST_ATTEMPTS):
+            yield positions
+            if problem.n_points <= MOST_REFINED:
+                yield refine(positions, bounds, MOST_STEPS)
+        if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
+            yield place_problem(problem, as_box((bounds[0], bounds[1])))
+
+
+def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
+    """Return whether something but distances is known between different pieces."""
+    if len(solved.pieces) == 1:
+        return False
+    if len(problem.chiralities) > 1:
+        return True
+    sets = [set(piece.points) for piece in solved.pieces]
+    holders: list[set[int]] = [set() for _ in range(problem.n_points)]
+    for number, points in enumerate(sets):
+        for point in points:
+            holders[point].add(number)
+    bounded = problem.pairs.pairs[problem.pairs.lower > 0.0]
+    if any(holders[i].isdisjoint(holders[j]) for i, j in bounded.tolist()):
+        return True
+    constraints: list[Constraint] = [*problem.sides, *problem.chiralities]
+    return any(not any(s.issuperset(points_of(c)) for s in sets) for c in constraints)
+
+
+def _has_loop(solved: SolvedPieces) -> bool:
+    """Return whether pieces and joints close a loop, as the bars of a linkage do."""
+    group = list(range(len(solved.pieces)))
+    for joint in solved.joints:
+        together = {group[piece] for piece in joint.pieces}
+        if len(together) < len(joint.pieces):
+            return True
+        group = [min(together) if number in together else number for number in group]
+    return False

@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.patches.solver import SolvedPatches
@@ -23,6 +26,13 @@ class SolvedPiece:
     pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
     in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
     was_examined: bool = True  # False where there was no time for any of it
+
+    def hull(self, left: Iterable[int] | None = None) -> Bounds:
+        """Return bounds that hold some of its hypotheses, all without any named."""
+        numbers = range(len(self.hypotheses)) if left is None else left
+        chosen = [self.hypotheses[x] for x in numbers]
+        lower = np.min([h.lower for h in chosen], axis=0)
+        return lower, np.max([h.upper for h in chosen], axis=0)
 
     @property
     def is_finished(self) -> bool:

@@ -160,6 +160,11 @@ def parts_within(bounds: Bounds, within: Sequence[Bounds] | None) -> list[Bounds
     return [bounds] if within is None else common_parts([bounds], within)
 
 
+def as_box(bounds: Bounds) -> FloatArray:
+    """Return bounds as a box without gaps."""
+    return np.array([*bounds, *np.zeros_like(bounds)])
+
+
 def unbounded(n_points: int) -> Bounds:
     """Return bounds that say nothing."""
     return np.zeros((n_points, n_points)), np.full((n_points, n_points), np.inf)

@@ -1,0 +1,244 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How many placements there are, counted independently.
+
+Graphs are built point by point, each measured from q points before it: all placements follow from
+intersections of circles and spheres. Points lie on a lattice, many of them in line, so that hubs
+are flat, bars parallel and pieces mirrored at faces that coincide.
+"""
+
+from itertools import combinations
+import os
+
+import numpy as np
+import pytest
+from solver_cases import bounds, squared_distances
+
+from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
+
+COUNTED = int(os.environ.get('DG_PROPERTY_PROBLEMS', '400')) // 2
+EXACT = 1e-9
+APART_M = 2e-3
+
+
+def intersections(centers, squared_m2):
+    """Return the one or two points at these squared distances from q points, or nothing."""
+    dimension = centers.shape[1]
+    rows = 2.0 * (centers[1:] - centers[0])
+    values = squared_m2[0] - squared_m2[1:] + (centers[1:] ** 2 - centers[0] ** 2).sum(axis=1)
+    if np.linalg.matrix_rank(rows, tol=1e-9) < dimension - 1:
+        return None
+    foot = np.linalg.lstsq(rows, values, rcond=None)[0] if len(rows) else np.zeros(dimension)
+    normal = np.linalg.svd(rows)[2][-1] if len(rows) else np.ones(1)
+    foot = foot + normal * ((centers[0] - foot) @ normal)
+    height_m2 = squared_m2[0] - ((foot - centers[0]) ** 2).sum()
+    if height_m2 < -1e-9:
+        return []
+    height_m = np.sqrt(max(height_m2, 0.0))
+    return [foot] if height_m < 1e-4 else [foot + height_m * normal, foot - height_m * normal]
+
+
+def built_case(seed):
+    """Return a lattice of points in the order of their construction, and what each measures."""
+    rng = np.random.default_rng([seed, 17])
+    dimension = int(rng.choice([1, 2, 2, 2, 3]))
+    n_points = int(rng.integers(dimension + 2, 8 if dimension == 2 else 7))
+    reach = int(rng.choice([2, 4]))
+    positions = rng.integers(0, reach + 1, (n_points, dimension)).astype(float)
+    if rng.random() < 0.5:
+        # The first points lie in a hyperplane.
+        positions[: dimension + 2, -1] = 0.0
+    measured = dict.fromkeys(combinations(range(dimension), 2), 0.0)
+    for point in range(dimension, n_points):
+        near = rng.choice(point, dimension, replace=False)
+        if rng.random() < 0.4:
+            near = np.arange(dimension)
+        measured |= {(int(k), point): 0.0 for k in near}
+    return rng, positions, measured
+
+
+def placements_of(positions, measured):
+    """Return squared distances of all placements, None where points leave some of them free."""
+    n_points, dimension = positions.shape
+    squared = squared_distances(positions)
+    begun = [[positions[k] for k in range(dimension)]]
+    for point in range(dimension, n_points):
+        near = [i for i, j in measured if j == point]
+        further = []
+        for placed in begun:
+            new = intersections(np.array([placed[k] for k in near]), squared[near, point])
+            if new is None:
+                return None
+            further += [[*placed, one] for one in new]
+        begun = further
+    return [np.array(placed) for placed in begun]
+
+
+def distinct(found):
+    """Return one of each congruence class."""
+    classes = []
+    for placed in found:
+        apart_m = np.sqrt(squared_distances(placed))
+        others = (np.sqrt(squared_distances(c)) for c in classes)
+        if all(np.abs(apart_m - other).max() > APART_M for other in others):
+            classes.append(placed)
+    return classes
+
+
+def with_more(rng, positions, found):
+    """Return bounds across the graph, and sides, with the placements that they leave."""
+    n_points, dimension = positions.shape
+    squared = squared_distances(positions)
+    ranges, sides = {}, []
+    kind = rng.choice(['nothing', 'nothing', 'least', 'wide', 'side'])
+    i, j = sorted(rng.choice(n_points, 2, replace=False).tolist())
+    if kind == 'least' and squared[i, j] > 0.0:
+        ranges[i, j] = (0.9 * squared[i, j], np.inf)
+    elif kind == 'wide' and squared[i, j] > 0.0:
+        ranges[i, j] = (0.8 * squared[i, j], 1.3 * squared[i, j])
+    elif kind == 'side' and n_points >= dimension + 2:
+        named = rng.choice(n_points, dimension + 2, replace=False).tolist()
+        face, first, second = named[:dimension], named[-2], named[-1]
+        volumes = [_volume(positions, face, apex) for apex in (first, second)]
+        if abs(volumes[0] * volumes[1]) > 1e-6:
+            side = Side.SAME if volumes[0] * volumes[1] > 0.0 else Side.OPPOSITE
+            sides.append(SideConstraint(tuple(face), first, second, side))
+    left = []
+    for placed in found:
+        apart = squared_distances(placed)
+        inside = all(
+            low - 1e-3 <= apart[pair] <= high + 1e-3 for pair, (low, high) in ranges.items()
+        )
+        for c in sides:
+            volumes = [_volume(placed, c.face, apex) for apex in (c.first, c.second)]
+            inside &= volumes[0] * volumes[1] * (-1 if c.side is Side.OPPOSITE else 1) > -1e-3
+        if inside:
+            left.append(placed)
+    return ranges, sides, left
+
+
+def _volume(positions, face, apex):
+    corners = positions[[*face, apex]]
+    return float(np.linalg.det(corners[1:] - corners[0]))
+
+
+def holds(hypothesis, positions):
+    apart_m = np.sqrt(squared_distances(positions))
+    least_m, most_m = np.sqrt(hypothesis.lower) - 1e-4, np.sqrt(hypothesis.upper) + 1e-4
+    return bool(((least_m <= apart_m) & (apart_m <= most_m)).all())
+
+
+def problem_of(positions, measured, ranges=(), error=EXACT, **constraints):
+    """Return the problem of measured pairs, and of others with their bounds in m^2."""
+    squared = squared_distances(np.asarray(positions, dtype=float))
+    known = {pair: (squared[pair] * (1 - error), squared[pair] * (1 + error)) for pair in measured}
+    for pair, (low, high) in dict(ranges).items():
+        least, most = known.get(pair, (0.0, np.inf))
+        known[pair] = max(low, least), min(high, most)
+    return Problem(*bounds(len(squared), known), len(positions[0]), **constraints)
+
+
+def test_every_placement_is_one_hypothesis():
+    n_exact = 0
+    for seed in range(COUNTED):
+        rng, positions, measured = built_case(seed)
+        found = placements_of(positions, measured)
+        if found is None:
+            continue
+        ranges, sides, found = with_more(rng, positions, found)
+        problem = problem_of(positions, measured, ranges, sides=sides)
+        result = solve(problem, SolverOptions(resolution=0.01, max_boxes=4000))
+        classes = distinct(found)
+        held = [[x for x, h in enumerate(result.hypotheses) if holds(h, c)] for c in classes]
+        assert result.verdict is Verdict.COVERED and all(held), seed
+        assert result.n_hypotheses >= len(classes), seed
+        if not result.n_hypotheses_is_bound:
+            n_exact += 1
+            assert result.n_hypotheses == len(classes) == len(result.hypotheses), seed
+            assert sorted(x for numbers in held for x in numbers) == [*range(len(classes))], seed
+    assert n_exact > 0.6 * COUNTED
+
+
+FLAT = ((0, 0), (4, 0), (2, 0), (1, 2), (3, 2))
+ON_ONE_EDGE = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (0, 4), (1, 4))
+
+
+@pytest.mark.parametrize('order', [(0, 1, 2, 3, 4), (3, 1, 4, 0, 2), (4, 3, 2, 1, 0)])
+@pytest.mark.parametrize('error', [0.0, 1e-9, 1e-3, 0.02])
+def test_triangles_on_one_edge_of_which_one_is_flat(order, error):
+    number = {old: new for new, old in enumerate(order)}
+    positions = np.array(FLAT, dtype=float)[list(order)]
+    measured = [tuple(sorted((number[i], number[j]))) for i, j in ON_ONE_EDGE]
+    result = solve(problem_of(positions, measured, error=error))
+    pair = number[3], number[4]
+    apart_m = sorted(np.sqrt(h.bounds_of_pair(*pair)).tolist() for h in result.hypotheses)
+    assert result.n_hypotheses == 2
+    # Exact distances in line are hardly ever proved to be met.
+    assert error == 0.0 or not result.n_hypotheses_is_bound
+    for (low_m, high_m), true_m in zip(apart_m, (2.0, 20**0.5), strict=True):
+        assert low_m - 1e-9 < true_m < high_m + 1e-9
+    assert apart_m[0][1] < 2.2 and apart_m[1][0] > 4.3
+
+
+def test_a_flat_piece_passes_sides_on():
+    """Between two faces of a flat piece, of two flat pieces, in space, and on the line."""
+    line = [(0, 0), (2, 0), (5, 0), (1, 2), (4, 2)]
+    joined = [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (1, 4), (2, 4)]
+    longer = [(0, 0), (2, 0), (5, 0), (1, 2), (6, 2), (7, 0)]
+    chain = [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (1, 5), (2, 5), (2, 4), (4, 5)]
+    base = [(0, 0, 0), (4, 0, 0), (0, 4, 0), (1, 1, 0), (1, 1, 2), (2, 1, 3)]
+    in_space = [(0, 1), (0, 2), (1, 2), *((i, j) for j in (3, 4, 5) for i in (0, 1, 2))]
+    on_line = [[0], [0], [2], [5]], [(0, 1), (0, 2), (0, 3)]
+    for positions, measured in ((line, joined), (longer, chain), (base, in_space), on_line):
+        result = solve(problem_of(positions, measured, error=1e-4))
+        assert result.n_hypotheses == len(result.hypotheses) == 2, positions
+        first, second = result.hypotheses
+        assert ((first.lower > second.upper) | (second.lower > first.upper)).any(), positions
+        assert first.proved and second.proved
+
+
+def test_a_chirality_of_one_triangle_says_nothing_of_the_other():
+    chirality = Chirality((0, 1, 3), 1)
+    result = solve(problem_of(FLAT, ON_ONE_EDGE, error=1e-3, chiralities=[chirality]))
+    assert result.n_hypotheses == len(result.hypotheses) == 2
+
+
+def folded_strip(n_points, least=0.0, **constraints):
+    """Return a strip of triangles, its ends at least so far apart as a part of their distance."""
+    positions = [(i, 2 * (i % 2)) for i in range(n_points)]
+    measured = [(i, j) for i in range(n_points) for j in (i + 1, i + 2) if j < n_points]
+    far = {
+        (0, n_points - 1): (least * squared_distances(np.array(positions, float))[0, -1], np.inf)
+    }
+    return problem_of(positions, measured, far if least else {}, error=0.02, **constraints)
+
+
+@pytest.mark.parametrize(('n_points', 'most'), [(5, 64), (8, 64), (10, 64), (10, 3), (14, 64)])
+def test_constraints_between_pieces_that_share_no_joint_count(n_points, most):
+    options = SolverOptions(max_hypotheses=most)
+    result = solve(folded_strip(n_points, least=0.97), options)
+    assert result.verdict is Verdict.COVERED
+    assert result.n_hypotheses == len(result.hypotheses) == 1
+    assert result.hypotheses[0].proved and not result.n_hypotheses_is_bound
+
+
+def test_a_side_across_pieces_counts():
+    sides = [SideConstraint((0, 4), 1, 3, Side.OPPOSITE)]
+    result = solve(folded_strip(5, sides=sides))
+    assert result.n_hypotheses_is_bound or result.n_hypotheses == len(result.hypotheses)
+
+
+def test_the_list_has_what_is_possible_and_is_never_empty():
+    """Of 2^38 combinations one is possible, and hardly any can be looked at."""
+    result = solve(folded_strip(40, least=0.97))
+    assert result.verdict is Verdict.COVERED and result.hypotheses
+    squared = squared_distances(np.array([(i, 2.0 * (i % 2)) for i in range(40)]))
+    assert result.n_hypotheses_is_bound or result.n_hypotheses == 1
+    assert any(((h.lower <= squared) & (squared <= h.upper)).all() for h in result.hypotheses)
+
+
+def test_what_is_mirrored_at_every_joint_is_counted_exactly():
+    result = solve(folded_strip(40))
+    assert result.n_hypotheses == 2**37 and not result.n_hypotheses_is_bound
