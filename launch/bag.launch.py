@@ -10,12 +10,7 @@ A recording with the localizer in its time, and RViz behind an argument; all end
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument,
-    IncludeLaunchDescription,
-    SetLaunchConfiguration,
-    Shutdown,
-)
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -24,6 +19,7 @@ LAUNCH = Path(__file__).parent
 
 ARGUMENTS = (
     DeclareLaunchArgument('bag', description='recording: a folder, a .db3 or an .mcap file'),
+    DeclareLaunchArgument('params_file', description='parameters of the localizer, a YAML file'),
     DeclareLaunchArgument(
         'rate', default_value='1.0', description='seconds of the bag per second'
     ),
@@ -32,9 +28,12 @@ ARGUMENTS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return the arguments, the localizer with RViz, and the replay of the bag."""
-    time_of_bag = SetLaunchConfiguration('use_sim_time', 'true')
     localizer = IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(str(LAUNCH / 'localizer.launch.py'))
+        PythonLaunchDescriptionSource(str(LAUNCH / 'localizer.launch.py')),
+        launch_arguments={
+            'params_file': LaunchConfiguration('params_file'),
+            'use_sim_time': 'true',
+        }.items(),
     )
     replay = Node(
         package='dg_localization',
@@ -43,4 +42,4 @@ def generate_launch_description() -> LaunchDescription:
         output='screen',
         on_exit=Shutdown(reason='the bag has ended'),
     )
-    return LaunchDescription([*ARGUMENTS, time_of_bag, localizer, replay])
+    return LaunchDescription([*ARGUMENTS, localizer, replay])

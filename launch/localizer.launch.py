@@ -10,7 +10,7 @@ The localizer, and RViz behind an argument.
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, LogInfo
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -20,6 +20,12 @@ CONFIG = Path(__file__).parents[1] / 'config'
 
 ARGUMENTS = (
     DeclareLaunchArgument('params_file', description='parameters of the localizer, a YAML file'),
+    DeclareLaunchArgument(
+        'extra_params_file',
+        # The same file once more changes nothing.
+        default_value=LaunchConfiguration('params_file'),
+        description='parameters that replace those of params_file, as fit_bounds writes them',
+    ),
     DeclareLaunchArgument(
         'namespace', default_value='', description='namespace of all nodes, such as left'
     ),
@@ -55,7 +61,11 @@ def generate_launch_description() -> LaunchDescription:
         package='dg_localization',
         executable='localizer',
         namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params_file'), time],
+        parameters=[
+            LaunchConfiguration('params_file'),
+            LaunchConfiguration('extra_params_file'),
+            time,
+        ],
         output='screen',
     )
     rviz = Node(
@@ -68,4 +78,12 @@ def generate_launch_description() -> LaunchDescription:
         remappings=[('/localizer/markers', 'localizer/markers')],
         condition=IfCondition(LaunchConfiguration('rviz')),
     )
-    return LaunchDescription([*ARGUMENTS, localizer, rviz])
+    hint = LogInfo(
+        msg=[
+            'RViz shows the frame ',
+            LaunchConfiguration('frame'),
+            '; where it stays empty, start with frame:=FRAME: the frame_id of localizer/markers',
+        ],
+        condition=IfCondition(LaunchConfiguration('rviz')),
+    )
+    return LaunchDescription([*ARGUMENTS, localizer, rviz, hint])

@@ -10,11 +10,7 @@ The simulated fleet of the paper with the localizer, and RViz behind an argument
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument,
-    IncludeLaunchDescription,
-    SetLaunchConfiguration,
-)
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -30,7 +26,7 @@ SWITCHES = {
 }
 
 ARGUMENTS = (
-    # These two are arguments of the file that is included: here they have other defaults.
+    # The file that is included has these two with other defaults.
     DeclareLaunchArgument(
         'params_file',
         default_value=str(LAUNCH.parent / 'config/paper_fleet.yaml'),
@@ -53,7 +49,13 @@ ARGUMENTS = (
 def generate_launch_description() -> LaunchDescription:
     """Return the arguments, the localizer with RViz, and the simulated fleet."""
     localizer = IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(str(LAUNCH / 'localizer.launch.py'))
+        PythonLaunchDescriptionSource(str(LAUNCH / 'localizer.launch.py')),
+        launch_arguments={
+            'params_file': LaunchConfiguration('params_file'),
+            'frame': LaunchConfiguration('frame'),
+            # The simulated fleet has the time of the machine.
+            'use_sim_time': 'false',
+        }.items(),
     )
     simulation = Node(
         package='dg_localization',
@@ -64,6 +66,4 @@ def generate_launch_description() -> LaunchDescription:
         ],
         output='screen',
     )
-    # The simulated fleet has the time of the machine.
-    time_of_machine = SetLaunchConfiguration('use_sim_time', 'false')
-    return LaunchDescription([*ARGUMENTS, time_of_machine, localizer, simulation])
+    return LaunchDescription([*ARGUMENTS, localizer, simulation])

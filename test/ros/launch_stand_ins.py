@@ -4,8 +4,9 @@
 """
 Stand-ins for `launch` and `launch_ros`, which are no wheels, as far as our launch files use them.
 
-Their order and scopes are those of the originals: arguments and configurations are set one after
-the other and are seen by what comes later, also in files that are included.
+They are as strict as the originals: arguments and configurations are set one after the other and
+are seen by what comes later, also in files that are included; a file is included only with every
+argument that has no default there; every substitution is performed.
 """
 
 from dataclasses import dataclass, field
@@ -26,12 +27,20 @@ class Context:
     configurations: dict
     declared: dict = field(default_factory=dict)
     processes: list = field(default_factory=list)
+    lines: list = field(default_factory=list)
+
+    def holds(self, condition):
+        """Return whether a condition, if there is one, is met."""
+        return condition is None or self.text(condition.predicate) == 'true'
 
     def text(self, value):
         """Return a substitution, or a list of them, as text."""
         if isinstance(value, (list, tuple)):
             return ''.join(self.text(part) for part in value)
-        return self.configurations[value.name] if isinstance(value, LaunchConfiguration) else value
+        if isinstance(value, LaunchConfiguration):
+            return self.configurations[value.name]
+        assert isinstance(value, str), f'{value!r} is neither text nor a substitution'
+        return value
 
 
 @dataclass
@@ -53,7 +62,7 @@ class IfCondition:
 @dataclass
 class DeclareLaunchArgument:
     name: str
-    default_value: str | None = None
+    default_value: object = None
     description: str = ''
     choices: list | None = None
 
@@ -62,17 +71,18 @@ class DeclareLaunchArgument:
         if self.name not in context.configurations:
             if self.default_value is None:
                 raise MissingArgumentError(self.name)
-            context.configurations[self.name] = self.default_value
+            context.configurations[self.name] = context.text(self.default_value)
         assert self.choices is None or context.configurations[self.name] in self.choices
 
 
 @dataclass
-class SetLaunchConfiguration:
-    name: str
-    value: str
+class LogInfo:
+    msg: object
+    condition: IfCondition | None = None
 
     def visit(self, context):
-        context.configurations[self.name] = self.value
+        if context.holds(self.condition):
+            context.lines.append(context.text(self.msg))
 
 
 @dataclass
@@ -88,10 +98,31 @@ class PythonLaunchDescriptionSource:
 @dataclass
 class IncludeLaunchDescription:
     source: PythonLaunchDescriptionSource
+    launch_arguments: object = ()
 
     def visit(self, context):
-        for entity in described(self.source.path).entities:
+        given = [
+            (context.text(name), context.text(value)) for name, value in self.launch_arguments
+        ]
+        entities = described(context.text(self.source.path)).entities
+        # Those that are set but not handed on do not count.
+        for name in required(entities):
+            if name not in dict(given):
+                raise MissingArgumentError(name)
+        context.configurations.update(given)
+        for entity in entities:
             entity.visit(context)
+
+
+def required(entities):
+    """Yield the arguments without a default, also those that included files would ask for."""
+    for entity in entities:
+        if isinstance(entity, DeclareLaunchArgument) and entity.default_value is None:
+            yield entity.name
+        elif isinstance(entity, IncludeLaunchDescription):
+            given = [name for name, _ in entity.launch_arguments]
+            inside = required(described(entity.source.path).entities)
+            yield from (name for name in inside if name not in given)
 
 
 @dataclass
@@ -140,7 +171,7 @@ class Node:
     on_exit: object = None
 
     def visit(self, context):
-        if self.condition and context.text(self.condition.predicate) != 'true':
+        if not context.holds(self.condition):
             return
         values = [entry for entry in self.parameters if isinstance(entry, dict)]
         context.processes.append(
@@ -166,7 +197,7 @@ MODULES = {
     'launch.actions': (
         DeclareLaunchArgument,
         IncludeLaunchDescription,
-        SetLaunchConfiguration,
+        LogInfo,
         Shutdown,
     ),
     'launch.conditions': (IfCondition,),
@@ -192,8 +223,8 @@ def described(path):
 
 
 def launched(path, **arguments):
-    """Return the context after a launch file was carried out with these arguments."""
-    context = Context(dict(arguments))
-    for entity in described(path).entities:
-        entity.visit(context)
+    """Return the context after `ros2 launch` of a file, which includes it with these arguments."""
+    context = Context({})
+    source = PythonLaunchDescriptionSource(str(path))
+    IncludeLaunchDescription(source, arguments.items()).visit(context)
     return context

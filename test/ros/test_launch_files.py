@@ -51,7 +51,7 @@ def test_every_file_starts_executables_that_there_are(launch, name):
     assert {process.executable for process in own} <= set(EXECUTABLES)
     assert [p.executable for p in processes if p not in own] == ['rviz2']
     (localizer,) = [process for process in own if process.executable == 'localizer']
-    assert len(localizer.files) == 1
+    assert localizer.files == 2 * [localizer.files[0]]
 
 
 @pytest.mark.parametrize('name', REQUIRED)
@@ -72,7 +72,7 @@ def test_what_has_no_default_must_be_given(launch, name, missing):
 
 @pytest.mark.parametrize('name', REQUIRED)
 def test_every_argument_is_described_and_in_the_documentation(launch, name):
-    page = (REPOSITORY / 'docs/integration.md').read_text(encoding='utf-8')
+    page = '\n'.join(path.read_text(encoding='utf-8') for path in REPOSITORY.glob('docs/*.md'))
     for argument in launch(name, **REQUIRED[name]).declared.values():
         assert argument.description
         assert f'`{argument.name}`' in page
@@ -90,6 +90,21 @@ def test_only_the_recording_brings_its_own_time_and_ends_all(launch):
 def test_the_simulation_has_the_time_of_the_machine(launch):
     processes = {p.executable: p for p in launch('simulation', use_sim_time='true').processes}
     assert processes['localizer'].parameters['use_sim_time'] is False
+
+
+@pytest.mark.parametrize('name', REQUIRED)
+def test_a_second_file_of_parameters_comes_after_the_first(launch, name):
+    processes = launch(name, **REQUIRED[name], extra_params_file='learned.yaml').processes
+    (localizer,) = [process for process in processes if process.executable == 'localizer']
+    assert localizer.files[1:] == ['learned.yaml']
+
+
+def test_rviz_says_which_frame_it_shows(launch):
+    context = launch('simulation', rviz='true', frame='fleet')
+    (rviz,) = [process for process in context.processes if process.executable == 'rviz2']
+    assert rviz.arguments[-2:] == ['-f', 'fleet']
+    assert any('the frame fleet;' in line for line in context.lines)
+    assert not launch('simulation').lines
 
 
 def test_a_namespace_holds_the_nodes_and_what_rviz_shows(launch):
