@@ -89,6 +89,11 @@ def estimate_snapshot(
 
     """
     recalled = recall(snapshot, proved, cancel, filters, pair_filters)
+    if recalled.forgotten:
+        # What contradicts the memory may contradict itself, which says nothing of the memory.
+        contradiction = _contradiction_of_moment(snapshot, recalled, cancel)
+        if contradiction is not None:
+            return contradiction, ()
     snapshot, by_memory = recalled.snapshot, recalled.forgotten
     if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
         return _without_data(snapshot, recalled), ()
@@ -124,6 +129,19 @@ def estimate_snapshot(
         forgotten=narrowed.forgotten,
     )
     return estimate, narrowed.proved
+
+
+def _contradiction_of_moment(
+    snapshot: Snapshot, recalled: Recollection, cancel: Cancel | None
+) -> Estimate | None:
+    """Return the explained contradiction of what is measured now; None where it agrees."""
+    recalled.allowance.pause()
+    constraints = constrain(snapshot)
+    found, _ = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
+    if found.verdict is Verdict.INFEASIBLE:
+        return _explained(snapshot, constraints, found.statistics, cancel)
+    recalled.allowance.resume()
+    return None
 
 
 def _suspects(

@@ -372,6 +372,9 @@ class Localizer:
             follower.filters,
             follower.pair_filters,
         )
+        if estimate.conflicts:
+            # What contradicts itself now must not cut, or put in doubt, what is remembered.
+            follower.filters = self._follower.filters.copied()
         follower.forget(snapshot, estimate)
         if cancel is None or not cancel.is_set():
             estimate = follower.follow(snapshot, estimate, proved)
