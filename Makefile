@@ -20,7 +20,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format parameters requirements bench clean
+.PHONY: help venv demo test lint format parameters docs requirements bench clean
 # Each recipe is one script that ends at its first error.
 .ONESHELL:
 .SHELLFLAGS = -ec
@@ -102,6 +102,10 @@ format: $(ready) ## Let ruff lay out the code
 parameters: $(ready) ## Write config/localizer.yaml and docs/parameters.md from the table
 	@$(run) -m dg_localization.ros.interface.parameters
 
+docs: $(ready) ## Build the pages of docs/ as HTML in build/docs
+	@$(run) -m pip install -q --no-deps --no-build-isolation --require-hashes -r requirements/docs.txt
+	$(run) -m sphinx -q -W -n docs build/docs
+
 # On a machine with ROS 2 Jazzy numpy is that of the system, which ROS was compiled against.
 requirements: ## Pin the newest packages that setup.py allows (needs the network)
 	@tools=$$(mktemp -d)
@@ -117,6 +121,7 @@ requirements: ## Pin the newest packages that setup.py allows (needs the network
 	pin wheels $$common --extra ros
 	pin jazzy $$common -c requirements/jazzy.in --no-emit-package numpy
 	pin colcon setup.py --extra colcon --no-emit-package numpy
+	pin docs setup.py --extra docs -c requirements/wheels.txt --no-emit-package numpy
 
 bench: $(ready) ## Compare with other methods
 	@$(run) -m pip install -q --no-build-isolation --editable '.[compare]'

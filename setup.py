@@ -32,6 +32,7 @@ EXTRAS = {
     # What the benchmarks compare with; `make bench` installs it.
     'compare': ['codac>=2', 'gtsam>=4.2', 'pyscipopt'],
     'lint': ['ruff>=0.6', 'mypy>=1.8'],
+    'docs': ['sphinx>=7', 'myst-parser>=2'],
     # `colcon build` and `colcon test` where no ROS is installed; `.ci/run` installs it.
     'colcon': [
         'colcon-bash',

@@ -28,6 +28,7 @@ ROOMS = ('dg_localization', 'msg_adapters')
 # rosdep/python.yaml. With a pip key the package could not be released.
 ROSDEP_KEYS = {
     'python3-hypothesis',
+    'python3-numba',
     'python3-numpy',
     'python3-pytest',
     'python3-pytest-timeout',

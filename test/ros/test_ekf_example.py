@@ -50,7 +50,7 @@ def test_it_fuses_positions_of_the_localizer_and_velocities_of_odometry():
 
 
 def test_numbers_of_the_page():
-    page = (REPOSITORY / 'docs/integration.md').read_text(encoding='utf-8')
+    page = (REPOSITORY / 'docs/answers.md').read_text(encoding='utf-8')
     assert LEAST_VARIANCE == 1e-6 and '10⁻⁶' in page
     answers = 10.0 * SETTINGS.rate_hz
     assert round(math.sqrt(answers)) == 7 and 'seven times too small' in page

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 
-PAGE = Path(__file__).parents[2] / 'docs/topics.md'
+PAGE = Path(__file__).parents[2] / 'docs/answers.md'
 RANGES_M = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
 
 

@@ -162,7 +162,7 @@ def test_parameters_of_the_running_node_cannot_be_set(make_node):
 
 
 def test_numbers_of_the_page():
-    page = (REPOSITORY / 'docs/security.md').read_text(encoding='utf-8')
+    page = (REPOSITORY / 'docs/install.md').read_text(encoding='utf-8')
     per_point = ROWS_PER_POINT * MOST_BYTES_PER_ROW
     assert f'{MOST_BYTES // 1024} kB + {per_point} bytes for each robot' in page
     assert MOST_STRANGERS == discovery.MOST_STRANGERS and f'{MOST_STRANGERS} strangers' in page

@@ -19,7 +19,7 @@ A = TypeVar('A')
 THREAD_NAME = 'estimate'
 CLOSE_S = 2.0
 # The solver uses every processor, in threads that inherit the priority of this one. Without this,
-# messages wait for a turn among them and are lost (docs/reliability.md).
+# messages wait for a turn among them and are lost (benchmarks/notes/reliability.md).
 NICENESS = 5
 # A thread cannot be ended from outside. One that never returns costs a processor.
 MOST_STUCK = 3
