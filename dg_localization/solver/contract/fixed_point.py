@@ -70,7 +70,7 @@ SCHEDULES = (
     ),
     (Schedule(12, (), 2), Schedule(math.inf, (12,), 2)),
 )
-"""The schedules in 1, 2 and 3 dimensions, for smaller fleets first (benchmarks/notes/projections.md)."""
+"""The schedules in 1, 2 and 3 dimensions, for smaller fleets first (benchmarks/notes)."""
 
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""

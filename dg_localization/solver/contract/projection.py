@@ -47,7 +47,7 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
     """
     Return whether a pair is known well enough to project along it.
 
-    The bounds above widen quickly as the relative error of the axis grows; benchmarks/notes/projections.md
+    The bounds above widen quickly as the relative error of the axis grows; benchmarks/notes
     has the measurements behind the limit.
     """
     upper = box[UPPER, a, b]

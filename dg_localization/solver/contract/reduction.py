@@ -171,7 +171,7 @@ def reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> b
             if not reduce_projected_plane(work, sides, points, last, x, (a, b, rows.points[x])):
                 return False
     # The others span no face {a, b, e}, cost n times as much, and save enough boxes only where
-    # points are few (benchmarks/notes/projections.md).
+    # points are few (benchmarks/notes).
     if n_projected < SMALL_FLEET:
         for x in range(last):
             for y in range(x + 1, last):
