@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-import math
 from numbers import Integral, Real
 from typing import Protocol
+
+LARGEST_RESOLUTION_M = 1e154
+"""Its square is a number of double precision."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,9 @@ class SolverOptions:
         self._check_real('resolution', ' m')
         self._check_real('max_seconds', ' s')
         self._check_real('tighten_seconds', ' s')
-        if not math.isfinite(self.resolution):
-            raise ValueError(f'resolution is {self.resolution} m, it must be positive and finite')
+        if not self.resolution <= LARGEST_RESOLUTION_M:
+            text = f'must be positive and finite, at most {LARGEST_RESOLUTION_M} m'
+            raise ValueError(f'resolution is {self.resolution} m, it {text}')
         for name, least in (('max_boxes', 1), ('tighten_slices', 0), ('max_hypotheses', 1)):
             self._check_whole(name, least)
 

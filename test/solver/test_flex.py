@@ -16,9 +16,9 @@ from flex import (
 )
 import numpy as np
 import pytest
-from solver_cases import covers, squared_distances
+from solver_cases import bounds, covers, squared_distances
 
-from dg_localization import SolverOptions, Verdict, solve
+from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.place.rigidity import is_flexible
 
 RESOLUTION_M = 0.2
@@ -93,3 +93,84 @@ def test_the_cover_shrinks_with_the_resolution():
         distances_m.append(cover_distance_m(unknown_bounds_m(flex), curve_m))
     assert (distances_m <= 0.8 * resolutions_m).all()
     assert np.polyfit(np.log(resolutions_m), np.log(distances_m), 1)[0] > 0.9
+
+
+def two_grids(width, dimension=2, error=1e-9):
+    """Return two lattices that parallel bars of one length join, and their placements by angle."""
+    grid = np.array(list(np.ndindex(*[width] * dimension)), dtype=float)
+    corners = grid[:, 0] == width - 1 if dimension == 2 else np.ones(len(grid), dtype=bool)
+    held = np.flatnonzero(corners)[[0, corners.sum() // 2, -1]]
+    if dimension == 3:
+        held = np.flatnonzero(grid.sum(axis=1) < 3)
+
+    def placed(angle_rad):
+        shift = np.zeros(dimension)
+        shift[:2] = np.cos(angle_rad), np.sin(angle_rad)
+        return np.vstack([grid, grid + (width + 3.0) * shift])
+
+    n_points = 2 * len(grid)
+    squared = squared_distances(placed(0.0))
+    measured = squared < 2.5
+    measured[: len(grid), len(grid) :] = measured[len(grid) :, : len(grid)] = False
+    for x in held:
+        measured[x, x + len(grid)] = measured[x + len(grid), x] = True
+    upper = np.where(measured, squared * (1 + error), np.inf)
+    np.fill_diagonal(upper, 0.0)
+    assert len(upper) == n_points
+    return Problem(np.where(measured, squared * (1 - error), 0.0), upper, dimension), placed
+
+
+@pytest.mark.parametrize(('width', 'dimension'), [(2, 2), (3, 2), (9, 2), (10, 2), (2, 3)])
+@pytest.mark.parametrize('max_boxes', [1, 30, 400])
+def test_what_moves_is_flexible_at_any_size(width, dimension, max_boxes):
+    problem, placed = two_grids(width, dimension)
+    result = solve(problem, SolverOptions(max_boxes=max_boxes, max_seconds=20.0))
+    for angle_rad in np.linspace(0.0, 6.0, 7):
+        squared = squared_distances(placed(angle_rad))
+        found = [
+            h for h in result.hypotheses if ((h.lower <= squared) & (squared <= h.upper)).all()
+        ]
+        assert found and all(h.flexible for h in found)
+
+
+def test_what_was_not_examined_is_flexible():
+    """A rigid lattice that is not searched to the end, and one that no placement is proved of."""
+    corners = np.array(list(np.ndindex(4, 3)), dtype=float)
+    squared = squared_distances(corners)
+    measured = (squared < 2.5) & (squared > 0.0)
+    upper = np.where(measured, 1.3 * squared, np.inf)
+    np.fill_diagonal(upper, 0.0)
+    result = solve(
+        Problem(np.where(measured, 0.7 * squared, 0.0), upper), SolverOptions(max_boxes=1)
+    )
+    for piece in result.pieces:
+        for hypothesis in piece.hypotheses:
+            assert hypothesis.flexible or (hypothesis.proved and result.verdict is Verdict.COVERED)
+
+
+def test_points_at_one_place_are_as_rigid_as_one_point():
+    triangle = [(0, 0), (4, 0), (1, 3)]
+    for extra, bars in (
+        ([(0, 0)], [(0, 3)]),
+        ([(4, 0), (0, 0), (5, 5)], [(0, 4), (1, 3), (3, 5), (2, 5)]),
+    ):
+        positions = np.array(triangle + extra, dtype=float)
+        squared = squared_distances(positions)
+        known = [(0, 1), (0, 2), (1, 2), *bars]
+        ranges = {pair: (squared[pair] * 0.9999, squared[pair] * 1.0001) for pair in known}
+        result = solve(Problem(*bounds(len(positions), ranges)))
+        assert result.verdict is Verdict.COVERED and covers(result, squared)
+        assert all(h.proved and not h.flexible for h in result.hypotheses)
+    # Two points that hinge about two others at one place.
+    positions = np.array([(0, 0), (0, 0), (4, 0), (1, 3)], dtype=float)
+    squared = squared_distances(positions)
+    known = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3)]
+    result = solve(Problem(*bounds(4, {pair: (squared[pair],) * 2 for pair in known})))
+    assert result.verdict is Verdict.COVERED and result.statistics.processed < 10
+    (hypothesis,) = result.hypotheses
+    assert hypothesis.flexible and covers(result, squared)
+
+
+def test_what_is_apart_and_at_one_place_contradicts():
+    known = {(0, 1): (0.0, 0.0), (1, 2): (0.0, 0.0), (0, 2): (1.0, np.inf)}
+    assert solve(Problem(*bounds(3, known))).verdict is Verdict.INFEASIBLE

@@ -226,6 +226,8 @@ def test_wrong_chiralities(chirality, text):
         ('tighten_slices', 1.0),
         ('max_hypotheses', 0),
         ('max_hypotheses', None),
+        ('resolution', 1.4e154),
+        ('resolution', 1e300),
     ],
 )
 def test_wrong_options(field, value):
@@ -246,6 +248,8 @@ def test_options_are_kept_as_numbers_of_python():
         ([3], r'within\[0\] is no pair'),
         ([(np.zeros((3, 3)),)], r'within\[0\] is no pair'),
         ([(np.zeros((3, 3)), [[1j] * 3] * 3)], r'within\[0\]: upper has the entry \[0,0\]'),
+        ([(np.zeros((3, 3)), np.ones((3, 3)))], r'within\[0\] is not 0 everywhere on the diag'),
+        ([(np.eye(3), np.eye(3))], r'within\[0\] is not 0 everywhere on the diagonal'),
     ],
 )
 def test_wrong_boxes_to_search_in(within, text):

@@ -54,7 +54,8 @@ def rigid_with(core: tuple[int, ...], solved: Constraints) -> frozenset[int]:
         none where the core is not in one piece.
 
     """
-    parts = pieces_of(np.isfinite(solved.upper), solved.dimension)
+    measured = np.argwhere(np.triu(np.isfinite(solved.upper), 1))
+    parts = pieces_of(len(solved.upper), measured, solved.dimension)
     clusters = [set(piece.points) for piece in parts.pieces]
     for joint in parts.joints:
         if joint.kind is JointKind.REFLECTION:

@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.coincident import pieces_of_problem, with_shared_bounds
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
@@ -21,8 +20,6 @@ from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import (
     Decomposition,
     Part,
-    pieces_of,
-    pieces_of_pairs,
 )
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
@@ -57,10 +54,15 @@ def answer(
         The answer.
 
     """
+    every = tuple(range(problem.n_points))
     if problem.n_points > MOST_DENSE:
         problem = problem.sparse()
+    shared = with_shared_bounds(problem)
+    if shared is None:
+        return _infeasible(every, problem, budget)
+    problem = shared
     if within is not None and len(within) == 0:
-        return _infeasible(tuple(range(problem.n_points)), problem, budget)
+        return _infeasible(every, problem, budget)
     if decomposition is None:
         decomposition = _decomposed(problem, budget.is_over)
     solved = _solved(problem, decomposition, budget, within)
@@ -69,7 +71,6 @@ def answer(
     product = Product(problem, solved, budget, within)
     if not product.number:
         piece = product.combinations.contradiction
-        every = tuple(range(problem.n_points))
         points = every if piece is None else solved.pieces[piece].points
         return _infeasible(points, problem, budget)
     return _result(product, budget)
@@ -93,9 +94,7 @@ def _solved(
 def _decomposed(problem: Problem, stopped: Callable[[], bool]) -> Decomposition | None:
     """Return the pieces that the graph of measured pairs has, None where there was no time."""
     with until(stopped):
-        if problem.is_sparse:
-            return pieces_of_pairs(problem.n_points, problem.pairs.measured, problem.dimension)
-        return pieces_of(np.isfinite(problem.upper), problem.dimension)
+        return pieces_of_problem(problem)
     return None
 
 

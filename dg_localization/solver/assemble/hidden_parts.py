@@ -13,10 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from dg_localization.interval.kernels import until
-from dg_localization.solver.decompose.decomposition import Decomposition, pieces_of
+from dg_localization.solver.assemble.coincident import pieces_of_problem
+from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.problem import Problem
 
@@ -30,7 +29,7 @@ def hidden_parts(problem: Problem, stopped: Callable[[], bool]) -> Decomposition
         return None
     parts = None
     with until(stopped):
-        parts = pieces_of(np.isfinite(problem.upper), problem.dimension)
+        parts = pieces_of_problem(problem)
     if parts is None or len(parts.pieces) == 1:
         return None
     if any(joint.kind is not JointKind.REFLECTION for joint in parts.joints):

@@ -11,7 +11,7 @@ from a piece solved before: it is solved once for each of the ranges that these 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 import math
 
@@ -88,6 +88,13 @@ class _Search:
         return hypotheses_of(self.problem, self.kept + self.pending, stopped)
 
 
+def _not_examined(hypothesis: Hypothesis, pending: set[bytes]) -> Hypothesis:
+    """Return a hypothesis as a flexible one where some of its boxes were not examined."""
+    if any(box.tobytes() in pending for box in hypothesis.boxes):
+        return replace(hypothesis, flexible=True)
+    return hypothesis
+
+
 @dataclass(eq=False)
 class _Task:
     """A piece that is to be solved, and what became of it."""
@@ -105,6 +112,9 @@ class _Task:
         """Write the hypotheses that the covers of all searches make."""
         for search in self.searches:
             search.found = search.hypotheses(stopped)
+            if search.pending:
+                keys = {box[: UPPER + 1].tobytes() for box in search.pending}
+                search.found = [_not_examined(h, keys) for h in search.found]
         self.hypotheses = [found for search in self.searches for found in search.found or ()]
 
     def solved(self) -> SolvedPiece:

@@ -147,14 +147,18 @@ class Product:
         """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
         return self._assembly.hull or Nothing(self._problem.n_points).bounds
 
+    def _limit(self) -> Callable[[], bool]:
+        """Return what stops a list that is asked for now: it may take as long as the call."""
+        end = time.perf_counter() + self._options.max_seconds
+        return lambda: self._cancelled() or time.perf_counter() > end
+
     @cached_property
     @default_environment()
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The first combinations, but those that turn out to hold no placement."""
-        end = time.perf_counter() + self._options.max_seconds
         most = self._options.max_hypotheses
         listing = _Listing(most, STEPS_PER_HYPOTHESIS * most)
-        self._list(listing, lambda: self._cancelled() or time.perf_counter() > end)
+        self._list(listing, self._limit())
         lower, upper = self.bounds if not listing.is_complete else (np.array(1), np.array(0))
         if not listing.found and (lower <= upper).all():
             # Placements may be in any of the combinations that were not looked at.
@@ -177,7 +181,7 @@ class Product:
         if not (is_plain and is_single):
             return True
         first = _Listing(1, STEPS_PER_HYPOTHESIS)
-        self._list(first, self._cancelled)
+        self._list(first, self._limit())
         return not (first.found and first.found[0].proved)
 
     def boxes(
@@ -233,10 +237,15 @@ class Product:
             options = replace(self._options, tighten_slices=0)
             if left > 0.0:
                 options = replace(self._options, tighten_seconds=left)
-            listing.found += self._hypotheses(combination, options, stopped)
+            is_first = not listing.found
+            listing.found += self._hypotheses(combination, options, stopped, is_first)
 
     def _hypotheses(
-        self, combination: Combination, options: SolverOptions, stopped: Callable[[], bool]
+        self,
+        combination: Combination,
+        options: SolverOptions,
+        stopped: Callable[[], bool],
+        is_first: bool,
     ) -> Iterator[Hypothesis]:
         """Yield the whole fleet as a combination has it, one for each part that is connected."""
         bounds = self._assembly.bounds(combination, options, stopped)
@@ -250,7 +259,9 @@ class Product:
         parts = [as_box(part) for part in parts_within(bounds, self._within)]
         for hull, numbers in hulls_of(parts):
             boxes = [parts[x][: UPPER + 1] for x in numbers]
-            found = self._placement(combination, hull, boxes, stopped)
+            found: tuple[FloatArray | None, bool] = (None, False)
+            if is_first or not stopped():
+                found = self._placement(combination, hull, boxes, stopped)
             yield Hypothesis(hull[0], hull[1], np.stack(boxes), *found, flexible)
 
     @cached_property

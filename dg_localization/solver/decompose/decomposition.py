@@ -23,7 +23,7 @@ import numpy as np
 
 from dg_localization.interval.kernels import WORK_OF_A_STEP, look_after
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.graph import BoolArray, Pair, Subgraphs
+from dg_localization.solver.decompose.graph import Pair, Subgraphs
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import (
     Points,
@@ -67,47 +67,21 @@ def pairs_of(points: Iterable[int]) -> tuple[Pair, ...]:
     return tuple(combinations(sorted(points), 2))
 
 
-def pieces_of(measured: BoolArray, dimension: int) -> Decomposition:
+def pieces_of(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
     """
-    Decompose a fleet, or return what was found for the same pairs before.
+    Decompose a fleet, or return what was found for the same pairs, shape (m, 2), before.
 
     A fleet is localized again and again while the same pairs are measured.
-
-    Parameters
-    ----------
-    measured : ndarray of bool, shape (n, n)
-        Which pairs are measured, symmetric; the diagonal does not count.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    Decomposition
-        As `decompose` returns it.
-
     """
-    return _remembered(len(measured), np.packbits(measured).tobytes(), dimension)
-
-
-def pieces_of_pairs(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
-    """Return the same as `pieces_of` for listed pairs, ascending, the smaller point first."""
-    return _remembered_pairs(n_points, pairs.tobytes(), dimension)
+    return _remembered(n_points, np.ascontiguousarray(pairs).tobytes(), dimension)
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _remembered_pairs(n_points: int, pairs: bytes, dimension: int) -> Decomposition:
+def _remembered(n_points: int, pairs: bytes, dimension: int) -> Decomposition:
     """Decompose a fleet, given its measured pairs one after another."""
     listed = np.frombuffer(pairs, dtype=np.int64).reshape(-1, 2)
     # A kernel is compiled anew for arrays that are read only.
     return decompose(n_points, listed.copy(), dimension)
-
-
-@lru_cache(maxsize=REMEMBERED)
-def _remembered(n_points: int, bits: bytes, dimension: int) -> Decomposition:
-    """Decompose a fleet, given the bits of its matrix of measured pairs."""
-    flat = np.unpackbits(np.frombuffer(bits, dtype=np.uint8), count=n_points**2)
-    pairs = np.argwhere(np.triu(flat.reshape(n_points, n_points), 1))
-    return decompose(n_points, pairs, dimension)
 
 
 def decompose(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:

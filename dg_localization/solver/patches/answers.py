@@ -48,7 +48,8 @@ UNFOLDED = ((100, 6), (300, 1))
 takes seconds."""
 
 MOST_RANKED = 150
-"""Up to so many points the rank of a placement is computed, which takes their cube of time."""
+"""Up to so many points the rank of a placement is computed, which takes their cube of time; larger
+pieces count as flexible where their patches do not hold them together."""
 
 
 class ChainedHypothesis(UnplacedHypothesis):
@@ -215,7 +216,7 @@ class PatchAnswers:
         graphs = [chains.with_bounds(*self._chosen(choice)) for choice in choices]
         start = self._start(chains)
         anywhere = (None, False) if start is None else self._placement(start)
-        flexible = self._is_flexible(anywhere[0])
+        flexible = self._is_flexible(*anywhere)
         later = self._without_limits()
         return [
             ChainedHypothesis(
@@ -294,22 +295,15 @@ class PatchAnswers:
         keys = first * len(positions) + second
         return pairs_lie_within(PairBounds(len(positions), keys, *self._chosen(choice)), positions)
 
-    def _is_flexible(self, positions: FloatArray | None) -> bool:
-        """
-        Return whether a placement can move, where that is to be had in time.
-
-        Rigid patches that hold together are rigid as a whole. Else the rank decides; without the
-        time for it nothing shows that the piece is rigid. One that is too large for it is rigid,
-        as its graph is.
-        """
+    def _is_flexible(self, positions: FloatArray | None, proved: bool) -> bool:
+        """Return whether a placement can move; also where that takes too long to examine."""
         solved, problem = self._solved, self._problem
-        if solved.is_one_body and not any(
-            h.flexible for p in solved.patches for h in p.remaining()
-        ):
+        patches = [h for p in solved.patches for h in p.remaining()]
+        if solved.is_one_body and not any(h.flexible for h in patches):
+            # Rigid patches that hold together are rigid as a whole.
             return False
-        if problem.n_points > MOST_RANKED:
-            return False
-        if positions is None or solved.n_unsolved > 0 or self._stopped():
+        is_ranked = proved and problem.n_points <= MOST_RANKED and not self._stopped()
+        if positions is None or not is_ranked or solved.n_unsolved > 0:
             return True
         return bool(is_flexible(positions, np.isfinite(problem.upper)))
 

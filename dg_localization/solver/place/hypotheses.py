@@ -261,7 +261,9 @@ def hypotheses_of(
             near = map(start_of, indices) if start_of else ()
             inside = [boxes[index] for index in indices]
             each.positions, each.proved = placement_in(problem, inside, near, stopped)
-            each.flexible = is_flexible(each.positions, measured)
+            each.flexible = not measured.all() and (
+                not each.proved or is_flexible(each.positions, measured)
+            )
     hypotheses = []
     for each, ((lower, upper), indices) in zip(placed, parts, strict=True):
         bounds = np.array([boxes[index][: UPPER + 1] for index in indices])

@@ -82,9 +82,11 @@ class HypothesisOfBoxes(UnplacedHypothesis):
     @cached_property
     @default_environment()
     def flexible(self) -> bool:
-        """Whether the placements are a continuum even without measurement errors."""
-        assert self.positions is not None
-        return bool(is_flexible(self.positions, np.isfinite(self._problem.upper)))
+        """Whether the placements are a continuum even without measurement errors, or may be."""
+        measured = np.isfinite(self._problem.upper)
+        if measured.all():
+            return False
+        return self.positions is None or not self.proved or is_flexible(self.positions, measured)
 
 
 def unplaced_hypotheses_of(
