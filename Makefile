@@ -7,7 +7,7 @@ PYTHON ?= python3
 VENV ?= .venv
 JOBS ?= 2
 
-# Where ROS 2 Jazzy is sourced its packages are used; elsewhere they come as wheels.
+# Where ROS 2 is sourced its packages are used; elsewhere they come as wheels.
 ros = $(or $(ROS_DISTRO),wheels)
 # Packages that have no wheels.
 built = empy
@@ -45,14 +45,14 @@ $(ready): setup.py setup.cfg $(wildcard requirements/*.txt)
 	case $(ros) in
 	wheels)
 	    options= ;;
-	jazzy)
+	jazzy | lyrical)
 	    $(PYTHON) -c 'import rclpy' || fail \
-	        "ROS 2 Jazzy is sourced, but PYTHON=$(PYTHON) ($$($(PYTHON) -V)) cannot import rclpy." \
+	        "ROS 2 $(ros) is sourced, but PYTHON=$(PYTHON) ($$($(PYTHON) -V)) cannot import rclpy." \
 	        'Use the Python it was built for (PYTHON=/usr/bin/python3) or a shell without ROS.'
 	    options=--system-site-packages ;;
 	*)
-	    fail 'ROS_DISTRO=$(ros) is sourced; this package is for jazzy.' \
-	        'Use a shell where ROS 2 Jazzy, or no ROS at all, is sourced.' ;;
+	    fail 'ROS_DISTRO=$(ros) is sourced; this package is for jazzy and lyrical.' \
+	        'Use a shell where one of these, or no ROS at all, is sourced.' ;;
 	esac
 	version=$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 	echo "Making $(VENV) with Python $$version (ROS 2: $(ros))"
@@ -106,7 +106,7 @@ docs: $(ready) ## Build the pages of docs/ as HTML in build/docs
 	@$(run) -m pip install -q --no-deps --no-build-isolation --require-hashes -r requirements/docs.txt
 	$(run) -m sphinx -q -W -n docs build/docs
 
-# On a machine with ROS 2 Jazzy numpy is that of the system, which ROS was compiled against.
+# On a machine with ROS 2 numpy is that of the system, which ROS was compiled against.
 requirements: ## Pin the newest packages that setup.py allows (needs the network)
 	@tools=$$(mktemp -d)
 	trap 'rm -rf "$$tools"' EXIT
@@ -120,6 +120,7 @@ requirements: ## Pin the newest packages that setup.py allows (needs the network
 	pin build requirements/build.in
 	pin wheels $$common --extra ros
 	pin jazzy $$common -c requirements/jazzy.in --no-emit-package numpy
+	pin lyrical $$common --no-emit-package numpy
 	pin colcon setup.py --extra colcon --no-emit-package numpy
 	pin docs setup.py --extra docs -c requirements/wheels.txt --no-emit-package numpy
 

@@ -213,7 +213,7 @@ def run_set_up(tmp_path, **environment):
 @pytest.mark.parametrize(
     ('environment', 'reason'),
     [
-        ({'ROS_DISTRO': 'humble'}, 'ROS_DISTRO=humble is sourced; this package is for jazzy'),
+        ({'ROS_DISTRO': 'humble'}, 'this package is for jazzy and lyrical'),
         ({'ROS_DISTRO': '', 'PYTHON': 'no_such_python'}, 'PYTHON=no_such_python: not found'),
         # `false` stands for an interpreter that is too old: it fails the check of its version.
         ({'ROS_DISTRO': '', 'PYTHON': 'false'}, 'this package needs Python 3.11 or newer'),

@@ -44,7 +44,7 @@ def setup_arguments():
 
 
 def test_there_is_a_file_for_each_environment():
-    assert [name(path) for path in FILES] == ['build', 'colcon', 'docs', 'jazzy', 'wheels']
+    assert [name(path) for path in FILES] == 'build colcon docs jazzy lyrical wheels'.split()
 
 
 @pytest.mark.parametrize('path', FILES, ids=name)
@@ -64,15 +64,15 @@ def test_every_package_is_pinned_by_version_and_hash(path):
     [
         ('wheels', ()),
         ('jazzy', ('ros', 'numpy')),
+        ('lyrical', ('ros', 'numpy')),
         ('colcon', ('numpy',)),
         ('docs', ('numpy',)),
     ],
 )
 def test_versions_are_those_that_setup_allows(setup_arguments, file, left_out):
     extras = re.search(r'^extras = (.*)$', MAKEFILE, re.MULTILINE).group(1).split()
-    extras = {'wheels': [*extras, 'ros'], 'jazzy': extras, 'colcon': ['colcon'], 'docs': ['docs']}[
-        file
-    ]
+    others = {'wheels': [*extras, 'ros'], 'colcon': ['colcon'], 'docs': ['docs']}
+    extras = others.get(file, extras)
     wanted = [text for extra in extras for text in setup_arguments['extras_require'][extra]]
     versions = pinned(FOLDER / f'{file}.txt')
     for text in [*wanted, *setup_arguments['install_requires']]:
