@@ -604,8 +604,8 @@ FLEET = [
         ),
         (
             'the reported deviation narrows',
-            'product_down(model.min_error_relative, range_m), -spread_m)',
-            'product_down(model.min_error_relative, range_m), spread_m)',
+            'product_down(share, range_m), -spread_m)',
+            'product_down(share, range_m), spread_m)',
         ),
     ),
     *_in(

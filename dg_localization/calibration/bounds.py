@@ -22,6 +22,12 @@ DECIMALS = 4
 
 CONFIDENCE = 0.95
 
+SLOPES, STEPS = 21, 5
+"""Errors per m that are tried at a time, and how often the best one is refined."""
+
+WORTH_A_SLOPE = 0.9
+"""Bounds with a slope have to be narrower than others by this factor."""
+
 MIDDLES = 101
 """Of a scatter, from end to end, that are tried; an odd number has the middle of both."""
 
@@ -42,6 +48,14 @@ class Choice:
 
     keep: float = 0.999
     margin: float = 0.1
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How range errors grow with the range: by bounds that are fractions, or by a slope."""
+
+    relative: bool = False
+    slope: float = 0.0
 
 
 def shortest_band(values: ArrayLike, keep: float) -> tuple[float, float]:
@@ -70,33 +84,40 @@ def n_kept(count: int, keep: float) -> int:
 
 
 def fit_range(
-    readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice, relative: bool
+    readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice, shape: Shape
 ) -> RangeErrorModel:
     """
-    Return the bounds of range errors.
+    Return the bounds of range errors, and the likeliest one.
+
+    They are constant where a fraction would be 1 or more, which no model allows.
 
     Parameters
     ----------
     readings_m, errors_m : array_like, shape (n,)
         Readings, and readings minus true distances.
     choice : Choice
-    relative : bool
-        Whether they are fractions of the reading, or constant. They are constant where the
-        fraction would be 1 or more, which no model allows.
+    shape : Shape
 
     """
-    errors = np.asarray(errors_m, dtype=float)
-    if relative:
-        fractions = errors / np.asarray(readings_m, dtype=float)
+    readings, errors = np.asarray(readings_m, dtype=float), np.asarray(errors_m, dtype=float)
+    if shape.relative:
+        fractions = errors / readings
         low, high = _rounded(_widened(shortest_band(fractions, choice.keep), choice.margin))
         if high < 1.0:
-            return RangeErrorModel(min_error_relative=low, max_error_relative=high)
-    return rounded_outward(*_widened(shortest_band(errors, choice.keep), choice.margin))
+            likeliest_m = float(np.median(errors))
+            return RangeErrorModel(0.0, 0.0, low, high, expected_error_m=likeliest_m)
+    rest_m = errors - shape.slope * readings
+    low_m, high_m = _rounded(_widened(shortest_band(rest_m, choice.keep), choice.margin))
+    return RangeErrorModel(
+        *(low_m, high_m, shape.slope, shape.slope),
+        expected_error_m=float(np.median(rest_m)),
+        expected_error_relative=shape.slope,
+    )
 
 
-def is_relative(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> bool:
+def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> Shape:
     """
-    Return whether relative bounds are narrower than constant ones at the mean reading.
+    Return how errors grow, by which bounds are narrowest at the mean reading.
 
     Parameters
     ----------
@@ -106,11 +127,21 @@ def is_relative(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> b
 
     """
     readings, errors = np.asarray(readings_m, dtype=float), np.asarray(errors_m, dtype=float)
-    if np.any(readings <= 0.0):
-        return False
-    low, high = _widened(shortest_band(errors / readings, choice.keep), choice.margin)
-    low_m, high_m = _widened(shortest_band(errors, choice.keep), choice.margin)
-    return high < 0.99 and (high - low) * float(np.mean(readings)) < high_m - low_m
+    low_m, high_m = shortest_band(errors, choice.keep)
+    shape, width_m = Shape(), high_m - low_m
+    if np.all(readings > 0.0):
+        low, high = shortest_band(errors / readings, choice.keep)
+        wide_m = (high - low) * float(np.mean(readings))
+        if _widened((low, high), choice.margin)[1] < 0.99 and wide_m < width_m:
+            shape, width_m = Shape(relative=True), wide_m
+    slope, reach = 0.0, 0.5
+    for _ in range(STEPS):
+        slopes = np.linspace(slope - reach, slope + reach, SLOPES)
+        bands = [shortest_band(errors - one * readings, choice.keep) for one in slopes]
+        widths_m = [high_m - low_m for low_m, high_m in bands]
+        slope, reach = float(slopes[np.argmin(widths_m)]), 2.0 * reach / (SLOPES - 1)
+    slope = round(slope, DECIMALS)
+    return Shape(slope=slope) if min(widths_m) < WORTH_A_SLOPE * width_m else shape
 
 
 def missing_m(scatter_m: ArrayLike, half_widths_m: ArrayLike, choice: Choice) -> tuple[float, int]:

@@ -113,8 +113,11 @@ def distance_bounds_m(
     spread_m = 0.0
     if model.sigma_factor > 0.0:
         spread_m = product_up(model.sigma_factor, sqrt_up(variance_m2))
-    high_m = sum_up(model.max_error_m, product_up(model.max_error_relative, range_m), spread_m)
-    low_m = sum_down(model.min_error_m, product_down(model.min_error_relative, range_m), -spread_m)
+    least = model.min_error_m, model.min_error_relative
+    most = model.max_error_m, model.max_error_relative
+    # Beyond a reading at which the two lines cross, they change places.
+    high_m = max(sum_up(m, product_up(share, range_m), spread_m) for m, share in (least, most))
+    low_m = min(sum_down(m, product_down(share, range_m), -spread_m) for m, share in (least, most))
     return max(0.0, sum_down(range_m, -high_m)), sum_up(range_m, -low_m)
 
 
@@ -128,11 +131,16 @@ def likeliest_distance_m(model: RangeErrorModel, range_m: float) -> float:
     """
     if math.isinf(range_m):
         return math.nan
-    error_m = model.expected_error_m
-    if error_m is None:
-        low_m = model.min_error_m + model.min_error_relative * range_m
-        high_m = model.max_error_m + model.max_error_relative * range_m
+    if model.expected_error_m is None and model.expected_error_relative == 0.0:
+        low_m, high_m = sorted(
+            (
+                model.min_error_m + model.min_error_relative * range_m,
+                model.max_error_m + model.max_error_relative * range_m,
+            )
+        )
         error_m = 0.5 * (min(max(0.0, low_m), high_m) + 0.5 * (low_m + high_m))
+    else:
+        error_m = (model.expected_error_m or 0.0) + model.expected_error_relative * range_m
     return max(0.0, range_m - error_m)
 
 

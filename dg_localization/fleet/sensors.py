@@ -38,7 +38,8 @@ class RangeErrorModel:
     ``low = min_error_m + min_error_relative * r - sigma_factor * sigma``, where sigma is the
     standard deviation the measurement came with (zero when it came with none). Ultra-wideband
     reads too long far more often than too short, so `max_error_m` is usually the larger one. A
-    reading in single precision, as in ``sensor_msgs/Range``, is off by another 6e-8 of it.
+    reading in single precision, as in ``sensor_msgs/Range``, is off by another 6e-8 of it. Where
+    ``low`` exceeds ``high`` they change places.
 
     Parameters
     ----------
@@ -53,11 +54,14 @@ class RangeErrorModel:
         is farther than ``max_range``. It does not when readings simply get lost.
     expected_error_m : float, optional
         The likeliest error in m, for the best point; None where it is not known.
+    expected_error_relative : float
+        What is added to it as a fraction of the reading.
 
     Raises
     ------
     ConfigError
-        If a number is not finite or a minimum exceeds its maximum.
+        If a number is not finite or a minimum exceeds its maximum; relative ones may do so where
+        the constant ones are apart.
 
     """
 
@@ -68,9 +72,13 @@ class RangeErrorModel:
     sigma_factor: float = 0.0
     beyond_max_is_far: bool = False
     expected_error_m: float | None = None
+    expected_error_relative: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'):
+        for name in (
+            *('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'),
+            'expected_error_relative',
+        ):
             keep(self, **{name: require_number(f'range.{name}', getattr(self, name))})
         sigma_factor = require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
         keep(self, sigma_factor=sigma_factor)
@@ -79,12 +87,14 @@ class RangeErrorModel:
             expected_error_m = require_number('range.expected_error_m', self.expected_error_m)
             keep(self, expected_error_m=expected_error_m)
         _require_order('range', self, 'min_error_m', 'max_error_m')
-        _require_order('range', self, 'min_error_relative', 'max_error_relative')
-        if self.max_error_relative >= 1.0:
-            raise ConfigError(
-                f'range.max_error_relative: {self.max_error_relative!r} is not allowed, it must '
-                'be below 1: the error is a fraction of the reading'
-            )
+        if self.min_error_m == self.max_error_m:
+            _require_order('range', self, 'min_error_relative', 'max_error_relative')
+        for name in ('min_error_relative', 'max_error_relative'):
+            if getattr(self, name) >= 1.0:
+                raise ConfigError(
+                    f'range.{name}: {getattr(self, name)!r} is not allowed, it must be below 1: '
+                    'the error is a fraction of the reading'
+                )
 
 
 @dataclass(frozen=True)

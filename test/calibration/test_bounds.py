@@ -10,16 +10,17 @@ import pytest
 
 from dg_localization.calibration.bounds import (
     Choice,
+    Shape,
     excluded_ranges,
     fit_half_width_rad,
     fit_range,
-    is_relative,
     missing_m,
     n_kept,
+    shape_of,
     shortest_band,
     vouched_share,
 )
-from dg_localization.fleet.error_models import distance_bounds_m
+from dg_localization.fleet.error_models import distance_bounds_m, likeliest_distance_m
 
 EXACT = Choice(keep=1.0, margin=0.0)
 
@@ -46,13 +47,13 @@ def test_a_share_that_is_whole_needs_no_more():
     assert [n_kept(10, keep) for keep in (0.9, 0.91, 0.05, 1.0)] == [9, 10, 1, 10]
 
 
-@pytest.mark.parametrize('relative', [False, True])
+@pytest.mark.parametrize('shape', [Shape(), Shape(relative=True), Shape(slope=0.01)])
 @pytest.mark.parametrize('keep', [0.9, 0.99, 1.0])
-def test_the_node_holds_the_truth_of_as_many_readings_as_asked(relative, keep):
+def test_the_node_holds_the_truth_of_as_many_readings_as_asked(shape, keep):
     rng = np.random.default_rng(5)
     truth = rng.uniform(1.0, 20.0, 1000)
     readings = truth + rng.gamma(2.0, 0.1, 1000) - 0.05
-    model = fit_range(readings, readings - truth, Choice(keep, 0.0), relative)
+    model = fit_range(readings, readings - truth, Choice(keep, 0.0), shape)
     excluded = excluded_ranges(model, readings, readings - truth)
     assert excluded <= 1000 - n_kept(1000, keep)
     bounds = [distance_bounds_m(model, reading) for reading in readings]
@@ -61,13 +62,13 @@ def test_the_node_holds_the_truth_of_as_many_readings_as_asked(relative, keep):
 
 
 def test_numbers_are_rounded_outward():
-    model = fit_range([2.0, 2.0], [0.12341, 0.23459], EXACT, relative=False)
+    model = fit_range([2.0, 2.0], [0.12341, 0.23459], EXACT, Shape())
     assert (model.min_error_m, model.max_error_m) == (0.1234, 0.2346)
     assert (model.min_error_relative, model.max_error_relative) == (0.0, 0.0)
 
 
 def test_the_margin_widens_both_ends():
-    model = fit_range([2.0, 2.0], [0.0, 1.0], Choice(1.0, 0.1), relative=False)
+    model = fit_range([2.0, 2.0], [0.0, 1.0], Choice(1.0, 0.1), Shape())
     assert (model.min_error_m, model.max_error_m) == pytest.approx((-0.1, 1.1), abs=1.1e-4)
 
 
@@ -76,15 +77,28 @@ def test_errors_that_grow_with_the_range_are_relative():
     truth = rng.uniform(1.0, 20.0, 500)
     growing = truth * (1.0 + rng.uniform(-0.05, 0.15, 500))
     constant = truth + rng.uniform(-0.05, 0.15, 500)
-    assert is_relative(growing, growing - truth, EXACT)
-    assert not is_relative(constant, constant - truth, EXACT)
-    assert not is_relative([0.0, 1.0], [0.0, 0.1], EXACT)
+    assert shape_of(growing, growing - truth, EXACT) == Shape(relative=True)
+    assert shape_of(constant, constant - truth, EXACT) == Shape()
+    assert not shape_of([0.0, 1.0], [0.0, 0.1], EXACT).relative
+
+
+def test_radios_that_read_a_share_too_long_have_bounds_with_a_slope():
+    rng = np.random.default_rng(2)
+    truth = rng.uniform(2.0, 60.0, 500)
+    readings = (truth + 0.08 + rng.uniform(-0.3, 0.3, 500)) / (1.0 - 0.0666)
+    shape = shape_of(readings, readings - truth, EXACT)
+    assert not shape.relative and shape.slope == pytest.approx(0.0666, abs=1e-3)
+    model = fit_range(readings, readings - truth, EXACT, shape)
+    assert excluded_ranges(model, readings, readings - truth) == 0
+    assert model.max_error_m - model.min_error_m < 0.65
+    off_m = [likeliest_distance_m(model, reading) for reading in readings] - truth
+    assert abs(np.median(off_m)) < 0.01 and np.abs(off_m).max() < 0.4
 
 
 def test_errors_as_large_as_the_reading_are_constant():
     readings = np.full(30, 1.0)
     errors = np.linspace(-0.5, 0.97, 30)
-    model = fit_range(readings, errors, Choice(), relative=True)
+    model = fit_range(readings, errors, Choice(), Shape(relative=True))
     assert excluded_ranges(model, readings, errors) == 0
     assert model.max_error_relative == 0.0 and model.max_error_m > 0.97
 

@@ -4,17 +4,19 @@
 """Readings to bounds: the stated error is inside, to the last bit, and REP-117 is followed."""
 
 from fractions import Fraction
+from itertools import product
 import math
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from dg_localization.fleet import RangeErrorModel, Rejection, RejectionReason
+from dg_localization.fleet import ConfigError, RangeErrorModel, Rejection, RejectionReason
 from dg_localization.fleet.error_models import (
     distance_bounds_m,
     interpret_range,
     interpret_ray,
+    likeliest_distance_m,
     projected_half_width_rad,
 )
 
@@ -56,6 +58,24 @@ def test_bounds_are_asymmetric_and_not_negative():
     assert lower == pytest.approx(5.0 - 1.3 - 0.1)
     assert upper == pytest.approx(5.1)
     assert distance_bounds_m(UWB, 0.5)[0] == 0.0
+
+
+def test_bounds_that_grow_with_the_range_may_cross():
+    model = RangeErrorModel(-1.0, 1.0, 0.07, 0.05)
+    for reading, share in product((0.0, 10.0, 100.0, 200.0), (0.0, 0.5, 1.0)):
+        ends = -1.0 + 0.07 * reading, 1.0 + 0.05 * reading
+        distance = max(0.0, reading - (ends[0] + share * (ends[1] - ends[0])))
+        low, high = distance_bounds_m(model, reading)
+        assert low <= distance <= high
+    with pytest.raises(ConfigError, match='min_error_relative'):
+        RangeErrorModel(0.0, 0.0, 0.07, 0.05)
+
+
+def test_the_likeliest_error_may_grow_with_the_range():
+    model = RangeErrorModel(-1.0, 1.0, 0.0, 0.1, expected_error_relative=0.0625)
+    assert likeliest_distance_m(model, 32.0) == 30.0
+    model = RangeErrorModel(-1.0, 1.0, 0.0, 0.1, 0.0, False, 0.5, 0.0625)
+    assert likeliest_distance_m(model, 32.0) == 29.5
 
 
 def test_a_reading_no_distance_can_give_leaves_nothing():

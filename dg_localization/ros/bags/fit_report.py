@@ -9,7 +9,14 @@ from textwrap import wrap
 import numpy as np
 
 from dg_localization.fleet import FleetConfig, LinkKind
-from dg_localization.ros.bags.fitted import EXPECTED_ERROR, Fit, GroupFit, Pair, range_parameters
+from dg_localization.ros.bags.fitted import (
+    EXPECTED_ERROR,
+    EXPECTED_ERROR_RELATIVE,
+    Fit,
+    GroupFit,
+    Pair,
+    range_parameters,
+)
 from dg_localization.ros.interface.links import OVERRIDES, STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
@@ -174,6 +181,7 @@ def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> dict[str, float]:
     bounds = range_parameters(fleet.range_error)
     if fleet.range_error.expected_error_m is not None:
         bounds[EXPECTED_ERROR] = fleet.range_error.expected_error_m
+    bounds[EXPECTED_ERROR_RELATIVE] = fleet.range_error.expected_error_relative
     return bounds
 
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import (
     Choice,
+    Shape,
     excluded_ranges,
     fit_half_width_rad,
     fit_range,
-    is_relative,
+    shape_of,
 )
 from dg_localization.calibration.odometry import (
     OdometryFit,
@@ -28,6 +29,7 @@ from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, co
 from dg_localization.ros.bags.fitted import (
     EVERYTHING,
     EXPECTED_ERROR,
+    EXPECTED_ERROR_RELATIVE,
     LEAST_READINGS,
     Fit,
     FloatArray,
@@ -83,14 +85,14 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     by_link = {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}
     rays_by_link = {key: (one.stamps_s, one.errors) for key, one in bearings.items()}
     by_group = gathered(by_link, per)
-    relative = False
+    shape = Shape()
     if EVERYTHING in by_group:
         _, readings, errors = by_group[EVERYTHING]
-        relative = is_relative(readings, errors, choice)
+        shape = shape_of(readings, errors, choice)
     fit = Fit(
         judged=with_readings({**by_link, **rays_by_link}),
         ranges={
-            pair: _range_group(stamps, readings, errors, choice, relative)
+            pair: _range_group(stamps, readings, errors, choice, shape)
             for pair, (stamps, readings, errors) in by_group.items()
         },
         bearings={
@@ -122,18 +124,22 @@ def _range_group(
     readings_m: FloatArray,
     errors_m: FloatArray,
     choice: Choice,
-    relative: bool,
+    shape: Shape,
 ) -> GroupFit:
-    model = fit_range(readings_m, errors_m, choice, relative)
+    model = fit_range(readings_m, errors_m, choice, shape)
     seen = (
         f'error {errors_m.min():.2f} to {errors_m.max():.2f} m, median {np.median(errors_m):.2f}'
     )
     excluded = excluded_ranges(model, readings_m, errors_m)
-    bounds = {**range_parameters(model), EXPECTED_ERROR: float(np.median(errors_m))}
+    bounds = {
+        **range_parameters(model),
+        EXPECTED_ERROR: model.expected_error_m or 0.0,
+        EXPECTED_ERROR_RELATIVE: model.expected_error_relative,
+    }
 
     def excluded_of(learned: BoolArray, judged: BoolArray) -> int:
         some = readings_m[learned], errors_m[learned], choice
-        half = fit_range(*some, is_relative(*some))
+        half = fit_range(*some, shape_of(*some))
         return excluded_ranges(half, readings_m[judged], errors_m[judged])
 
     rest = _share_of_rest(stamps_s, excluded_of)

@@ -120,7 +120,7 @@ def _scatter_group(
         model = rounded_outward(bias_m[0] + low_m - extra_m, bias_m[1] + high_m + extra_m)
         return GroupFit(len(scatter_m), beyond, seen, range_parameters(model))
     relative = stated.max_error_relative - stated.min_error_relative
-    stated_m = stated.max_error_m - stated.min_error_m + relative * readings_m
+    stated_m = np.abs(stated.max_error_m - stated.min_error_m + relative * readings_m)
     extra_m, beyond = missing_m(scatter_m, 0.5 * stated_m, choice)
     if extra_m > 0.0:
         seen += (

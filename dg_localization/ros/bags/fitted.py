@@ -21,7 +21,7 @@ Pair: TypeAlias = tuple[str, str]
 
 EVERYTHING: Pair = ('', '')
 # The parameter of the likeliest error has this name for ranges and for bearings.
-EXPECTED_ERROR = 'expected_error'
+EXPECTED_ERROR, EXPECTED_ERROR_RELATIVE = 'expected_error', 'expected_error_relative'
 # Fewer readings get the bounds of the next larger group.
 LEAST_READINGS = 20
 

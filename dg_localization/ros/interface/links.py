@@ -60,11 +60,12 @@ RANGE_FIELDS = {
     'max_error_relative': 'max_error_relative',
     'sigma_factor': 'sigma_factor',
     'expected_error': 'expected_error_m',
+    'expected_error_relative': 'expected_error_relative',
 }
-RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if name != 'expected_error')
+RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
 STAMP_OFFSET = 'stamp_offset'
 OVERRIDES = {
-    LinkKind.RANGE: (*RANGE_BOUNDS, 'expected_error', STAMP_OFFSET),
+    LinkKind.RANGE: (*RANGE_FIELDS, STAMP_OFFSET),
     LinkKind.BEARING: ('half_width', 'expected_error', STAMP_OFFSET),
     LinkKind.ODOMETRY: (STAMP_OFFSET,),
     LinkKind.ELEVATION: ('min_error', 'max_error', STAMP_OFFSET),

@@ -32,6 +32,7 @@ def range_error_from(values: Mapping[str, Any]) -> RangeErrorModel:
         sigma_factor=values['range.sigma_factor'],
         beyond_max_is_far=values['range.beyond_max_is_far'],
         expected_error_m=None if math.isnan(expected_error) else expected_error,
+        expected_error_relative=values['range.expected_error_relative'],
     )
 
 
@@ -100,15 +101,24 @@ def _known(*values: float | None) -> list[float]:
 
 def _widest_range(first: RangeErrorModel, second: RangeErrorModel) -> RangeErrorModel:
     """Return the bounds that hold for the ranges of both, for every reading."""
-    agree = first.expected_error_m == second.expected_error_m
+    agree = (first.expected_error_m, first.expected_error_relative) == (
+        second.expected_error_m,
+        second.expected_error_relative,
+    )
+    shares = [
+        share
+        for one in (first, second)
+        for share in (one.min_error_relative, one.max_error_relative)
+    ]
     return replace(
         first,
         min_error_m=min(first.min_error_m, second.min_error_m),
         max_error_m=max(first.max_error_m, second.max_error_m),
-        min_error_relative=min(first.min_error_relative, second.min_error_relative),
-        max_error_relative=max(first.max_error_relative, second.max_error_relative),
+        min_error_relative=min(shares),
+        max_error_relative=max(shares),
         sigma_factor=max(first.sigma_factor, second.sigma_factor),
         expected_error_m=first.expected_error_m if agree else None,
+        expected_error_relative=first.expected_error_relative if agree else 0.0,
     )
 
 

@@ -21,13 +21,13 @@ LINKS = Section(
             "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
             'each replaces what the templates give for the same measurement',
             details='NAME overrides min_error, max_error, min_error_relative, max_error_relative, '
-            'sigma_factor or expected_error of a range, half_width or expected_error of a '
-            'bearing, min_error or max_error of an elevation, any of the bounds for all that '
-            'peers measure, and gives roll, pitch and yaw (rad) of a sensor of peers in the body '
-            'frame of its robot; stamp_offset (s) is added to stamps. Odometry, elevations, peers '
-            'and cameras have no TARGET; the OBSERVER of peers is * where their messages say who '
-            'measured. A link to a robot that is not in robots is allowed: its readings are '
-            'counted and rejected.',
+            'sigma_factor, expected_error or expected_error_relative of a range, half_width or '
+            'expected_error of a bearing, min_error or max_error of an elevation, any of the '
+            'bounds for all that peers measure, and gives roll, pitch and yaw (rad) of a sensor '
+            'of peers in the body frame of its robot; stamp_offset (s) is added to stamps. '
+            'Odometry, elevations, peers and cameras have no TARGET; the OBSERVER of peers is * '
+            'where their messages say who measured. A link to a robot that is not in robots is '
+            'allowed: its readings are counted and rejected.',
             examples=(
                 'links:',
                 "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",

@@ -236,6 +236,13 @@ RANGES = Section(
             details='Where it is not known, .nan, it is the mean of two errors: the one nearest '
             'to zero that the bounds allow, and the middle of the bounds.',
         ),
+        Spec(
+            'range.expected_error_relative',
+            DOUBLE,
+            0.0,
+            'what is added to it as a fraction of the reading',
+            details='Some radios read a few percent too long.',
+        ),
     ),
 )
 
