@@ -11,7 +11,7 @@ assemble the rows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -39,6 +39,7 @@ from dg_localization.fleet.frames.mirror_images import (
     rigid_with,
 )
 from dg_localization.fleet.frames.plan import FramePlan
+from dg_localization.fleet.frames.regions import regions_of
 from dg_localization.fleet.frames.registration import Registration
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
@@ -107,14 +108,14 @@ class Placer:
         hypothesis = completed(hypothesis, self._rows, self._solved, anchors)
         images = self._mirror_images(hypothesis)
         among = None if alone and len(images) == 1 else (hypothesis.lower, hypothesis.upper)
-        for choice, whole in images:
-            narrowed = self._body_poses.narrow(hypothesis, whole)
+        for choice, region in self._regions(hypothesis, images):
+            narrowed = self._body_poses.narrow(hypothesis, region)
             if narrowed is None:
                 continue
             enclosure, arcs_rad = narrowed
             start = self._fixed_positions(hypothesis, choice, enclosure)
             best = self._best_points.find(start, enclosure, among)
-            mirrored = bool(placements)
+            mirrored = bool(placements) and choice is not images[0][0]
             placement = self._complete(hypothesis, best, enclosure, arcs_rad, mirrored)
             placements += [placement] if placement is not None else []
         return placements
@@ -152,6 +153,16 @@ class Placer:
             # Only one is true, but which one depends on where in the hypothesis the truth is.
             return [(None, first.hull(second))]
         return found[:1] if _equal(first, second) else found
+
+    def _regions(
+        self, hypothesis: Hypothesis, images: list[tuple[ChiralityChoice | None, Interval]]
+    ) -> Iterator[tuple[ChiralityChoice | None, Interval]]:
+        """Yield the connected parts of mirror images."""
+        rows = [row for row in self._rows if row not in self._registration.anchors]
+        most = self._config.max_hypotheses
+        for choice, whole in images:
+            parts = regions_of(whole, hypothesis.lower, hypothesis.upper, rows, most)
+            yield from ((choice, part) for part in parts)
 
     def _fixed_positions(
         self, hypothesis: Hypothesis, choice: ChiralityChoice | None, enclosure: Interval

@@ -1,0 +1,112 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Regions: the parts of an enclosure that do not touch each other.
+
+Distances to anchors that are nearly in line hold on either side of the line. The hypothesis of the
+solver, which bounds distances, is connected; the coordinates are not. Each part is covered by
+boxes that contraction leaves (set inversion), so nothing is lost between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.fleet.constraints.graph import components_of
+from dg_localization.interval.arrays import Interval, determinant
+from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
+
+FloatArray = NDArray[np.float64]
+
+MOST_CELLS = 128
+"""How many boxes one point is covered by at most."""
+
+MOST_OTHERS = 12
+"""How many points are asked whether they tell all places of a point apart."""
+
+SWEEPS = 20
+"""Most passes of the contraction of coordinate boxes."""
+
+
+def regions_of(
+    enclosure: Interval, lower: FloatArray, upper: FloatArray, rows: Sequence[int], most: int
+) -> list[Interval]:
+    """
+    Return up to about `most` parts of an enclosure that together hold all placements.
+
+    `rows` are the points that may be in several parts; `lower` and `upper` bound the squared
+    distances in m^2.
+    """
+    regions = [enclosure]
+    for row in rows:
+        following: list[Interval] = []
+        for number, region in enumerate(regions):
+            parts = [region]
+            if len(following) + len(regions) - number < most:
+                parts = _parts_of_point(region, lower, upper, row)
+            following += parts
+        regions = following
+    return regions
+
+
+def _parts_of_point(
+    region: Interval, lower: FloatArray, upper: FloatArray, row: int
+) -> list[Interval]:
+    """Return the parts of a region where one point is in another place."""
+    others = np.flatnonzero(np.isfinite(upper[row]) & (np.arange(len(upper)) != row))
+    bounded = np.isfinite(region.lower).all(axis=1) & np.isfinite(region.upper).all(axis=1)
+    if not bounded[row] or _is_in_general_position(region, row, others[bounded[others]]):
+        return [region]
+    cells = _cells_of_point(region, lower, upper, row)
+    below = np.all(cells[:, None, 0] <= cells[None, :, 1], axis=-1)
+    clusters = components_of(np.logical_and(below, below.T))
+    if len(clusters) < 2:
+        return [region]
+    parts = []
+    for cluster in clusters:
+        low, high = np.array(region.lower), np.array(region.upper)
+        cluster_cells = cells[list(cluster)]
+        low[row], high[row] = cluster_cells[:, 0].min(axis=0), cluster_cells[:, 1].max(axis=0)
+        if contract_coordinate_boxes(low, high, lower, upper, SWEEPS):
+            parts.append(Interval(low, high))
+    return parts
+
+
+def _is_in_general_position(region: Interval, row: int, others: NDArray[np.intp]) -> bool:
+    """Return whether distances to q of the others tell all places of a point apart."""
+    dimension = region.lower.shape[1]
+    some = others[:: len(others) // MOST_OTHERS + 1].tolist()
+    bases = list(combinations(some, dimension))
+    if not bases:
+        return False
+    volumes = determinant(region[np.array(bases)] - region[row])
+    return bool(((volumes.lower > 0.0) | (volumes.upper < 0.0)).any())
+
+
+def _cells_of_point(
+    region: Interval, lower: FloatArray, upper: FloatArray, row: int
+) -> FloatArray:
+    """Return boxes, shape (k, 2, q), that cover all places of a point."""
+    star_lower, star_upper = np.zeros_like(lower), np.full_like(upper, np.inf)
+    star_lower[row], star_upper[row] = lower[row], upper[row]
+    star_lower[:, row], star_upper[:, row] = lower[:, row], upper[:, row]
+    cells = [np.stack([region.lower[row], region.upper[row]])]
+    while 0 < len(cells) < MOST_CELLS:
+        widths = [float((cell[1] - cell[0]).max()) for cell in cells]
+        cell = cells.pop(int(np.argmax(widths)))
+        axis = int(np.argmax(cell[1] - cell[0]))
+        middle = 0.5 * (cell[0, axis] + cell[1, axis])
+        if not cell[0, axis] < middle < cell[1, axis]:
+            return np.array([*cells, cell])
+        for side in (0, 1):
+            low, high = np.array(region.lower), np.array(region.upper)
+            low[row], high[row] = cell
+            (high if side == 0 else low)[row, axis] = middle
+            if contract_coordinate_boxes(low, high, star_lower, star_upper, SWEEPS):
+                cells.append(np.stack([low[row], high[row]]))
+    return np.array(cells).reshape(-1, 2, region.lower.shape[1])

@@ -1,0 +1,98 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Anchors nearly in a hyperplane: each side of it is a hypothesis of its own."""
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+
+ERROR = RangeErrorModel(-0.05, 0.05, 0.0, 0.0)
+
+
+def answer(anchors, places, peers=(), **settings):
+    """Return the answer to ranges of robots to all anchors and to some peers."""
+    rng = np.random.default_rng(5)
+    anchors = {name: Anchor(tuple(place)) for name, place in anchors.items()}
+    config = FleetConfig(
+        tuple(places),
+        anchors=anchors,
+        range_error=ERROR,
+        memory_s=0.0,
+        max_speed_m_s=0.0,
+        **settings,
+    )
+    localizer = Localizer(config)
+    points = {**{name: anchor.coordinates_m for name, anchor in anchors.items()}, **places}
+    links = [(robot, anchor) for robot in places for anchor in anchors]
+    for observer, target in (*links, *peers):
+        true_m = np.linalg.norm(np.subtract(points[observer], points[target]))
+        reading_m = float(true_m + rng.uniform(-0.04, 0.04))
+        assert localizer.add_range(observer, target, reading_m, 100.0, 100.0) is None
+    return localizer.step(100.0)
+
+
+def nearest_deviations(estimate, places):
+    """Return how many deviations the best of the points is off on its worst axis."""
+    truth_m = np.array(list(places.values()))
+    found = []
+    for one in estimate.placements:
+        sigma_m = np.sqrt([np.diag(c)[: truth_m.shape[1]] for c in one.covariances])
+        found.append(np.max(np.abs(one.positions_m - truth_m) / sigma_m))
+    return min(found)
+
+
+def n_holding(estimate, places):
+    """Return how many placements have all robots in their enclosures."""
+    truth_m = np.array(list(places.values()))
+    return sum(
+        bool(np.all((one.enclosure_m[:, 0] <= truth_m) & (truth_m <= one.enclosure_m[:, 1])))
+        for one in estimate.placements
+    )
+
+
+@pytest.mark.parametrize('bump_m', [1e-6, 1e-3, 0.03])
+@pytest.mark.parametrize('y_m', [-3.0, 1.5])
+def test_each_side_of_a_wall_is_a_hypothesis(bump_m, y_m):
+    """Three anchors of which one is a little out of line leave both sides open."""
+    anchors = {'w0': (0.0, 0.0), 'w1': (5.0, bump_m), 'w2': (9.0, 0.0)}
+    places = {'r': (3.0, y_m)}
+    estimate = answer(anchors, places)
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert n_holding(estimate, places) == 1
+    assert nearest_deviations(estimate, places) < 4.0
+    sides = {np.sign(one.positions_m[0, 1]) for one in estimate.placements}
+    assert sides == {-1.0, 1.0}
+    assert all(
+        one.enclosure_m[0, 0, 1] * one.enclosure_m[0, 1, 1] > 0 for one in estimate.placements
+    )
+
+
+def test_ranges_between_robots_leave_the_sides_that_agree():
+    """Of four combinations of sides, two have the robots as far apart as they measured."""
+    anchors = {'w0': (0.0, 0.0), 'w1': (5.0, 0.002), 'w2': (9.0, 0.0)}
+    places = {'r': (3.0, 2.0), 's': (5.0, 3.0)}
+    assert answer(anchors, places).n_hypotheses == 4
+    estimate = answer(anchors, places, peers=[('r', 's')])
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert n_holding(estimate, places) == 1
+
+
+@pytest.mark.parametrize('bump_m', [1e-6, 0.01])
+def test_each_side_of_a_ceiling_is_a_hypothesis(bump_m):
+    """Four anchors nearly in a plane leave the places above and below it open."""
+    anchors = {'c0': (0, 0, 3), 'c1': (8, 0, 3 + bump_m), 'c2': (8, 6, 3), 'c3': (0, 6, 3)}
+    places = {'r': (3.0, 2.0, 1.0)}
+    estimate = answer(anchors, places, dimension=3)
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert n_holding(estimate, places) == 1
+    assert nearest_deviations(estimate, places) < 4.0
+
+
+def test_one_place_is_one_hypothesis():
+    """Where the robot is near the line, or the anchors are far from one, the places touch."""
+    wall = {'w0': (0.0, 0.0), 'w1': (5.0, 1e-3), 'w2': (9.0, 0.0)}
+    assert answer(wall, {'r': (3.0, 0.1)}).n_hypotheses == 1
+    hall = {'a': (0.0, 0.0), 'b': (9.0, 0.0), 'c': (0.0, 7.0)}
+    assert answer(hall, {'r': (3.0, 2.0), 's': (6.0, 5.0)}).n_hypotheses == 1
