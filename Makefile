@@ -83,7 +83,7 @@ $(ready): setup.py setup.cfg $(wildcard requirements/*.txt)
 	echo 'Ready: $(VENV)'
 
 demo: $(ready) ## Simulate the paper's fleet, localize it over DDS, write demo.png
-	@$(run) -m dg_localization.ros.demo
+	@$(run) docs/demo.py
 
 # Kernels are compiled first, with progress: it takes minutes, and a test that waits would time out.
 test: $(ready) ## Run all tests

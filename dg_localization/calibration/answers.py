@@ -107,6 +107,10 @@ class FleetTruth:
     fleet: FleetConfig
     tracks: Mapping[str, TrueTrack]
 
+    def stamps_s(self) -> list[float]:
+        """Return the first and the last stamps of all tracks."""
+        return [stamp_s for track in self.tracks.values() for stamp_s in track.span_s]
+
     def beside(self, frame: FixedFrame, snapshot: Snapshot) -> TruePlacement:
         """Return the truth in the frame of an answer to a snapshot, at the time of both."""
         odometry = None

@@ -56,6 +56,11 @@ class TrueTrack:
         place[: np.size(position_m)] = position_m
         return _AtRest([0.0], [place])
 
+    @property
+    def span_s(self) -> tuple[float, ...]:
+        """The first and the last stamp; nothing for what is known at all times."""
+        return (float(self._stamps_s[0]), float(self._stamps_s[-1]))
+
     def carrying(self, arm_m: ArrayLike) -> 'TrueTrack':
         """
         Return the track of a sensor on this robot, which is turned as the robot is.
@@ -99,6 +104,10 @@ class TrueTrack:
 class _AtRest(TrueTrack):
     """A place that is known at all times."""
 
+    @property
+    def span_s(self) -> tuple[float, ...]:
+        return ()
+
     def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
         return np.repeat(values[:1], len(times_s), axis=0)
 
@@ -109,6 +118,10 @@ class _Carried(TrueTrack):
     def __init__(self, robot: TrueTrack, arm_m: ArrayLike) -> None:
         self._robot, self._arm_m, self._dimension = robot, np.zeros(3), np.size(arm_m)
         self._arm_m[: self._dimension] = arm_m
+
+    @property
+    def span_s(self) -> tuple[float, ...]:
+        return self._robot.span_s
 
     def positions_at(self, times_s: ArrayLike) -> FloatArray:
         bodies = without_tilt(self.rotations_at(times_s), self._dimension)

@@ -327,6 +327,7 @@ class Localizer:
         self._snapshots += 1
         return take_snapshot(
             self._store,
+            self._config,
             self._anchors,
             self._mounts,
             now,

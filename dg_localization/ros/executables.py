@@ -82,11 +82,6 @@ def security_policy(args: Sequence[str] | None = None) -> int:
     return _run('security_policy', args, interrupted=EXIT_INTERRUPTED)
 
 
-def demo(args: Sequence[str] | None = None) -> int:
-    """Run the demonstration; return the exit code."""
-    return _run('demo.run', args, interrupted=EXIT_INTERRUPTED)
-
-
 EXECUTABLES = {
     function.__name__: function
     for function in (
@@ -98,7 +93,6 @@ EXECUTABLES = {
         fleet_status,
         self_test,
         security_policy,
-        demo,
     )
 }
 

@@ -31,9 +31,6 @@ class Progress(Protocol):
     def update(self, seconds: float) -> None:
         """Go on by some seconds of bag time."""
 
-    def note(self, text: str) -> None:
-        """Show what is going on now; nothing when it is empty."""
-
     def close(self) -> None:
         """Leave the line."""
 
@@ -60,10 +57,6 @@ class ProgressBar:
         """Go on by some seconds of bag time."""
         self._show(lambda bar: bar.update(seconds))
 
-    def note(self, text: str) -> None:
-        """Show what is going on now; nothing when it is empty."""
-        self._show(lambda bar: bar.set_postfix_str(text))
-
     def close(self) -> None:
         """Leave the line."""
         self._show(lambda bar: bar.close())
@@ -83,8 +76,7 @@ def _make_bar(total_s: float) -> Any:
         # A sum of floats may exceed what they are parts of, and the bar would warn.
         total=total_s + 1e-6,
         unit='s',
-        bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s of the bag '
-        '[{elapsed}<{remaining}{postfix}]',
+        bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s of the bag [{elapsed}<{remaining}]',
     )
 
 
@@ -107,22 +99,13 @@ class ProgressLines:
     def update(self, seconds: float) -> None:
         """Go on by some seconds of bag time."""
         self._passed_s += seconds
-        self._print('')
-
-    def note(self, text: str) -> None:
-        """Show what is going on now; nothing when it is empty."""
-        self._print(text)
-
-    def close(self) -> None:
-        """Do nothing."""
-
-    def _print(self, text: str) -> None:
-        """Print how far it is, unless that was done a moment ago."""
         now_s = time.monotonic()
         if now_s - self._printed_s >= LINE_PERIOD_S:
             self._printed_s = now_s
-            place = f'{self._passed_s:.1f}/{self._total_s:.1f} s of the bag'
-            print_line(', '.join(filter(None, (place, text))))
+            print_line(f'{self._passed_s:.1f}/{self._total_s:.1f} s of the bag')
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 def make_progress(total_s: float) -> Progress:
@@ -148,25 +131,22 @@ def print_line(text: str) -> None:
 
 
 @contextmanager
-def told_while_waiting(text: str, period_s: float | None = None) -> Iterator[None]:
+def told_while_waiting(
+    text: str | Callable[[], str], period_s: float = WAIT_PERIOD_S
+) -> Iterator[None]:
     """
     Print what is done in a block, and for how long, now and then while it takes long.
 
-    For what has no end that is known before: a progress bar is better where there is one.
-
-    Parameters
-    ----------
-    text : str
-        What is done, such as 'checking my_bag'.
-    period_s : float, optional
-        How often; every two seconds by default.
-
+    For what has no end that is known before. A function returns the whole line, or nothing.
     """
     ended, began_s = Event(), time.monotonic()
 
     def tell() -> None:
-        while not ended.wait(period_s or WAIT_PERIOD_S):
-            print_line(f'{text}: {time.monotonic() - began_s:.0f} s')
+        while not ended.wait(period_s):
+            if isinstance(text, str):
+                print_line(f'{text}: {time.monotonic() - began_s:.0f} s')
+            elif line := text():
+                print_line(line)
 
     thread = Thread(target=tell, name='told while waiting', daemon=True)
     thread.start()

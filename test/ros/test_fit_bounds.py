@@ -3,6 +3,7 @@
 
 """The executable `fit_bounds`: recordings of the simulated fleet, and the real UWB recording."""
 
+from collections import defaultdict
 import csv
 from itertools import combinations
 import json
@@ -36,8 +37,8 @@ from dg_localization.fleet import (  # noqa: E402
 )
 from dg_localization.ros.bags import fit_with_truth, fit_without_truth, samples  # noqa: E402
 from dg_localization.ros.bags.compared import Compared, broken_bounds  # noqa: E402
-from dg_localization.ros.bags.ground_truth import read_truth_file  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
+from dg_localization.ros.bags.truth_table import read_table  # noqa: E402
 from dg_localization.ros.executables import (  # noqa: E402
     UsageError,
     fit_bounds,
@@ -64,6 +65,12 @@ BEACONS = {
     'names': list(LANDMARKS_M),
     **{name: {'position': list(place)} for name, place in LANDMARKS_M.items()},
 }
+
+
+def read_truth_file(path, robots, dimension):
+    poses = defaultdict(list)
+    read_table(path, robots, dimension, poses)
+    return poses
 
 
 def type_name(message):
@@ -801,7 +808,7 @@ def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, lea
         (['--truth', '/mocap/{robot}'], 'no topic /mocap/robot_1 or .* in the bag; it has'),
         (['--truth', '/robot_1/range/robot_2'], 'is sensor_msgs/msg/Range; a ground truth is'),
         (['--truth', 'nowhere.csv'], "'nowhere.csv' is no file"),
-        (['--truth', TRUTH, 'x.csv'], 'name topics or one .csv file'),
+        (['--truth', TRUTH, 'x.csv'], 'name topics or files'),
         (['--truth', TRUTH, '--bias', '0', '1'], '--bias is for recordings without'),
         (['--bias', '1', '0'], '1 is above 0'),
     ],
@@ -823,7 +830,7 @@ def test_a_table_with_a_wrong_number_names_the_line(tmp_path, learn):
     table.write_text('stamp,robot,x,y\n1.0,robot_1,2.0,3.0\nnan,robot_1,2.0,3.0\n')
     assert learn(bag, '--truth', table)[0] == 2
     assert 'truth.csv, line 3: stamp nan is not a finite number' in learn.errors
-    table.write_text('time,robot,x,y\n')
+    table.write_text('when,robot,x,y\n')
     assert learn(bag, '--truth', table)[0] == 2
     assert 'has no column stamp' in learn.errors
 

@@ -3,8 +3,8 @@
 
 """A ground truth that is damaged, cut off or half known: the report says so."""
 
+from collections import defaultdict
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
-from ruamel.yaml import YAML  # noqa: E402
 from test_localize_bag import (  # noqa: E402
     PARAMETERS,
     PERIOD_NS,
@@ -28,7 +27,7 @@ from dg_localization.fleet.rotations import (  # noqa: E402
     quaternion_of_euler,
     rotation_of_quaternion,
 )
-from dg_localization.ros.bags.ground_truth import read_truth_file  # noqa: E402
+from dg_localization.ros.bags.truth_table import Poses, read_table  # noqa: E402
 from dg_localization.ros.executables import UsageError, localize_bag  # noqa: E402
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -73,51 +72,6 @@ def write_truth(recording, robots, steps):
             recording.write(f'/{robot}/truth', step, data, POSE)
 
 
-def joined(parts, bag):
-    """Make one bag of two, as a recorder that splits does."""
-    bag.mkdir()
-    names, described = [], []
-    for number, part in enumerate(parts):
-        names.append(f'{bag.name}_{number}.mcap')
-        shutil.copy(next(part.glob('*.mcap')), bag / names[-1])
-        text = (part / 'metadata.yaml').read_text()
-        described.append(YAML(typ='safe').load(text)['rosbag2_bagfile_information'])
-    whole, other = described
-    ends_ns = [
-        one['starting_time']['nanoseconds_since_epoch'] + one['duration']['nanoseconds']
-        for one in described
-    ]
-    whole |= {'relative_file_paths': names, 'files': []}
-    whole['message_count'] += other['message_count']
-    whole['duration']['nanoseconds'] = max(ends_ns) - START_NS
-    counts = {
-        topic['topic_metadata']['name']: topic['message_count']
-        for topic in other['topics_with_message_count']
-    }
-    for topic in whole['topics_with_message_count']:
-        topic['message_count'] += counts[topic['topic_metadata']['name']]
-    with (bag / 'metadata.yaml').open('w') as file:
-        YAML().dump({'rosbag2_bagfile_information': whole}, file)
-    return bag
-
-
-def test_a_truth_that_ends_at_a_disorder_of_its_own_is_told(tmp_path, localize, capsys):
-    """One pose comes 1.5 s after those that follow it in the file; the ranges are in order."""
-    parts = [Recorder(tmp_path / 'part_0'), Recorder(tmp_path / 'part_1')]
-    for part, steps in zip(parts, (range(10), range(10, 31)), strict=True):
-        part.write_triangle(steps)
-        write_truth(part, 'ab', steps)
-    write_truth(parts[0], 'c', [25])
-    write_truth(parts[1], 'c', [26])
-    bag = joined([part.close() for part in parts], tmp_path / 'bag')
-    code, report = localize(bag, *TRUTH, max_speed=0.0)
-    assert code == 1 and report['ending'] == '' and report['accepted'] == 93
-    (damage,) = report['damage']
-    assert damage.startswith('the ground truth ends at 2.5 s: ')
-    assert 'comes after one of' in damage
-    assert f'- {damage}' in capsys.readouterr().out
-
-
 def test_what_cannot_be_read_of_a_truth_is_told(recorder, localize, capsys):
     recorder.write_triangle(range(21))
     write_truth(recorder, 'a', range(21))
@@ -140,7 +94,7 @@ def test_a_truth_without_a_message_is_told(recorder, localize):
     recorder._writer.add_connection('/c/truth', POSE, typestore=STORE)
     code, report = localize(recorder.close(), *TRUTH)
     assert code == 0 and report['damage'] == []
-    assert report['notices'] == ['/c/truth is passed over: it holds no message']
+    assert report['notices'] == ['/c/truth is passed over: no message']
 
 
 def test_a_whole_truth_needs_no_word(recorder, localize):
@@ -161,6 +115,12 @@ def test_contradictions_do_not_hold_the_truth(recorder, localize, capsys):
     assert (truth['compared'], truth['infeasible']) == (report['ticks'], n_empty)
     assert truth['held'] == report['ticks'] - n_empty and truth['missed'] == []
     assert f'{n_empty} answers have no placement at all' in capsys.readouterr().out
+
+
+def read_truth_file(path, robots, dimension):
+    poses: Poses = defaultdict(list)
+    read_table(path, robots, dimension, poses)
+    return poses
 
 
 def track(path, robot='a'):
@@ -219,5 +179,62 @@ def test_the_report_says_that_a_table_tells_no_orientation_in_space(
     assert report['notices'] == []
     _, report = localize(bag, '--truth', path, dimension=3)
     (notice,) = report['notices']
-    assert 'truth.csv tells no orientation in space' in notice and 'qx, qy, qz and qw' in notice
+    assert 'truth.csv: no orientation in space' in notice and 'qx, qy, qz and qw' in notice
     assert notice in capsys.readouterr().out
+
+
+ROWS = [(START_NS // 10**9 + step / 10, robot) for step in range(21) for robot in 'abc']
+TABLES = {
+    'blanks after commas': ('truth.csv', 'stamp, robot, x, y', '{t:.3f}, {r}, {x}, {y}'),
+    'semicolons': ('truth.csv', 'stamp;robot;x;y', '{t:.3f};{r};{x};{y}'),
+    'capitals': ('TRUTH.CSV', 'Time,Robot,X,Y', '{t:.3f},{r},{x},{y}'),
+    'nanoseconds': ('truth.csv', 'timestamp,robot,x,y', '{t:.1f}e9,{r},{x},{y}'),
+    'milliseconds': ('truth.csv', 'stamp,robot,x,y', '{t:.1f}e3,{r},{x},{y}'),
+    'blanks': ('truth.txt', '# stamp robot x y', '{t:.3f} {r} {x} {y}'),
+}
+
+
+@pytest.mark.parametrize('name', TABLES)
+def test_tables_as_people_have_them_are_read(recorder, localize, tmp_path, name):
+    recorder.write_triangle(range(21))
+    file, header, row = TABLES[name]
+    rows = [row.format(t=t, r=r, x=PLACES[r][0], y=PLACES[r][1]) for t, r in ROWS]
+    (tmp_path / file).write_text('\n'.join([header, *rows]))
+    code, report = localize(recorder.close(), '--truth', tmp_path / file)
+    assert code == 0 and report['truth']['compared'] == report['ticks'] == 10
+    unit = [text for text in report['notices'] if 'in seconds' in text]
+    assert len(unit) == name.endswith('seconds') and all(name in text for text in unit)
+
+
+def test_decimals_after_commas_are_read(tmp_path):
+    path = tmp_path / 'truth.csv'
+    path.write_text('stamp;robot;x;y\n1,5;a;2,25;3\n')
+    ((stamp_s, place_m, _),) = read_truth_file(path, ['a'], 2)['a']
+    assert stamp_s == 1.5 and place_m[:2].tolist() == [2.25, 3.0]
+
+
+def test_trajectories_of_tum_are_read_one_of_each_robot(recorder, localize, tmp_path):
+    recorder.write_triangle(range(21))
+    for robot, (x, y) in PLACES.items():
+        rows = [f'{t:.3f} {x} {y} 0 0 0 0 1' for t, r in ROWS if r == robot]
+        (tmp_path / f'{robot}.tum').write_text('\n'.join(['# a remark', *rows]))
+    bag = recorder.close()
+    code, report = localize(bag, '--truth', tmp_path / '{robot}.tum')
+    assert code == 0 and report['truth']['compared'] == 10
+    params = tmp_path / 'params.yaml'
+    arguments = (bag, '-o', tmp_path / 'other', '--params', params, '--truth', tmp_path / 'a.tum')
+    assert localize_bag([str(one) for one in arguments]) == 2
+
+
+def test_times_that_do_not_meet_are_explained(recorder, localize, tmp_path, capsys):
+    recorder.write_triangle(range(21))
+    path, bag = tmp_path / 'truth.csv', recorder.close()
+    zero = [f'{(t - START_NS // 10**9):.3f},{r},0,0' for t, r in ROWS]
+    other = [f'{t + 3600.0:.3f},{r},0,0' for t, r in ROWS]
+    for rows, hint in ((zero, 'counted from zero'), (other, 's apart')):
+        path.write_text('\n'.join(['stamp,robot,x,y', *rows]))
+        _, report = localize(bag, '--truth', path)
+        assert report['truth']['compared'] == 0
+        printed = capsys.readouterr().out
+        assert 'must be in seconds' in printed and hint in printed
+        assert f'{START_NS / 10**9 + 0.2:.3f} to' in printed

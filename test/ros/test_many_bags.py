@@ -23,7 +23,6 @@ from dg_localization.ros.bags import (  # noqa: E402
     localize_bag as localize_bag_module,
     many_bags,
 )
-from dg_localization.ros.bags.arguments import make_parser, shared_arguments  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
 
@@ -98,40 +97,6 @@ def test_what_fails_after_the_report_is_told(bags, localize, tmp_path, monkeypat
     assert code == 1
     for row in text.splitlines()[-2:]:
         assert 'answers.svg cannot be written' in row and 'at its end' not in row
-
-
-def test_files_of_parameters_are_found_from_any_folder(bags, localize, tmp_path, monkeypatch):
-    bounds = tmp_path / 'bounds.yaml'
-    bounds.write_text(json.dumps({'/**': {'ros__parameters': {'rate': 1.0}}}))
-    monkeypatch.chdir(tmp_path)
-    arguments = ['--ros-args', '--params-file', 'bounds.yaml', '-p', 'rate:=2.0', '--']
-    options = make_parser().parse_args(['bag', '-o', 'out', '--params', 'bounds.yaml'])
-    shared = shared_arguments(options, arguments)
-    assert shared[-5:] == ['--ros-args', '--params-file', str(bounds), '-p', 'rate:=2.0']
-
-
-def test_a_worker_that_is_lost_leaves_the_other_bags_theirs(bags, localize, tmp_path, monkeypatch):
-    whole = many_bags._localize
-
-    def lost(bag, *rest, **more):
-        if bag.name == 'first':
-            raise RuntimeError('the worker is gone')
-        return whole(bag, *rest, **more)
-
-    monkeypatch.setattr(many_bags, '_localize', lost)
-    code, text = localize(*bags, report='all.md')
-    assert code == 1
-    first, second = text.splitlines()[-2:]
-    assert 'RuntimeError: the worker is gone' in first and 'at its end' in second
-
-
-def test_what_a_lost_worker_began_is_begun_anew(bags, tmp_path):
-    (tmp_path / 'out').mkdir()
-    (tmp_path / 'out' / 'answers').mkdir()
-    params = tmp_path / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
-    outcome = many_bags._localize(bags[0], tmp_path / 'out', ['--params', str(params)])
-    assert outcome.exit_code == 0 and outcome.report['ticks'] == 5
 
 
 def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
@@ -216,27 +181,11 @@ def test_wrong_jobs_are_refused(bags, localize, capsys, jobs):
     assert f"'{jobs}' must be an integer of at least 1" in capsys.readouterr().err
 
 
-def test_a_scheduler_that_does_not_answer_is_named(bags, localize, capsys, monkeypatch):
-    distributed = pytest.importorskip('distributed')
-
-    def refuse(address):
-        raise OSError(f'Timed out trying to connect to {address}')
-
-    monkeypatch.setattr(distributed, 'Client', refuse)
-    code, text = localize(*bags, '--scheduler', 'tcp://127.0.0.1:1')
-    assert code == 2 and text is None
-    assert "--scheduler 'tcp://127.0.0.1:1': no Dask" in capsys.readouterr().err
-
-
-def test_without_dask_the_message_says_how_to_get_it(bags, localize, capsys, monkeypatch):
-    monkeypatch.setitem(many_bags.sys.modules, 'distributed', None)
-    code, _ = localize(*bags, '--scheduler', 'tcp://127.0.0.1:1')
-    assert code == 1 and 'pip install distributed' in capsys.readouterr().err
-
-
-def test_workers_of_a_scheduler_localize_the_bags(bags, localize):
-    distributed = pytest.importorskip('distributed')
-    settings = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
-    with distributed.LocalCluster(**settings, processes=False) as cluster:
-        code, text = localize(*bags, '--scheduler', cluster.scheduler_address)
-    assert code == 0 and [bag['exit_code'] for bag in json.loads(text)['bags']] == [0, 0]
+def test_one_process_and_four_give_the_same_bytes(bags, localize, tmp_path):
+    found = []
+    for jobs in ('1', '4'):
+        assert localize(*bags, '--jobs', jobs, output=f'out_{jobs}')[0] == 0
+        folder = tmp_path / f'out_{jobs}'
+        files = sorted(path for path in folder.rglob('*') if path.is_file())
+        found.append({path.relative_to(folder): path.read_bytes() for path in files})
+    assert len(found[0]) >= 6 and found[0] == found[1]

@@ -103,7 +103,7 @@ GROUP_WRONG = {'r3': (0.0, 0.0), 'r4': (2.0, 2.0)}
 def test_a_miss_is_told_though_another_answer_is_not_listed_whole():
     tally = tallied(WRONG, GROUP_RIGHT, group_hypotheses=5)
     assert (tally.compared, tally.held, tally.unlisted) == (1, 0, 0)
-    assert [miss.robots for miss in tally.misses] == [('r2',)]
+    assert [miss.what for miss in tally.misses] == [('r2',)]
     tally = tallied(RIGHT, GROUP_WRONG, group_hypotheses=5)
     assert (tally.held, tally.unlisted, tally.misses) == (0, 1, [])
     tally = tallied(RIGHT, GROUP_RIGHT, group_hypotheses=5)

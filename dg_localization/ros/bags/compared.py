@@ -11,7 +11,7 @@ import numpy as np
 from dg_localization.calibration.bounds import range_holds
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
 from dg_localization.fleet import FleetConfig, LinkKey
-from dg_localization.ros.bags.fitted import FloatArray
+from dg_localization.ros.bags.fitted import LEAST_READINGS, BoolArray, FloatArray
 from dg_localization.ros.bags.samples import Samples
 
 LONGEST_GAP_S = 1.0
@@ -36,6 +36,13 @@ class Compared:
     stamps_s: FloatArray
     values: FloatArray
     errors: FloatArray
+
+
+DELAY_S, STEP_S = 0.02, 0.05
+"""The shortest delay that is told, and the time over which distances are seen to change."""
+
+DEVIATIONS = 4.0
+"""A delay is told that is this many of its standard deviations."""
 
 
 def compared_ranges(
@@ -67,6 +74,55 @@ def compared_rays(
             nothing = np.full(int(known.sum()), np.nan)
             found[key] = Compared(stamps_s[known], nothing, errors[known])
     return found
+
+
+def gross_text(stamps_s: FloatArray, errors: FloatArray, kept: BoolArray, unit: str) -> str:
+    """Return which single reading sets a bound that would be half as wide without; or nothing."""
+    held = np.flatnonzero(kept)
+    if len(held) < 3:
+        return ''
+    ordered = held[np.argsort(errors[held], kind='stable')]
+    for one, rest in ((ordered[-1], ordered[:-1]), (ordered[0], ordered[1:])):
+        if np.ptp(errors[held]) > 2.0 * np.ptp(errors[rest]):
+            return (
+                f'; one reading at {stamps_s[one]:.3f} s, off by {errors[one]:.2f} {unit}, sets a '
+                f'bound that would be less than half as wide without it ({errors[rest].min():.2f} '
+                f'to {errors[rest].max():.2f} {unit}): a smaller --keep leaves it out'
+            )
+    return ''
+
+
+def delay_texts(
+    ranges: Mapping[LinkKey, Compared], tracks: Mapping[str, TrueTrack], dimension: int
+) -> Iterator[str]:
+    """
+    Yield which inputs have stamps that are late or early, and by how much.
+
+    A range that is stamped late by t is that of the distance t before: its error is -t times the
+    rate of the distance, and the slope of a regression on that rate shows it.
+    """
+    for key, one in ranges.items():
+        ends = tracks[key.observer], tracks[key.target]
+        # The distance is what no range at all is less than.
+        ahead, behind = (
+            -range_errors_m(*ends, one.stamps_s + step, np.zeros(len(one.stamps_s)), dimension)
+            for step in (STEP_S, -STEP_S)
+        )
+        rates = (ahead - behind) / (2.0 * STEP_S)
+        known = np.isfinite(rates)
+        if np.count_nonzero(known) < LEAST_READINGS or not rates[known].std():
+            continue
+        rate = rates[known] - rates[known].mean()
+        errors = one.errors[known] - np.median(one.errors[known])
+        delay_s = -float(rate @ errors / (rate @ rate))
+        spread_s = float((errors + delay_s * rate).std() / np.sqrt(rate @ rate))
+        if abs(delay_s) > max(DELAY_S, DEVIATIONS * spread_s):
+            late = 'late' if delay_s > 0.0 else 'early'
+            yield (
+                f'Stamps of {key} are {abs(delay_s):.3f} s {late} (+-{2.0 * spread_s:.3f}), as '
+                f'its errors change with the rate of the distance: its link may state '
+                f'stamp_offset={-delay_s:.3f}.'
+            )
 
 
 def broken_bounds(

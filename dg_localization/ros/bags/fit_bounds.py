@@ -20,16 +20,16 @@ from pathlib import Path
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
-from dg_localization.ros.bags.arguments import parameter_file
-from dg_localization.ros.bags.contents import Contents, contents_of, damage_of
+from dg_localization.ros.bags.arguments import EXIT_CODES, add_fleet, add_span
+from dg_localization.ros.bags.bag import NS_PER_S, Bag, open_bag
 from dg_localization.ros.bags.fit_report import as_yaml
 from dg_localization.ros.bags.fit_with_truth import fit_with_truth
 from dg_localization.ros.bags.fit_without_truth import fit_without_truth
 from dg_localization.ros.bags.fitted import Fit
-from dg_localization.ros.bags.ground_truth import add_truth_argument, truth_reader
 from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
-from dg_localization.ros.bags.reader import NS_PER_S, Bag, recorded_types
+from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.samples import Collector, Samples
+from dg_localization.ros.bags.truth import Truth, choose_truth
 from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import (
@@ -44,63 +44,37 @@ GROUPS = ('link', 'sensor', 'all')
 
 
 def collect(
-    options: argparse.Namespace, task: Task, contents: Contents
-) -> tuple[Samples, Inputs, tuple[str, ...]]:
-    """
-    Read a bag.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        What `make_parser` returned.
-    task : Task
-    contents : Contents
-        What the files of the bag hold.
-
-    Returns
-    -------
-    samples : Samples
-    inputs : Inputs
-    damage : tuple of str
-        What is wrong with the bag, a sentence each.
-
-    Raises
-    ------
-    BagError
-        If there is nothing to learn from, or the bag cannot be read.
-
-    """
-    recorded = recorded_types(options.bag)
-    inputs = find_inputs(task.settings, recorded)
-    truth = truth_reader(options.truth, task.settings, recorded)
+    options: argparse.Namespace, task: Task, bag: Bag
+) -> tuple[Samples, Truth, Inputs, list[str]]:
+    """Return the readings of a bag, the truth, the inputs, and what is wrong with the bag."""
+    inputs = find_inputs(task.settings, bag.types)
+    truth = choose_truth(options.truth, task.settings, bag)
     collector = Collector(task.settings, inputs, truth)
-    topics = list(dict.fromkeys([*inputs.topics, *truth.topics]))
-    with closing(Bag(options.bag, topics, contents.span_ns())) as bag:
-        classes = {topic.name: topic.message_class for topic in bag.topics}
-        total_s = max(0.0, bag.duration_s - options.start)
-        if options.duration is not None:
-            total_s = min(total_s, options.duration)
-        start_ns, done_s = bag.start_ns + round(options.start * NS_PER_S), 0.0
-        with closing(make_progress(total_s)) as progress:
-            for message in bag.messages(options.start, options.duration):
-                collector.take(message, classes[message.topic])
-                # A damaged time may lie beyond the end.
-                at_s = min(total_s, (message.time_ns - start_ns) / NS_PER_S)
-                progress.update(at_s - done_s)
-                done_s = at_s
-        whole = options.start == 0.0 and options.duration is None
-        damage = tuple(damage_of(bag, contents, (bag.start_ns, bag.end_ns) if whole else None))
-        for notice in (*inputs.notices, *bag.notices, *truth.notices):
-            print_line(notice)
-        if collector.malformed:
-            print_line(f'{collector.malformed} messages could not be read')
-        if collector.rejected:
-            reasons = ', '.join(f'{n} {why}' for why, n in sorted(collector.rejected.items()))
-            print_line(
-                'nothing is learned of what the localizer does not accept: in '
-                f'{collector.rejected.total()} messages ({reasons})'
-            )
-        return collector.samples, inputs, damage
+    reading = Reading(bag, {*inputs.topics, *truth.topics})
+    classes = {topic.name: topic.message_class for topic in reading.topics}
+    total_s = max(0.0, bag.duration_s - options.start)
+    if options.duration is not None:
+        total_s = min(total_s, options.duration)
+    start_ns, done_s = bag.start_ns + round(options.start * NS_PER_S), 0.0
+    with closing(make_progress(total_s)) as progress:
+        for message in reading.messages(options.start, options.duration):
+            message_class = classes[message.topic]
+            assert message_class is not None, 'only topics with a class are read'
+            collector.take(message, message_class)
+            at_s = min(total_s, (message.time_ns - start_ns) / NS_PER_S)
+            progress.update(at_s - done_s)
+            done_s = at_s
+    for notice in (*bag.notices, *inputs.notices, *reading.notices, *truth.notices):
+        print_line(notice)
+    if unread := collector.malformed + reading.unreadable.total():
+        print_line(f'{unread} messages could not be read')
+    if collector.rejected:
+        reasons = ', '.join(f'{n} {why}' for why, n in sorted(collector.rejected.items()))
+        print_line(
+            'nothing is learned of what the localizer does not accept: in '
+            f'{collector.rejected.total()} messages ({reasons})'
+        )
+    return collector.samples, truth, inputs, reading.damage
 
 
 def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> None:
@@ -111,7 +85,7 @@ def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> 
         read_task(options.params, ['--ros-args', '--params-file', str(path), '--', *args])
 
 
-def fit(options: argparse.Namespace, task: Task, samples: Samples) -> Fit:
+def fit(options: argparse.Namespace, task: Task, samples: Samples, truth: Truth) -> Fit:
     """
     Learn the bounds that the command line asks for.
 
@@ -124,7 +98,7 @@ def fit(options: argparse.Namespace, task: Task, samples: Samples) -> Fit:
     choice = Choice(options.keep, options.margin)
     with told_while_waiting('learning the bounds'):
         if options.truth:
-            return fit_with_truth(samples, task.settings, options.per, choice)
+            return fit_with_truth(samples, truth, task.settings, options.per, choice)
         return fit_without_truth(samples, task.settings, options.per, choice, options.bias)
 
 
@@ -146,15 +120,11 @@ def make_parser() -> argparse.ArgumentParser:
         description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
         'print them as parameters of the node. With --truth it learns bounds. Without, it keeps '
         'what you state, widens it for scatter, and cannot see a bias.',
-        epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
+        epilog=EXIT_CODES,
     )
-    seconds, share = number(0.0, ' s'), number(0.0, '')
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
-    parser.add_argument(
-        '--params', type=parameter_file, required=True, metavar='FILE', help='of the node'
-    )
-    add_truth_argument(parser, 'to compare readings with')
+    add_fleet(parser)
+    add_span(parser)
     parser.add_argument(
         '--per', choices=GROUPS, default=GROUPS[0], help='what has bounds of its own (%(default)s)'
     )
@@ -167,7 +137,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--margin',
-        type=share,
+        type=number(0.0, ''),
         default=Choice.margin,
         metavar='SHARE',
         help='widen them by this share of their width at each end (%(default)s)',
@@ -179,10 +149,6 @@ def make_parser() -> argparse.ArgumentParser:
         metavar=('LOW', 'HIGH'),
         help='without --truth: bounds of what all ranges of a pair are off by, in m',
     )
-    parser.add_argument(
-        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
-    )
-    parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
     return parser
 
 
@@ -218,9 +184,9 @@ def main(args: Sequence[str]) -> int:
             'at different elevations it would learn these as errors. Leave out elevations.* and '
             'the points above or below the others.'
         )
-    with contents_of(options.bag) as contents:
-        samples, inputs, damage = collect(options, task, contents)
-        learned, name = fit(options, task, samples), options.bag.resolve().name
+    with open_bag(options.bag) as bag:
+        samples, truth, inputs, damage = collect(options, task, bag)
+        learned, name = fit(options, task, samples, truth), options.bag.resolve().name
         text = as_yaml(learned, inputs.links, name, task.settings.fleet)
     check_loads(text, options, args)
     for sentence in damage:

@@ -6,7 +6,6 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import (
     Choice,
@@ -15,6 +14,7 @@ from dg_localization.calibration.bounds import (
     fit_half_width_rad,
     fit_range,
     shape_of,
+    shortest_band,
 )
 from dg_localization.calibration.odometry import (
     OdometryFit,
@@ -23,14 +23,22 @@ from dg_localization.calibration.odometry import (
     odometry_windows,
 )
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import FleetConfig, OdometryErrorModel
+from dg_localization.fleet import FleetConfig, LinkKind, OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
-from dg_localization.ros.bags.compared import broken_bounds, compared_ranges, compared_rays
+from dg_localization.ros.bags.bag import BagError
+from dg_localization.ros.bags.compared import (
+    broken_bounds,
+    compared_ranges,
+    compared_rays,
+    delay_texts,
+    gross_text,
+)
 from dg_localization.ros.bags.fitted import (
     EVERYTHING,
     EXPECTED_ERROR,
     EXPECTED_ERROR_RELATIVE,
     LEAST_READINGS,
+    BoolArray,
     Fit,
     FloatArray,
     GroupFit,
@@ -38,13 +46,11 @@ from dg_localization.ros.bags.fitted import (
     range_parameters,
     with_readings,
 )
-from dg_localization.ros.bags.ground_truth import tracks_of
-from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import OdometryPiece, Samples
+from dg_localization.ros.bags.truth import Truth
+from dg_localization.ros.bags.truth_table import apart_text
 from dg_localization.ros.interface.parameters.odometry import odometry_error_parameters
 from dg_localization.ros.interface.parameters.settings import Settings
-
-BoolArray = NDArray[np.bool_]
 
 LEARNED_OF_ODOMETRY = (
     'translation_scale',
@@ -61,7 +67,9 @@ for are zero. A latency, a gap and a tilt are not seen.
 """
 
 
-def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choice) -> Fit:
+def fit_with_truth(
+    samples: Samples, truth: Truth, settings: Settings, per: str, choice: Choice
+) -> Fit:
     """
     Learn bounds from readings and a ground truth.
 
@@ -79,7 +87,8 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
         If no reading has a truth at its time.
 
     """
-    tracks, dimension = tracks_of(samples.truth, settings.fleet), settings.fleet.dimension
+    of_fleet, dimension = truth.of_fleet(settings.fleet), settings.fleet.dimension
+    tracks = of_fleet.tracks
     ranges = compared_ranges(samples, tracks, dimension)
     bearings = compared_rays(samples, tracks, dimension)
     by_link = {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}
@@ -106,7 +115,8 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
     if not (fit.ranges or fit.bearings or fit.odometry):
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
-            "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'?"
+            "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'? "
+            + apart_text(of_fleet.stamps_s(), samples.stamps_s(), 'the readings')
         )
     known = sum(len(one.errors) for one in (*ranges.values(), *bearings.values()))
     unknown = samples.n_readings - known
@@ -115,8 +125,22 @@ def fit_with_truth(samples: Samples, settings: Settings, per: str, choice: Choic
             f'{unknown} readings have no ground truth at their time: of places, and of headings '
             'for rays and for sensors away from the center of a robot.'
         )
+    fit.notes += delay_texts(ranges, tracks, dimension)
+    fit.notes += _advice(fit, settings.fleet)
     fit.notes += broken_bounds(settings.fleet, ranges, bearings)
     return fit
+
+
+def _advice(fit: Fit, fleet: FleetConfig) -> Iterator[str]:
+    """Yield what to do about readings that the bounds leave out."""
+    groups = [fit.of_all(kind) for kind in (LinkKind.RANGE, LinkKind.BEARING)]
+    excluded = sum(group.excluded for group in groups if group)
+    if excluded and not (fleet.window_outliers or fleet.max_outliers):
+        yield (
+            f'The bounds leave {excluded} readings out, and one of them may exclude the truth: '
+            'window_outliers: 1 lets one reading of each pair in memory.seconds be wrong, '
+            'max_outliers: 1 one of a moment.'
+        )
 
 
 def _range_group(
@@ -131,6 +155,9 @@ def _range_group(
         f'error {errors_m.min():.2f} to {errors_m.max():.2f} m, median {np.median(errors_m):.2f}'
     )
     excluded = excluded_ranges(model, readings_m, errors_m)
+    rest_m = errors_m - shape.slope * readings_m
+    low_m, high_m = shortest_band(rest_m, choice.keep)
+    seen += gross_text(stamps_s, errors_m, (low_m <= rest_m) & (rest_m <= high_m), 'm')
     bounds = {
         **range_parameters(model),
         EXPECTED_ERROR: model.expected_error_m or 0.0,
@@ -196,7 +223,7 @@ def _add_odometry(
 
     """
     found: dict[str, OdometryWindows] = {}
-    for robot in filter(samples.truth.__contains__, sorted(samples.odometry)):
+    for robot in filter(tracks.__contains__, sorted(samples.odometry)):
         windows = _windows_of(robot, samples.odometry[robot], tracks[robot], fleet)
         fit.notes += _restarts(robot, samples.odometry[robot])
         if len(windows.seconds) >= LEAST_READINGS:

@@ -25,6 +25,7 @@ from dg_localization.calibration.spread import (
 )
 from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
 from dg_localization.fleet.error_models import distance_bounds_m
+from dg_localization.ros.bags.bag import BagError
 from dg_localization.ros.bags.fitted import (
     Fit,
     FloatArray,
@@ -33,7 +34,6 @@ from dg_localization.ros.bags.fitted import (
     range_parameters,
     with_readings,
 )
-from dg_localization.ros.bags.reader import BagError
 from dg_localization.ros.bags.samples import Samples
 from dg_localization.ros.interface.parameters.settings import Settings
 

@@ -16,6 +16,7 @@ from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
 from dg_localization.ros.interface.links import ANY_OBSERVER
 
 FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
 Pair: TypeAlias = tuple[str, str]
 """Observer and target; an empty name stands for all."""
 

@@ -2,42 +2,42 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Several bags, each localized by a process of its own: on this machine, or on those of a cluster.
+Several bags, each localized by a process of its own.
 
-Bags are independent of each other, so that nothing is shared but the files. The workers of a Dask
-cluster read the bags and write the answers under the paths that are given here.
+Bags are independent of each other, so that nothing is shared but the files: the answers are the
+same whatever the number of processes.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
-import shutil
 import subprocess
 import sys
 from tempfile import TemporaryFile
 import threading
 from typing import Any
 
-from dg_localization.optional import install_hint
-from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
-from dg_localization.ros.terminal import LINE_PERIOD_S, print_line, told_while_waiting
+from dg_localization.ros.bags.arguments import shared_arguments
+from dg_localization.ros.bags.writer import write_text, writing
+from dg_localization.ros.executables import EXIT_FAILED, UsageError
+from dg_localization.ros.terminal import (
+    LINE_PERIOD_S,
+    print_line,
+    print_result,
+    told_while_waiting,
+)
 
-REPORT = 'report.json'
-"""What the report of one bag is called, beside its answers."""
-
-ANSWERS = 'answers'
-"""What the bag with the answers is called."""
+REPORT, ANSWERS = 'report.json', 'answers'
+"""What the report of one bag and the bag with its answers are called."""
 
 LOOK_S = 0.1
 """How long to wait for a process before looking whether to stop."""
 
-MOST_ERROR_LINES = 5
+ERROR_LINES = 5
 """So many lines of what a process says last are shown where it fails."""
 
 
@@ -52,29 +52,21 @@ class BagOutcome:
         What its folder is called.
     exit_code : int
         That of `localize_bag`.
-    report : dict or None
-        Its report as JSON has it; None where there is none.
     error : str
         What was said last where there is no report, or it does not say what went wrong.
+    report : dict or None
+        Its report as JSON has it; None where there is none.
 
     """
 
     name: str
     exit_code: int
-    report: dict[str, Any] | None
     error: str
+    report: dict[str, Any] | None
 
 
 def by_name(bags: Sequence[Path]) -> dict[str, Path]:
-    """
-    Return bags by what the folder of each is called.
-
-    Raises
-    ------
-    UsageError
-        If two bags would be given the same folder.
-
-    """
+    """Return bags by what the folder of each is called; two of one name are refused."""
     names = [bag.resolve().stem if bag.is_file() else bag.resolve().name for bag in bags]
     for name in names:
         if names.count(name) > 1:
@@ -82,115 +74,40 @@ def by_name(bags: Sequence[Path]) -> dict[str, Path]:
     return dict(zip(names, bags, strict=True))
 
 
-def localize_many(
-    bags: Mapping[str, Path],
-    output: Path,
-    arguments: Sequence[str],
-    jobs: int,
-    scheduler: str | None,
-    picture: str | None = None,
-) -> list[BagOutcome]:
-    """
-    Localize several bags.
-
-    Parameters
-    ----------
-    bags : mapping of str to Path
-        The bags, by what the folder of each is called.
-    output : Path
-        A folder to make, with a folder for each bag.
-    arguments : sequence of str
-        The other arguments of `localize_bag`, the same for all.
-    jobs : int
-        How many bags to localize at a time on this machine.
-    scheduler : str or None
-        The address of a Dask scheduler; this machine does the work without one.
-    picture : str, optional
-        What the picture of each bag is called, beside its report; none is drawn without.
-
-    Returns
-    -------
-    list of BagOutcome
-        In the order of the bags.
-
-    Raises
-    ------
-    UsageError
-        If there is no such scheduler.
-
-    """
+def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
+    """Localize several bags, print and write what came of all; return the exit code."""
+    bags = by_name(options.bags)
+    shared = shared_arguments(options, args)
     stop = threading.Event()
-    # No event reaches another machine: what runs there is left to end.
-    localize = _localize if scheduler else partial(_localize, stopped=stop.is_set)
-    outcomes: dict[str, BagOutcome] = {}
+    with writing(options.output):
+        options.output.mkdir(parents=True)
     telling = told_while_waiting(f'localizing {len(bags)} bags', LINE_PERIOD_S)
-    with _executor(jobs, scheduler) as executor, telling:
-        output.mkdir(parents=True)
+    # A thread waits for each process.
+    with ThreadPoolExecutor(options.jobs) as threads, telling:
         futures = {}
         for name, bag in bags.items():
-            folder = (output / name).resolve()
+            folder = options.output / name
             # What follows the arguments of ROS would be taken for one of these.
-            drawn = ['--plot', str(folder / picture)] if picture else []
-            given = [*drawn, *arguments]
-            futures[executor.submit(localize, bag.resolve(), folder, given)] = name
+            drawn = ['--plot', str(folder / options.plot.name)] if options.plot else []
+            futures[name] = threads.submit(_localize, bag, folder, [*drawn, *shared], stop)
         try:
-            for done, future in enumerate(as_completed(futures), start=1):
-                name = futures[future]
-                outcomes[name] = _outcome_of(future, name)
-                print_line(f'{done} of {len(bags)} bags: {_progress_of(outcomes[name])}')
+            for done, future in enumerate(as_completed(futures.values()), start=1):
+                print_line(f'{done} of {len(bags)} bags: {_progress_of(future.result())}')
         finally:
             stop.set()
-            for future in futures:
+            for future in futures.values():
                 future.cancel()
-        return [outcomes[name] for name in bags]
-
-
-def _outcome_of(future: Future[BagOutcome], name: str) -> BagOutcome:
-    """Return what became of a bag, also where the worker that had it is lost."""
-    try:
-        return future.result()
-    except Exception as error:  # of a task that is lost, whatever its executor raises
-        return BagOutcome(name, EXIT_FAILED, None, f'{type(error).__name__}: {error}')
-
-
-@contextmanager
-def _executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """Return who takes the tasks: a thread waits for each process here."""
-    if scheduler is None:
-        with ThreadPoolExecutor(jobs) as threads:
-            yield threads
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ExecutableError(
-            f'--scheduler needs the package distributed; {install_hint("distributed")}'
-        ) from None
-    try:
-        client = Client(scheduler)
-    except (OSError, ValueError) as error:
-        text = f"--scheduler '{scheduler}': no Dask scheduler answers: {error}"
-        raise UsageError(text) from None
-    if not client.scheduler_info()['workers']:
-        print_line(f'the Dask scheduler {scheduler} has no workers; waiting for some')
-    with client, client.get_executor(pure=False) as executor:
-        yield executor
-
-
-def _never() -> bool:
-    return False
+    outcomes = [futures[name].result() for name in bags]
+    if options.report is not None:
+        write_text(options.report, MANY_REPORTS[options.report.suffix](outcomes))
+    print_result(many_as_markdown(outcomes))
+    return max(outcome.exit_code for outcome in outcomes)
 
 
 def _localize(
-    bag: Path,
-    folder: Path,
-    arguments: Sequence[str],
-    stopped: Callable[[], bool] = _never,
+    bag: Path, folder: Path, arguments: Sequence[str], stop: threading.Event
 ) -> BagOutcome:
-    """Localize one bag in a process of its own, where this is called."""
-    if folder.exists():
-        # A cluster repeats what a lost worker had begun.
-        shutil.rmtree(folder)
+    """Localize one bag in a process of its own."""
     folder.mkdir()
     report = folder / REPORT
     command = [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', str(bag)]
@@ -202,25 +119,24 @@ def _localize(
             command, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True
         )
         while process.poll() is None:
-            if stopped():
+            if stop.is_set():
                 process.terminate()
                 process.wait()
             with suppress(subprocess.TimeoutExpired):
                 process.wait(LOOK_S)
         errors.seek(0)
-        said = '\n'.join(errors.read().strip().splitlines()[-MOST_ERROR_LINES:])
+        said = '\n'.join(errors.read().strip().splitlines()[-ERROR_LINES:])
     # One that a signal ended has a negative code.
     code = process.returncode if process.returncode >= 0 else EXIT_FAILED
     if not report.exists():
-        return BagOutcome(folder.name, code or EXIT_FAILED, None, said)
+        return BagOutcome(folder.name, code or EXIT_FAILED, said, None)
     found = json.loads(report.read_text(encoding='utf-8'))
     is_told = not code or found['ending'] or found['damage']
     last = '' if is_told else ''.join(said.splitlines()[-1:])
-    return BagOutcome(folder.name, code, found, last)
+    return BagOutcome(folder.name, code, last, found)
 
 
 def _progress_of(outcome: BagOutcome) -> str:
-    """Return a line about one bag."""
     if outcome.report is None:
         return f'{outcome.name} failed: {outcome.error}'
     return f'{outcome.name}: {outcome.report["ticks"]} ticks'
@@ -230,15 +146,7 @@ def many_as_json(outcomes: Sequence[BagOutcome]) -> str:
     """Return the reports of all bags for programs, and their sums."""
     reports = [outcome.report for outcome in outcomes if outcome.report is not None]
     tree = {
-        'bags': [
-            {
-                'name': outcome.name,
-                'exit_code': outcome.exit_code,
-                'error': outcome.error,
-                'report': outcome.report,
-            }
-            for outcome in outcomes
-        ],
+        'bags': [asdict(outcome) for outcome in outcomes],
         'ticks': sum(report['ticks'] for report in reports),
         'accepted': sum(report['accepted'] for report in reports),
         'rejected': sum(sum(report['rejected'].values()) for report in reports),
@@ -249,29 +157,35 @@ def many_as_json(outcomes: Sequence[BagOutcome]) -> str:
 
 def many_as_markdown(outcomes: Sequence[BagOutcome]) -> str:
     """Return the reports of all bags for a person: a line each, and what failed."""
-    lines = [
-        f'# {len(outcomes)} bags',
-        '',
-        '| bag | ticks | with one hypothesis | contradictory | measurements | rejected '
-        '| median width, widest robot | truth inside | ended |',
-        '|---|---|---|---|---|---|---|---|---|',
-    ]
-    lines += [_row(outcome) for outcome in outcomes]
-    return '\n'.join(lines) + '\n'
+    columns = (
+        'bag',
+        'ticks',
+        'with one hypothesis',
+        'contradictory',
+        'measurements',
+        'rejected',
+        'median width, widest robot',
+        'truth inside',
+        'ended',
+    )
+    rows = [columns, ['---'] * len(columns), *map(_cells, outcomes)]
+    lines = ['| ' + ' | '.join(map(str, row)) + ' |' for row in rows]
+    return '\n'.join([f'# {len(outcomes)} bags', '', *lines]) + '\n'
 
 
-def _row(outcome: BagOutcome) -> str:
-    """Return the line of one bag."""
+def _cells(outcome: BagOutcome) -> list[Any]:
+    """Return the row of one bag."""
     report = outcome.report
     if report is None:
-        return f'| {outcome.name} | | | | | | | | {" ".join(outcome.error.split())} |'
+        return [outcome.name, *[''] * 7, ' '.join(outcome.error.split())]
     widths_m = report['median_enclosure_width_m'].values()
     if report['ticks_by_hypotheses'].keys() <= {'0'}:
         width = 'no placement'
     else:
         width = 'not bounded' if None in widths_m else f'{max(widths_m):.2f} m'
     truth = report['truth']
-    cells = (
+    ended = ' '.join(filter(None, [report['ending'], *report['damage'], outcome.error]))
+    return [
         outcome.name,
         report['ticks'],
         report['ticks_by_hypotheses'].get('1', 0),
@@ -280,13 +194,11 @@ def _row(outcome: BagOutcome) -> str:
         sum(report['rejected'].values()),
         width,
         f'{truth["held"]} of {truth["compared"]}' if truth else '',
-        ' '.join(filter(None, [report['ending'], *report['damage'], outcome.error]))
-        or 'at its end',
-    )
-    return f'| {" | ".join(map(str, cells))} |'
+        ended or 'at its end',
+    ]
 
 
-MANY_REPORTS: dict[str, Callable[[Sequence[BagOutcome]], str]] = {
+MANY_REPORTS: Mapping[str, Callable[[Sequence[BagOutcome]], str]] = {
     '.json': many_as_json,
     '.md': many_as_markdown,
 }

@@ -5,11 +5,8 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import IntEnum
-from heapq import merge
-from itertools import count, takewhile
+from enum import Enum
 import math
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +14,8 @@ from rclpy.node import Node
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.ros.bags.reader import NS_PER_S, BagError, BagMessage
+from dg_localization.ros.bags.bag import NS_PER_S, BagError
+from dg_localization.ros.bags.reading import BagMessage
 from dg_localization.ros.bags.writer import BagWriter
 from dg_localization.ros.hidden_node import hidden_localizer
 from dg_localization.ros.interface.diagnostics import Report, statuses
@@ -35,6 +33,12 @@ from msg_adapters import Diagnostics, Status
 from msg_adapters.diagnostics import diagnostics_to_cdr
 
 DIAGNOSTICS_HZ = 1.0
+
+SILENCE_S = 60.0
+"""A bag without a message of any input for longer has a gap: nothing is answered in it."""
+
+AFTER_LAST_S = 10.0
+"""For how long into a gap answers go on, so that the last ones are not taken to be fresh."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +63,7 @@ class Task:
 
 
 def read_task(params: Path, arguments: Sequence[str]) -> Task:
-    """
-    Read a file of parameters exactly as the node does.
-
-    Parameters
-    ----------
-    params : Path
-        The file.
-    arguments : sequence of str
-        A command line that may have `--ros-args`, which win over the file.
-
-    Raises
-    ------
-    UsageError
-        If an argument or a parameter is wrong.
-
-    """
+    """Read a file of parameters, and arguments that win over it, exactly as the node does."""
     with hidden_localizer(params, arguments) as node:
         return _task_of(node)
 
@@ -108,26 +97,23 @@ class Inputs:
     links : tuple of Link
         All inputs; those named one by one may be missing from the bag.
     notices : tuple of str
-        A sentence for each of these.
+        A sentence for each input that cannot be read.
     topics : tuple of str
         Those to read.
+    wrong_types : dict of Link to tuple of str
+        Inputs whose topics have other types, with these.
 
     """
 
     links: tuple[Link, ...]
     notices: tuple[str, ...]
     topics: tuple[str, ...]
+    wrong_types: dict[Link, tuple[str, ...]]
 
 
 def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> Inputs:
     """
-    Find the inputs of a fleet among recorded topics.
-
-    Parameters
-    ----------
-    settings : Settings
-    recorded : mapping of str to sequence of str
-        By topic the types of its messages.
+    Find the inputs of a fleet among recorded topics, each with the types of its messages.
 
     Raises
     ------
@@ -143,13 +129,14 @@ def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> In
     topics = tuple(link.topic for link in links if not _wrong_with(link, recorded))
     if not topics:
         names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
-        raise BagError(
+        what = (
             'no topic of the bag is an input of this fleet: '
             f'its points are {", ".join(settings.fleet.points)}, '
             f'there are {len(settings.links)} links, the templates are {names}, '
             f'and the bag has {", ".join(sorted(recorded)) or "no topics"}'
         )
-    return Inputs(links, notices, topics)
+        raise BagError('; '.join([what, *notices]))
+    return Inputs(links, notices, topics, dict(finder.wrong_types))
 
 
 def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
@@ -158,8 +145,9 @@ def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
     if kinds is None:
         return f'{link.topic} of the links is not in the bag'
     if tuple(kinds) != (link.type_name,):
+        says = 'the link' if link.explicit else 'its name'
         return (
-            f'{link.topic} is passed over: the link says {link.type_name}, '
+            f'{link.topic} is passed over: {says} says {link.type_name}, '
             f'the bag {" and ".join(kinds)}'
         )
     return ''
@@ -172,8 +160,7 @@ class BagLocalizer:
     Parameters
     ----------
     task : Task
-    links : iterable of Link
-        The inputs.
+    inputs : Inputs
     writer : BagWriter
         Where the answers go.
     copied : collection of str
@@ -184,18 +171,22 @@ class BagLocalizer:
     intake : Intake
     snapshot : Snapshot or None
         What the last answer is to; None before the first.
+    statuses : tuple of Status
+        What the node would say at the last answer.
 
     """
 
     def __init__(
-        self, task: Task, links: Iterable[Link], writer: BagWriter, copied: Collection[str] = ()
+        self, task: Task, inputs: Inputs, writer: BagWriter, copied: Collection[str] = ()
     ) -> None:
         self._task = task
-        self._links = {link.topic: link for link in links}
+        self._inputs = inputs
+        self._links = {link.topic: link for link in inputs.links}
         self._writer = writer
         self._copied = copied
         self._localizer = Localizer(task.settings.fleet)
         self.snapshot: Snapshot | None = None
+        self.statuses: tuple[Status, ...] = ()
         self._estimate: Estimate | None = None
         self._outline: Any = None
         settings = task.settings
@@ -224,6 +215,7 @@ class BagLocalizer:
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(time_ns)
+        self.statuses = diagnostics.statuses
         if outline(diagnostics) != self._outline:
             self._write(time_ns, diagnostics)
         return estimate
@@ -252,7 +244,7 @@ class BagLocalizer:
             links=tuple(self._links.values()),
             inputs=self.intake.states(now_s),
             malformed=self.intake.malformed,
-            wrong_types={},
+            wrong_types=self._inputs.wrong_types,
         )
         return Diagnostics(now_s, tuple(map(_without_time_taken, statuses(report))))
 
@@ -268,44 +260,65 @@ def in_seconds(time_ns: int) -> float:
     return time_ns * 1e-9
 
 
-class Event(IntEnum):
-    """What happens in bag time; at the same time in this order."""
+class Event(Enum):
+    """What happens in the time of a bag."""
 
-    MESSAGE = 0
-    TICK = 1
-    DIAGNOSTICS = 2
+    MESSAGE = 'message'
+    TICK = 'tick'
+    DIAGNOSTICS = 'diagnostics'
+    GAP = 'gap'
 
 
 def timeline(
     messages: Iterable[BagMessage], start_ns: int, end_ns: int, rate_hz: float
 ) -> Iterator[tuple[int, Event, BagMessage | None]]:
     """
-    Yield every message, every tick and every time for diagnostics, in order.
+    Yield messages, ticks and times for diagnostics in order; at the same time in this order.
 
-    Parameters
-    ----------
-    messages : iterable of BagMessage
-        In the order of their times.
-    start_ns, end_ns : int
-        The first tick is one period after the start, the last not after the end.
-    rate_hz : float
-        Ticks in a second.
-
-    Yields
-    ------
-    tuple of int, Event and BagMessage or None
-        The time in ns, what happens, and the message if it is one.
-
+    The first tick is one period after the start, the last not after the end. A gap is yielded at
+    its end.
     """
-    arrivals = ((message.time_ns, Event.MESSAGE, message) for message in messages)
-    ticks = ((time_ns, Event.TICK, None) for time_ns in _beats_ns(start_ns, end_ns, rate_hz))
-    diagnostics = (
-        (time_ns, Event.DIAGNOSTICS, None)
-        for time_ns in _beats_ns(start_ns, end_ns, DIAGNOSTICS_HZ)
-    )
-    return merge(arrivals, ticks, diagnostics, key=itemgetter(0, 1))
+    beats = _Beats(start_ns, rate_hz)
+    silence_ns, after_ns = round(SILENCE_S * NS_PER_S), round(AFTER_LAST_S * NS_PER_S)
+    last_ns = start_ns
+    for message in messages:
+        if message.time_ns - last_ns > silence_ns:
+            yield from beats.until(last_ns + after_ns)
+            yield message.time_ns, Event.GAP, None
+            beats.skip_to(message.time_ns)
+        yield from beats.until(message.time_ns)
+        yield message.time_ns, Event.MESSAGE, message
+        last_ns = max(last_ns, message.time_ns)
+    if end_ns - last_ns > silence_ns:
+        yield from beats.until(last_ns + after_ns)
+        yield end_ns, Event.GAP, None
+    else:
+        yield from beats.until(end_ns + 1)
 
 
-def _beats_ns(start_ns: int, end_ns: int, rate_hz: float) -> Iterator[int]:
-    beats = (start_ns + round(beat * NS_PER_S / rate_hz) for beat in count(1))
-    return takewhile(lambda time_ns: time_ns <= end_ns, beats)
+class _Beats:
+    """The times of ticks and diagnostics, one period after the start and so on."""
+
+    def __init__(self, start_ns: int, rate_hz: float) -> None:
+        self._start_ns = start_ns
+        self._rates_hz = {Event.TICK: rate_hz, Event.DIAGNOSTICS: DIAGNOSTICS_HZ}
+        self._numbers = dict.fromkeys(self._rates_hz, 1)
+
+    def _next_ns(self, event: Event) -> int:
+        return self._start_ns + round(self._numbers[event] * NS_PER_S / self._rates_hz[event])
+
+    def until(self, stop_ns: int) -> Iterator[tuple[int, Event, None]]:
+        """Yield the times that come next, before another time."""
+        while True:
+            event = min(self._rates_hz, key=self._next_ns)
+            time_ns = self._next_ns(event)
+            if time_ns >= stop_ns:
+                return
+            self._numbers[event] += 1
+            yield time_ns, event, None
+
+    def skip_to(self, time_ns: int) -> None:
+        """Leave out the times before another time."""
+        for event, rate_hz in self._rates_hz.items():
+            number = math.ceil((time_ns - self._start_ns) / NS_PER_S * rate_hz)
+            self._numbers[event] = max(self._numbers[event], number)

@@ -21,7 +21,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from dg_localization.ros.bags.reader import NS_PER_S, Bag, BagError, BagMessage, Topic
+from dg_localization.ros.bags.bag import NS_PER_S, BagError, Topic, open_bag
+from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.spinning import own_arguments, rclpy_running
 from dg_localization.ros.terminal import Progress, make_progress, number, print_line
 
@@ -197,8 +198,9 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         If the bag cannot be replayed.
 
     """
-    with closing(Bag(options.bag, options.topics)) as bag:
-        for notice in bag.notices:
+    with open_bag(options.bag) as bag:
+        reading = Reading(bag, options.topics)
+        for notice in (*bag.damage, *bag.notices, *reading.notices):
             print_line(notice)
         left_s = bag.duration_s - options.start
         if left_s < 0.0:
@@ -206,8 +208,8 @@ def replay(node: Node, options: argparse.Namespace) -> None:
                 f'--start {options.start:g} s is after the end: the bag has {bag.duration_s:.1f} s'
             )
         # The time of the recording is told by the replay itself.
-        topics = [topic for topic in bag.topics if topic.name != CLOCK]
-        if len(topics) < len(bag.topics):
+        topics = [topic for topic in reading.topics if topic.name != CLOCK]
+        if len(topics) < len(reading.topics):
             print_line(f'{CLOCK} is passed over: replay publishes the time of the bag there')
         replayer = Replayer(node, topics, options.rate)
         print_line(f'{len(topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
@@ -217,15 +219,15 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         total_s = left_s if options.duration is None else min(left_s, options.duration)
         while True:
             next_pass_s = time.monotonic() + SHORTEST_PASS_S
-            recorded = bag.messages(options.start, options.duration)
+            recorded = reading.messages(options.start, options.duration)
             messages = (message for message in recorded if message.topic != CLOCK)
             with closing(make_progress(total_s)) as progress:
                 count = replayer.play(messages, start_ns, progress)
             replayer.flush()
             print_line(f'{count} messages published')
-            for topic, unreadable in sorted(bag.unreadable.items()):
+            for topic, unreadable in sorted(reading.unreadable.items()):
                 print_line(f'{topic}: {unreadable} damaged messages were passed over')
-            bag.unreadable.clear()
+            reading.unreadable.clear()
             if not options.loop:
                 return
             time.sleep(max(0.0, next_pass_s - time.monotonic()))

@@ -5,55 +5,36 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import math
+import re
 from statistics import median_low
 from typing import Any
 
 from dg_localization.fleet import Conflict, Estimate, InputState, LinkKey, LinkKind
-from dg_localization.ros.bags.tables import span, table, ticks
+from dg_localization.ros.bags.tables import Runs, table, ticks
 from dg_localization.ros.bags.truth_tally import TruthTally, truth_paragraphs, truth_tree
 from dg_localization.ros.interface.diagnostics import Malformed
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.solver.result import Verdict
+from msg_adapters import Level, Status
 
 WITHOUT_CHECKSUMS = (
     'Not all of its messages have checksums: a flipped bit in a message would not be noticed.'
 )
 
 
-@dataclass
-class Contradiction:
-    """
-    One run of ticks that found the same conflicts.
+NUMBER = re.compile(r'\d[\d.]*')
 
-    Attributes
-    ----------
-    first_s, last_s : float
-        The first and the last of these ticks, from the start of the bag.
-    ticks : int
-        How many there are.
-    conflicts : tuple of tuple of LinkKey
-        Sets of inputs that contradict each other; empty when none was found in time.
-
-    """
-
-    first_s: float
-    last_s: float
-    ticks: int
-    conflicts: tuple[Conflict, ...]
+ROWS = 30
+"""So many rows of what the node would say are shown."""
 
 
 class Tally:
     """
     Counts estimates by what they contain.
-
-    Parameters
-    ----------
-    robots : tuple of str
-        The fleet.
 
     Attributes
     ----------
@@ -65,10 +46,14 @@ class Tally:
         How many ticks had so many hypotheses.
     verdicts : Counter of str
         How many ticks had this verdict; 'none' where there was nothing to solve.
-    contradictions : list of Contradiction
-        In the order of time.
-    forgotten : list of (float, str)
-        When something that was remembered was forgotten, and why: some bound was broken.
+    contradictions : Runs of tuple of tuple of LinkKey
+        Sets of inputs that contradict each other; empty when none was found in time.
+    forgotten : Runs of str
+        Why something that was remembered was forgotten: some bound was broken.
+    said : Runs of (str, str)
+        What the node would say that is no good news: name of the status, and message.
+    gaps : list of (float, float)
+        Times without any message of an input, from the start of the bag.
 
     """
 
@@ -77,13 +62,16 @@ class Tally:
         self.last_s = 0.0
         self.hypotheses: Counter[int] = Counter()
         self.verdicts: Counter[str] = Counter()
-        self.contradictions: list[Contradiction] = []
-        self.forgotten: list[tuple[float, str]] = []
+        self.contradictions: Runs[tuple[Conflict, ...]] = Runs()
+        self.forgotten: Runs[str] = Runs()
+        self.said: Runs[tuple[str, str]] = Runs()
+        self.gaps: list[tuple[float, float]] = []
         self._widths_m = {robot: array('d') for robot in robots}
-        self._was_contradictory = False
+        # Of messages that differ in their numbers the first is shown.
+        self._wording: dict[tuple[str, str], tuple[str, str]] = {}
 
-    def add(self, estimate: Estimate, time_s: float) -> None:
-        """Count an estimate for a time from the start of the bag."""
+    def add(self, estimate: Estimate, time_s: float, statuses: Iterable[Status] = ()) -> None:
+        """Count an estimate for a time from the start of the bag, and what the node would say."""
         self.ticks += 1
         self.last_s = time_s
         self.hypotheses[estimate.n_hypotheses] += 1
@@ -92,20 +80,21 @@ class Tally:
             sides_m = placement.enclosure_m[:, 1] - placement.enclosure_m[:, 0]
             for robot, width_m in zip(estimate.robots, sides_m.max(axis=1), strict=True):
                 self._widths_m[robot].append(float(width_m))
-        self.forgotten += [(time_s, forgotten.text) for forgotten in estimate.forgotten]
-        self._add_contradiction(estimate, time_s)
+        for forgotten in estimate.forgotten:
+            self.forgotten.add(forgotten.text, self.ticks, time_s)
+        # Inputs may contradict each other also where some could be dropped.
+        if estimate.verdict is Verdict.INFEASIBLE or estimate.conflicts:
+            self.contradictions.add(estimate.conflicts, self.ticks, time_s)
+        for status in statuses:
+            if status.level is not Level.OK:
+                name = status.name.partition(': ')[2]
+                key = name, NUMBER.sub('#', status.message)
+                what = self._wording.setdefault(key, (name, status.message))
+                self.said.add(what, self.ticks, time_s)
 
-    def _add_contradiction(self, estimate: Estimate, time_s: float) -> None:
-        """Lengthen the last contradiction or begin one, if there is any."""
-        was, now = self._was_contradictory, _is_contradictory(estimate)
-        self._was_contradictory = now
-        if not now:
-            return
-        if was and self.contradictions[-1].conflicts == estimate.conflicts:
-            self.contradictions[-1].last_s = time_s
-            self.contradictions[-1].ticks += 1
-        else:
-            self.contradictions.append(Contradiction(time_s, time_s, 1, estimate.conflicts))
+    def add_gap(self, first_s: float, last_s: float) -> None:
+        """Add a time without any message of an input."""
+        self.gaps.append((first_s, last_s))
 
     def median_widths_m(self) -> dict[str, float]:
         """
@@ -118,11 +107,6 @@ class Tally:
             robot: median_low(widths_m) if widths_m else math.nan
             for robot, widths_m in self._widths_m.items()
         }
-
-
-def _is_contradictory(estimate: Estimate) -> bool:
-    """Return whether inputs contradict each other, also when some could be dropped."""
-    return estimate.verdict is Verdict.INFEASIBLE or bool(estimate.conflicts)
 
 
 @dataclass(frozen=True)
@@ -178,6 +162,15 @@ class BagReport:
     checksums: bool
     max_boxes: int
     truth: TruthTally | None = None
+
+    @property
+    def gap_texts(self) -> list[str]:
+        """Sentences on the gaps of the recording."""
+        return [
+            f'Nothing was received from {first_s:.1f} to {last_s:.1f} s of the bag '
+            f'({_duration_text(last_s - first_s)}): this gap is skipped.'
+            for first_s, last_s in self.tally.gaps
+        ]
 
     @property
     def at_budget(self) -> int:
@@ -254,13 +247,24 @@ def as_json(report: BagReport) -> str:
                 'first_s': found.first_s,
                 'last_s': found.last_s,
                 'ticks': found.ticks,
-                'conflicts': [[str(key) for key in conflict] for conflict in found.conflicts],
+                'conflicts': [[str(key) for key in conflict] for conflict in found.what],
             }
             for found in tally.contradictions
         ],
         'truth': truth_tree(report.truth) if report.truth else None,
-        'forgotten': [{'at_s': at_s, 'why': text} for at_s, text in tally.forgotten],
-        'notices': list(report.notices),
+        'forgotten': [{'at_s': run.first_s, 'why': run.what} for run in tally.forgotten],
+        'said': [
+            {
+                'status': run.what[0],
+                'message': run.what[1],
+                'first_s': run.first_s,
+                'last_s': run.last_s,
+                'ticks': run.ticks,
+            }
+            for run in tally.said
+        ],
+        'gaps': [{'first_s': first_s, 'last_s': last_s} for first_s, last_s in tally.gaps],
+        'notices': [*report.notices, *report.gap_texts],
     }
     return json.dumps(tree, indent=2, allow_nan=False) + '\n'
 
@@ -299,9 +303,12 @@ def as_markdown(report: BagReport) -> str:
         f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
         table('rejected because', 'measurements', sorted(report.rejected.items())),
         table('nothing accepted of', 'last rejected because', report.useless.items()),
+        table('could not be read', 'because', _malformed_rows(report.malformed)),
         *_contradictions(tally.contradictions),
-        table('forgotten at', 'because', [(f'{s:.1f} s', why) for s, why in tally.forgotten]),
+        table('forgotten because', 'at', tally.forgotten.merged().items()),
+        *_said(tally.said),
         *report.notices,
+        *report.gap_texts,
         '' if report.checksums else WITHOUT_CHECKSUMS,
     ]
     return '\n\n'.join(filter(None, parts)) + '\n'
@@ -322,18 +329,41 @@ def _budget(report: BagReport) -> str:
     )
 
 
-def _contradictions(found: Sequence[Contradiction]) -> Iterator[str]:
+def _contradictions(found: Runs[tuple[Conflict, ...]]) -> Iterator[str]:
     if not found:
         yield 'No measurements of one moment were found to contradict each other.'
         return
     rows = [
-        (
-            span(one.first_s, one.last_s, one.ticks),
-            '; '.join(', '.join(map(str, conflict)) for conflict in one.conflicts) or 'not found',
-        )
-        for one in found
+        (when, '; '.join(', '.join(map(str, conflict)) for conflict in conflicts) or 'not found')
+        for conflicts, when in found.merged().items()
     ]
     yield table('contradiction', 'between', rows)
+
+
+def _malformed_rows(malformed: Mapping[str, Malformed]) -> list[tuple[str, str]]:
+    return [
+        (topic, f'{wrong.last} ({wrong.count} messages)')
+        for topic, wrong in sorted(malformed.items())
+    ]
+
+
+def _said(said: Runs[tuple[str, str]]) -> Iterator[str]:
+    """Yield what the node would say; who is told the same at the same times has one row."""
+    names: dict[tuple[str, str], list[str]] = {}
+    for (name, text), when in said.merged().items():
+        names.setdefault((text, when), []).append(name)
+    rows = [(f'{", ".join(found)}: {text}', when) for (text, when), found in names.items()]
+    yield table('the node says', 'at', rows[:ROWS])
+    if len(rows) > ROWS:
+        yield f'And {len(rows) - ROWS} things more, which a report in JSON has.'
+
+
+def _duration_text(seconds: float) -> str:
+    """Return a long time in words."""
+    for unit, length_s in (('days', 86_400.0), ('hours', 3_600.0), ('minutes', 60.0)):
+        if seconds >= length_s:
+            return f'{seconds / length_s:.1f} {unit}'
+    return f'{seconds:.1f} s'
 
 
 def _meters(width_m: float) -> str:

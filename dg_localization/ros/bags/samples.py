@@ -22,9 +22,9 @@ from dg_localization.fleet import (
 )
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
-from dg_localization.ros.bags.ground_truth import Poses, TruthReader
 from dg_localization.ros.bags.offline import Inputs, in_seconds
-from dg_localization.ros.bags.reader import BagMessage
+from dg_localization.ros.bags.reading import BagMessage
+from dg_localization.ros.bags.truth import Truth
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.parameters.settings import Settings
 
@@ -47,8 +47,6 @@ class Samples:
         Unit vectors.
     odometry : dict of str to list of OdometryPiece
         By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
-    truth : dict of str to list of (float, ndarray, ndarray)
-        As those of `TruthReader`.
 
     """
 
@@ -57,12 +55,18 @@ class Samples:
     )
     rays: dict[LinkKey, list[tuple[float, Any]]] = field(default_factory=lambda: defaultdict(list))
     odometry: dict[str, list[OdometryPiece]] = field(default_factory=lambda: defaultdict(list))
-    truth: Poses = field(default_factory=dict)
 
     @property
     def n_readings(self) -> int:
         """How many ranges and rays there are."""
         return sum(len(rows) for rows in (*self.ranges.values(), *self.rays.values()))
+
+    def stamps_s(self) -> list[float]:
+        """Return the stamps of all that was measured."""
+        found = [stamp_s for rows in self.ranges.values() for stamp_s, _ in rows]
+        found += [stamp_s for rows in self.rays.values() for stamp_s, _ in rows]
+        pieces = (piece for pieces in self.odometry.values() for piece in pieces)
+        return found + [stamp_s for piece in pieces for stamp_s, _, _ in piece]
 
 
 class _Gatherer(Localizer):
@@ -82,46 +86,21 @@ class _Gatherer(Localizer):
         self.samples = Samples()
 
     def add_range(
-        self,
-        observer: str,
-        target: str,
-        range_m: float,
-        stamp_s: float,
-        now_s: float,
-        min_range_m: float | None = None,
-        max_range_m: float | None = None,
-        variance_m2: float | None = None,
-        bounds: SensorBounds | None = None,
+        self, observer: str, target: str, range_m: float, stamp_s: float, *args: Any, **others: Any
     ) -> Rejection | None:
         """Keep a range that is accepted."""
-        rejection = super().add_range(
-            observer,
-            target,
-            range_m,
-            stamp_s,
-            now_s,
-            min_range_m,
-            max_range_m,
-            variance_m2,
-            bounds,
-        )
+        rejection = super().add_range(observer, target, range_m, stamp_s, *args, **others)
         if rejection is None:
-            self._keep_range(observer, target, range_m, stamp_s)
+            self._keep(observer, target, range_m, stamp_s)
         return rejection
 
     def add_bearing(
-        self,
-        observer: str,
-        target: str,
-        ray_xyz: ArrayLike,
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds | None = None,
+        self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, *args: Any
     ) -> Rejection | None:
         """Keep a ray that is accepted."""
-        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, now_s, bounds)
+        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, *args)
         if rejection is None:
-            self._keep_ray(observer, target, ray_xyz, stamp_s)
+            self._keep(observer, target, ray_xyz, stamp_s)
         return rejection
 
     def add_odometry(
@@ -161,23 +140,19 @@ class _Gatherer(Localizer):
         for target, value in readings if not rejections else ():
             of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s, bounds)
             rejections += of_row
-            if of_row:
-                continue
-            if isinstance(value, int | float):
-                self._keep_range(observer, target, value, stamp_s)
-            else:
-                self._keep_ray(observer, target, value, stamp_s)
+            if not of_row:
+                self._keep(observer, target, value, stamp_s)
         return rejections
 
-    def _keep_range(self, observer: str, target: str, range_m: float, stamp_s: float) -> None:
-        # Infinity is accepted where it proves that the target is far; it has no error.
-        if math.isfinite(range_m):
-            key = LinkKey(LinkKind.RANGE, observer, target)
-            self.samples.ranges[key].append((stamp_s, range_m))
-
-    def _keep_ray(self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float) -> None:
-        """Keep the unit vector of an accepted ray, in the body frame."""
-        taken = in_body_frame(self.config.sensors.get(observer), ray_xyz)
+    def _keep(self, observer: str, target: str, value: Any, stamp_s: float) -> None:
+        """Keep a range in m, or the unit vector of a ray in the body frame."""
+        if isinstance(value, int | float):
+            # Infinity is accepted where it proves that the target is far; it has no error.
+            if math.isfinite(value):
+                key = LinkKey(LinkKind.RANGE, observer, target)
+                self.samples.ranges[key].append((stamp_s, value))
+            return
+        taken = in_body_frame(self.config.sensors.get(observer), value)
         if not isinstance(taken, Rejection):
             taken = interpret_ray(taken, self.config.dimension)
         if not isinstance(taken, Rejection):
@@ -203,14 +178,13 @@ class Collector:
 
     """
 
-    def __init__(self, settings: Settings, inputs: Inputs, truth: TruthReader) -> None:
+    def __init__(self, settings: Settings, inputs: Inputs, truth: Truth) -> None:
         self._links = {link.topic: link for link in inputs.links}
         self._truth = truth
         self._gatherer = _Gatherer(settings.fleet)
         self._intake = Intake(self._gatherer, settings.use_header_stamp, settings.ids)
         self.samples = self._gatherer.samples
         self.rejected: Counter[str] = Counter()
-        self.samples.truth = truth.poses
 
     @property
     def malformed(self) -> int:

@@ -5,7 +5,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,36 +13,12 @@ from dg_localization.calibration.answers import FleetTruth, TruePlacement
 from dg_localization.calibration.truth import MOST_GAP_S
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.ros.bags.tables import span, table
+from dg_localization.ros.bags.tables import Runs, table
+from dg_localization.ros.bags.truth_table import apart_text
 from dg_localization.solver.result import Verdict
 
 OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
 """The frame of the truth itself."""
-
-MOST_NAMED = 20
-"""Of the times when the truth is outside; the rest are counted."""
-
-
-@dataclass
-class Miss:
-    """
-    One run of ticks of which no hypothesis holds the truth.
-
-    Attributes
-    ----------
-    first_s, last_s : float
-        The first and the last of these ticks, from the start of the bag.
-    ticks : int
-        How many there are.
-    robots : tuple of str
-        Those that the nearest hypothesis does not hold.
-
-    """
-
-    first_s: float
-    last_s: float
-    ticks: int
-    robots: tuple[str, ...]
 
 
 class TruthTally:
@@ -64,8 +39,8 @@ class TruthTally:
         Those without a placement, because the measurements contradict each other.
     unlisted : int
         Those of which none that is listed holds it, and not all are listed.
-    misses : list of Miss
-        The others, in the order of time.
+    misses : Runs of tuple of str
+        The others: the robots that the nearest hypothesis does not hold.
     uncompared : int
         Answers as those compared, of whose time no truth is known.
     unknown : tuple of str
@@ -78,18 +53,22 @@ class TruthTally:
         self.held = 0
         self.infeasible = 0
         self.unlisted = 0
-        self.misses: list[Miss] = []
+        self.misses: Runs[tuple[str, ...]] = Runs()
+        self.answers_s: list[float] = []
         self.uncompared = 0
         self._truth = truth
         self._robots = truth.fleet.robots
         self.unknown = tuple(name for name in self._robots if name not in truth.tracks)
         self._errors_m: dict[str, list[float]] = defaultdict(list)
         self._errors_rad: dict[str, list[float]] = defaultdict(list)
-        self._missed = False
+        self._ticks = 0
+        self._nees: list[float] = []
+        self._beyond, self._n_deviations = 0, 0
 
     def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
         """Compare an answer to a snapshot with the truth, for a time from the start of the bag."""
-        was_missed, self._missed = self._missed, False
+        self._ticks += 1
+        self.answers_s = [*self.answers_s[:1], snapshot.stamp_s]
         if estimate.verdict is Verdict.INFEASIBLE:
             self._add_infeasible(snapshot)
             return
@@ -112,12 +91,15 @@ class TruthTally:
             for robot in robots
         )
         if missed:
-            self._missed = True
-            self._add_miss(missed, time_s, was_missed)
+            self.misses.add(missed, self._ticks, time_s)
         elif any(robots for _, robots in compared):
             self.unlisted += 1
         else:
             self.held += 1
+
+    def apart(self) -> str:
+        """Return how the times of answers and truth miss each other; empty where they meet."""
+        return apart_text(self._truth.stamps_s(), self.answers_s, 'the answers')
 
     def _add_infeasible(self, snapshot: Snapshot) -> None:
         """Count a proof that no placement agrees, which the truth refutes where it is known."""
@@ -135,6 +117,7 @@ class TruthTally:
             return None
         chosen = min(answer.placements, key=lambda placement: _distance_of(placement, truth))
         self._add_errors(chosen, truth)
+        self._add_deviations(chosen, truth)
         return tuple(np.array(self._robots)[truth.outside(chosen)].tolist())
 
     def _add_errors(self, placement: Placement, truth: TruePlacement) -> None:
@@ -147,13 +130,37 @@ class TruthTally:
                 if np.isfinite(error):
                     errors[robot].append(error)
 
-    def _add_miss(self, robots: tuple[str, ...], time_s: float, was_missed: bool) -> None:
-        """Lengthen the last miss or begin one."""
-        if was_missed and self.misses[-1].robots == robots:
-            self.misses[-1].last_s = time_s
-            self.misses[-1].ticks += 1
-        else:
-            self.misses.append(Miss(time_s, time_s, 1, robots))
+    def _add_deviations(self, placement: Placement, truth: TruePlacement) -> None:
+        """Compare how far a placement is off with the covariance that it states."""
+        if placement.covariances is None:
+            return
+        dimension = self._truth.fleet.dimension
+        off_m = placement.positions_m - truth.positions_m
+        for error_m, covariance in zip(off_m, placement.covariances, strict=True):
+            stated = covariance[:dimension, :dimension]
+            variances = np.diag(stated)
+            # A robot that defines the frame has no error there.
+            if np.isfinite(error_m).all() and np.isfinite(stated).all() and variances.min() > 0.0:
+                self._beyond += int(np.count_nonzero(np.abs(error_m) > 3.0 * np.sqrt(variances)))
+                self._n_deviations += dimension
+                self._nees.append(float(error_m @ np.linalg.pinv(stated) @ error_m) / dimension)
+
+    def consistency(self) -> tuple[float, float] | None:
+        """
+        Return how well errors agree with stated covariances; None where there are none.
+
+        Returns
+        -------
+        beyond : float
+            The share of coordinates that are off by more than three stated deviations.
+        nees : float
+            The median of the normalised squared errors per coordinate, about 0.5 to 1.3 where the
+            covariances are right.
+
+        """
+        if not self._nees:
+            return None
+        return self._beyond / self._n_deviations, float(np.median(self._nees))
 
     def errors(self) -> dict[str, dict[str, tuple[float, float]]]:
         """
@@ -193,7 +200,18 @@ def truth_tree(tally: TruthTally) -> dict[str, Any]:
         'unlisted': tally.unlisted,
         'uncompared': tally.uncompared,
         'without_truth': list(tally.unknown),
-        'missed': [vars(miss) | {'robots': list(miss.robots)} for miss in tally.misses],
+        'missed': [
+            {
+                'first_s': run.first_s,
+                'last_s': run.last_s,
+                'ticks': run.ticks,
+                'robots': list(run.what),
+            }
+            for run in tally.misses
+        ],
+        'consistency': dict(
+            zip(('beyond_3_deviations', 'median_nees'), tally.consistency() or (), strict=False)
+        ),
         'errors': {
             robot: {
                 name: {'median': median, 'percentile_95': high}
@@ -209,7 +227,8 @@ def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
     if tally.unknown:
         yield f'There is no ground truth of {", ".join(tally.unknown)}.'
     if not tally.compared:
-        yield f'No answer has a ground truth at its time.{_gaps_text(tally)}'
+        text = f'No answer has a ground truth at its time.{_gaps_text(tally)}'
+        yield f'{text} {tally.apart()}'.rstrip()
         return
     text = f'The truth is inside a hypothesis in {tally.held} of {tally.compared} answers.'
     if tally.infeasible:
@@ -225,13 +244,13 @@ def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
     if tally.uncompared:
         text += f' {tally.uncompared} answers have no ground truth at their time.'
     yield text + _gaps_text(tally)
-    rows = [
-        (span(miss.first_s, miss.last_s, miss.ticks), ', '.join(miss.robots))
-        for miss in tally.misses
-    ]
-    yield table('truth outside', 'of', rows[:MOST_NAMED])
-    if len(rows) > MOST_NAMED:
-        yield f'And {len(rows) - MOST_NAMED} times more.'
+    rows = [(when, ', '.join(robots)) for robots, when in tally.misses.merged().items()]
+    yield table('truth outside', 'of', rows)
+    if consistency := tally.consistency():
+        yield (
+            f'{100.0 * consistency[0]:.1f} % of the coordinates are off by more than three of '
+            f'their stated deviations; the median NEES per coordinate is {consistency[1]:.2f}.'
+        )
     errors = {robot: kinds for robot, kinds in tally.errors().items() if kinds}
     yield table(
         'robot',

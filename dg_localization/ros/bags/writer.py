@@ -12,7 +12,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from dg_localization.ros.bags.reader import Topic
+from dg_localization.ros.bags.bag import Topic
 from dg_localization.ros.executables import ExecutableError
 
 STORAGES = ('mcap', 'sqlite3')
@@ -58,7 +58,7 @@ class BagWriter:
 
     def add_copy(self, topic: Topic) -> None:
         """Add a topic of another bag, of a known type."""
-        self._add(topic.name, topic.type_name, topic.offered_qos)
+        self._add(topic.name, topic.type_names[0], topic.offered_qos)
 
     def _add(self, topic: str, type_name: str, offered: Iterable[Any]) -> None:
         self._connections[topic] = self._writer.add_connection(

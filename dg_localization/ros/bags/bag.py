@@ -1,0 +1,340 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A rosbag2, open for reading: its topics, what is wrong with it, and its messages in order of time.
+
+A bag is read twice: first to learn what it holds and whether it is whole, then for the messages.
+Of metadata.yaml only the names of the files and the numbers of messages are used, so that a bag
+with broken metadata is read as well.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path, PurePath
+import re
+import shutil
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from dg_localization.optional import install_hint
+from dg_localization.ros.bags.storage import STORAGES, Channel, Record, StorageFile
+from dg_localization.ros.executables import ExecutableError
+from dg_localization.ros.terminal import told_while_waiting
+
+NS_PER_S = 1_000_000_000
+# Stamps have 32 bits for the seconds.
+END_OF_ROS_TIME_NS = 2**31 * NS_PER_S
+# So many messages of a topic show by which definition they were written.
+SAMPLES = 20
+# The recorder hands over messages in the order of callbacks, not of their receive times, and a
+# file of a split bag ends among them.
+OUT_OF_ORDER_NS = NS_PER_S
+TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
+COMPRESSED = '.zstd'
+RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
+WHAT_A_BAG_IS = 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file'
+
+
+class BagError(ExecutableError):
+    """The bag cannot be used; the text says why and what to do."""
+
+
+@dataclass
+class Topic:
+    """
+    A topic of a bag.
+
+    Attributes
+    ----------
+    name : str
+    channels : list of Channel
+        What the files say of it.
+    count : int
+        Its messages.
+    samples : list of bytes
+        The first of them.
+
+    """
+
+    name: str
+    channels: list[Channel] = field(default_factory=list)
+    count: int = 0
+    samples: list[bytes] = field(default_factory=list)
+
+    @property
+    def type_names(self) -> tuple[str, ...]:
+        """The types of its messages, such as 'sensor_msgs/msg/Range'."""
+        return tuple(sorted({full_type_name(channel.type_name) for channel in self.channels}))
+
+    @property
+    def offered_qos(self) -> tuple[Any, ...]:
+        """The profiles that its publishers offered, each once."""
+        from rosbags.rosbag2.metadata import parse_qos
+
+        profiles: list[Any] = []
+        for text in dict.fromkeys(channel.offered_qos for channel in self.channels):
+            try:
+                profiles += parse_qos(text)
+            except Exception:  # whatever its parser stumbles over
+                continue
+        return tuple(profiles)
+
+    @property
+    def latched(self) -> bool:
+        """Whether late subscribers get the last messages."""
+        return any(qos.durability.name == 'TRANSIENT_LOCAL' for qos in self.offered_qos)
+
+    @property
+    def message_class(self) -> type | None:
+        """The installed class of its messages, if there is one."""
+        return find_message_class(self.type_names[0])
+
+
+def full_type_name(type_name: str) -> str:
+    """Return a type name with the folder that some converters leave out: pkg/Name."""
+    return type_name.replace('/', '/msg/') if type_name.count('/') == 1 else type_name
+
+
+class Bag:
+    """
+    A rosbag2: a bag folder, or a .db3 or .mcap file, compressed or not.
+
+    Attributes
+    ----------
+    topics : dict of str to Topic
+        By name.
+    start_ns, end_ns : int
+        Receive times of the first and the last message.
+    notices, damage : list of str
+        What there is to say of it, and what is wrong with it, a sentence each.
+    checksums : bool
+        Whether every message is protected by one, so that a flipped bit is noticed.
+
+    Raises
+    ------
+    BagError
+        If the path is no bag, or no message can be read.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.topics: dict[str, Topic] = {}
+        self.start_ns, self.end_ns = END_OF_ROS_TIME_NS, 0
+        self.notices: list[str] = []
+        self.damage: list[str] = []
+        self.checksums = True
+        self.path = path
+        # Messages are sorted by their times within as much as they are out of order.
+        self._reorder_ns = OUT_OF_ORDER_NS
+        self._stack = ExitStack()
+        try:
+            with told_while_waiting(f'checking {path}'):
+                self._paths = [self._unpacked(one) for one in self._files()]
+                self._scan()
+        except OSError as error:
+            self.close()
+            raise BagError(f'{path} cannot be read: {error.strerror or error}') from error
+        except BagError:
+            self.close()
+            raise
+
+    def _files(self) -> list[Path]:
+        """Return the files of the bag that hold messages."""
+        path = self.path
+        for package in ('rosbags', 'mcap'):
+            if find_spec(package) is None:
+                raise BagError(f'bags need the package {package}: {install_hint(package)}')
+        if not path.exists():
+            raise BagError(f'{path}: there is no such bag')
+        if path.suffix == '.bag':
+            raise BagError(f'{path} is a ROS 1 bag; convert it with rosbags-convert')
+        present = sorted(path.iterdir(), key=_by_number) if path.is_dir() else [path]
+        files = [file for file in present if file.is_file() and _storage_ending(file)]
+        if not files:
+            raise BagError(f'{path} is no rosbag2: {WHAT_A_BAG_IS}')
+        return self._named_in_metadata(files) if path.is_dir() else files
+
+    def _named_in_metadata(self, files: list[Path]) -> list[Path]:
+        """Return the files that metadata.yaml names; all where it cannot be read."""
+        try:
+            names = {PurePath(str(name)).name for name in self._metadata()['relative_file_paths']}
+        except Exception as error:  # of broken metadata whatever its parser stumbles over
+            reason = ' '.join(str(error).split()) or type(error).__name__
+            self.notices.append(
+                f'metadata.yaml cannot be used ({reason}): all files of the folder are read'
+            )
+            return files
+        if missing := sorted(names - {file.name for file in files}):
+            self.damage.append(f'files are missing: {", ".join(missing)}')
+        named = [file for file in files if file.name in names]
+        if others := [file.name for file in files if file.name not in names]:
+            read = 'passed over' if named else 'read all the same'
+            self.notices.append(f'metadata.yaml does not name {", ".join(others)}: {read}')
+        return named or files
+
+    def _metadata(self) -> Any:
+        from ruamel.yaml import YAML
+
+        text = (self.path / 'metadata.yaml').read_text(encoding='utf-8')
+        return YAML(typ='safe').load(text)['rosbag2_bagfile_information']
+
+    def _unpacked(self, path: Path) -> Path:
+        """Return a file of its own for one that is compressed as a whole."""
+        if path.suffix != COMPRESSED:
+            return path
+        import zstandard
+
+        folder = self._stack.enter_context(TemporaryDirectory())
+        unpacked = Path(folder, path.stem)
+        try:
+            with path.open('rb') as source, unpacked.open('wb') as target:
+                with zstandard.ZstdDecompressor().stream_reader(source) as stream:
+                    shutil.copyfileobj(stream, target)
+        except zstandard.ZstdError as error:
+            self.damage.append(f'{path.name}: {error}')
+        return unpacked
+
+    def _scan(self) -> None:
+        """Learn what the files hold."""
+        firsts_ns: dict[Path, int] = {}
+        for path in self._paths:
+            file = _storage(path)
+            file.check()
+            firsts_ns[path] = self._scan_file(file)
+            self.damage += file.damage
+            self.checksums &= file.checksums
+        self._paths.sort(key=lambda path: (firsts_ns[path], path))
+        if not any(topic.count for topic in self.topics.values()):
+            why = '; '.join(self.damage) or 'it has no messages'
+            raise BagError(f'{self.path}: nothing in the bag can be read: {why}; {RESCUE}')
+        self._compare_counts()
+
+    def _scan_file(self, file: StorageFile) -> int:
+        """
+        Learn what one file holds, and return its first receive time.
+
+        Topics may be written one after the other; within one the times do not go back.
+        """
+        first_ns, n_wrong, n_back = -1, 0, 0
+        latest_of: dict[str, int] = {}
+        back_ns, back_at_ns = 0, 0
+        for channel, time_ns, data in file.records():
+            topic = self._topic_of(channel)
+            if not 0 <= time_ns < END_OF_ROS_TIME_NS:
+                n_wrong += 1
+                continue
+            topic.count += 1
+            if len(topic.samples) < SAMPLES:
+                topic.samples.append(data)
+            first_ns = time_ns if first_ns < 0 else min(first_ns, time_ns)
+            self._reorder_ns = max(self._reorder_ns, self.end_ns - time_ns)
+            self.start_ns, self.end_ns = min(self.start_ns, time_ns), max(self.end_ns, time_ns)
+            before_ns = latest_of.setdefault(channel.topic, time_ns)
+            if before_ns - time_ns > OUT_OF_ORDER_NS:
+                n_back += 1
+                if before_ns - time_ns > back_ns:
+                    back_ns, back_at_ns = before_ns - time_ns, before_ns
+            latest_of[channel.topic] = max(before_ns, time_ns)
+        for channel in file.channels:
+            self._topic_of(channel)
+        if n_wrong:
+            file.add_damage(f'receive times of {n_wrong} messages are no times of ROS')
+        if n_back:
+            file.add_damage(
+                f'receive times go back by up to {back_ns / NS_PER_S:.1f} s, as where a clock was '
+                f'set: {n_back} messages come after one of {back_at_ns / NS_PER_S:.3f} s and are '
+                'earlier. Answers of these times mix what was recorded before and after'
+            )
+        return first_ns
+
+    def _topic_of(self, channel: Channel) -> Topic:
+        topic = self.topics.setdefault(channel.topic, Topic(channel.topic))
+        if channel not in topic.channels:
+            topic.channels.append(channel)
+        return topic
+
+    def _compare_counts(self) -> None:
+        """Compare the numbers of messages with those in metadata.yaml, where it can be read."""
+        try:
+            said = {
+                str(one['topic_metadata']['name']): int(one['message_count'])
+                for one in self._metadata()['topics_with_message_count']
+            }
+        except Exception:  # what is wrong with metadata.yaml was said
+            return
+        for name in sorted({*said, *self.topics}):
+            held = self.topics[name].count if name in self.topics else 0
+            if held != said.get(name, 0):
+                self.damage.append(
+                    f'{name}: {held} messages are in the files, metadata.yaml says '
+                    f'{said.get(name, 0)}'
+                )
+
+    def records(self) -> Iterator[Record]:
+        """Yield the messages in the order of the files."""
+        for path in self._paths:
+            for channel, time_ns, data in _storage(path).records():
+                if 0 <= time_ns < END_OF_ROS_TIME_NS:
+                    yield channel, time_ns, data
+
+    @property
+    def reorder_ns(self) -> int:
+        """By how much a message may be earlier than one before it."""
+        return self._reorder_ns
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first message of the bag to just after the last."""
+        return (self.end_ns + 1 - self.start_ns) / NS_PER_S
+
+    @property
+    def types(self) -> dict[str, tuple[str, ...]]:
+        """By topic, the types of its messages."""
+        return {name: topic.type_names for name, topic in self.topics.items()}
+
+    def close(self) -> None:
+        """Remove what was unpacked."""
+        self._stack.close()
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a bag for a block; where that cannot go on, all that is wrong with the bag is said."""
+    bag = Bag(path)
+    try:
+        yield bag
+    except BagError as error:
+        raise BagError('\n'.join([str(error), *bag.damage])) from error
+    finally:
+        bag.close()
+
+
+def _storage(path: Path) -> StorageFile:
+    return STORAGES[path.suffix](path)
+
+
+def _by_number(path: Path) -> tuple[int, str]:
+    """Return what puts bag_2.mcap before bag_10.mcap."""
+    return len(path.name), path.name
+
+
+def _storage_ending(path: Path) -> bool:
+    name = path.stem if path.suffix == COMPRESSED else path.name
+    return PurePath(name).suffix in STORAGES
+
+
+def find_message_class(type_name: str) -> type | None:
+    """Import a message class by its type name; None where it is not installed."""
+    if not TYPE_NAME.fullmatch(type_name):
+        return None
+    package, _, rest = type_name.partition('/')
+    try:
+        module = import_module(f'{package}.msg')
+    except ImportError:
+        return None
+    message_class: type | None = getattr(module, rest.rpartition('/')[2], None)
+    return message_class
