@@ -209,7 +209,7 @@ def test_what_was_not_placed_is_not_proved(n_points, watchful):
             assert not hypothesis.proved
         else:
             n_placed += 1
-    assert n_placed > 0
+    assert n_placed > 0 or not whole.proved
 
 
 @pytest.mark.parametrize('n_points', [14, 30, 70])
