@@ -18,14 +18,13 @@ from functools import cached_property
 
 import numpy as np
 
-from dg_localization.solver.assemble.combinations import Combination, Combinations
+from dg_localization.solver.assemble.combinations import Combination, Combinations, Link
 from dg_localization.solver.assemble.contraction import (
     MOST_CONTRACTED,
     bounds_within,
     contracted,
     smoothed,
 )
-from dg_localization.solver.assemble.links import Link
 from dg_localization.solver.assemble.placing import Placer
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (

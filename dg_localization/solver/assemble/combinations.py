@@ -14,11 +14,68 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
-from dg_localization.solver.assemble.links import Link, Network, Site
+from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.problem import Side, SideConstraint
+
+FREE = (Side.FREE,)
+EITHER = (Side.SAME, Side.OPPOSITE)
+
+Apexes = dict[tuple[int, int], int]
+"""The apex of each piece and hypothesis that has one."""
+
+
+@dataclass
+class Site:
+    """Pieces on the two sides of one hyperplane, the one that can serve as a reference first."""
+
+    face: Points
+    members: list[int]
+    apexes: Apexes
+    is_merged: bool = False  # at the faces of several joints
+    number: int = 0  # among the sites
+
+    def n_certain(self, piece: int) -> int:
+        """Return how many hypotheses of a piece have an apex."""
+        return sum(number == piece for number, _ in self.apexes)
+
+    def constraint(self, first: int, second: int, side: Side) -> SideConstraint | None:
+        """Return that two apexes lie on these sides; None where they are one point."""
+        if first == second:
+            return None
+        return SideConstraint(self.face, first, second, side)
+
+
+@dataclass
+class Link:
+    """Two pieces, and the sides of their apexes for each pair of hypotheses that go together."""
+
+    first: int
+    second: int
+    site: Site | None = None
+    allowed: dict[tuple[int, int], tuple[Side, ...]] = field(default_factory=dict)
+    closes_loop: bool = False  # it only rules out what other links allow
+
+    @property
+    def number(self) -> int:
+        """The number of its site, -1 without one."""
+        return self.site.number if self.site else -1
+
+    def is_free(self, n_pairs: int) -> bool:
+        """Return whether so many pairs of hypotheses all go together, on any side."""
+        is_open = all(sides in (FREE, EITHER) for sides in self.allowed.values())
+        return is_open and len(self.allowed) == n_pairs
+
+
+@dataclass
+class Network:
+    """The sites and links of all pieces; not exact where the links count too many combinations."""
+
+    sites: list[Site] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
+    is_exact: bool = True
 
 
 @dataclass(frozen=True)

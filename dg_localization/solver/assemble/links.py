@@ -14,12 +14,20 @@ chiralities and least distances between the two may rule out either side.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.combinations import (
+    EITHER,
+    FREE,
+    Apexes,
+    Link,
+    Network,
+    Site,
+)
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
 from dg_localization.solver.assemble.faces import apex_of, best_apex
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
@@ -35,7 +43,7 @@ from dg_localization.solver.decompose.decomposition import pairs_of
 from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
-from dg_localization.solver.problem import Chirality, Problem, Side, SideConstraint
+from dg_localization.solver.problem import Chirality, Problem, Side
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
@@ -43,63 +51,6 @@ MOST_PAIRS = 4096
 MOST_COMPARED = 64
 """Up to so many pairs of the pieces of one joint are compared by contraction; of more, each with
 the first alone."""
-
-FREE = (Side.FREE,)
-EITHER = (Side.SAME, Side.OPPOSITE)
-
-Apexes = dict[tuple[int, int], int]
-"""The apex of each piece and hypothesis that has one."""
-
-
-@dataclass
-class Site:
-    """Pieces on the two sides of one hyperplane, the one that can serve as a reference first."""
-
-    face: Points
-    members: list[int]
-    apexes: Apexes
-    is_merged: bool = False  # at the faces of several joints
-    number: int = 0  # among the sites
-
-    def n_certain(self, piece: int) -> int:
-        """Return how many hypotheses of a piece have an apex."""
-        return sum(number == piece for number, _ in self.apexes)
-
-    def constraint(self, first: int, second: int, side: Side) -> SideConstraint | None:
-        """Return that two apexes lie on these sides; None where they are one point."""
-        if first == second:
-            return None
-        return SideConstraint(self.face, first, second, side)
-
-
-@dataclass
-class Link:
-    """Two pieces, and the sides of their apexes for each pair of hypotheses that go together."""
-
-    first: int
-    second: int
-    site: Site | None = None
-    allowed: dict[tuple[int, int], tuple[Side, ...]] = field(default_factory=dict)
-    closes_loop: bool = False  # it only rules out what other links allow
-
-    @property
-    def number(self) -> int:
-        """The number of its site, -1 without one."""
-        return self.site.number if self.site else -1
-
-    def is_free(self, n_pairs: int) -> bool:
-        """Return whether so many pairs of hypotheses all go together, on any side."""
-        is_open = all(sides in (FREE, EITHER) for sides in self.allowed.values())
-        return is_open and len(self.allowed) == n_pairs
-
-
-@dataclass
-class Network:
-    """The sites and links of all pieces; not exact where the links count too many combinations."""
-
-    sites: list[Site] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
-    is_exact: bool = True
 
 
 class Linker:

@@ -16,9 +16,9 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.assembly import Assembly
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.combinations import Combination, Combinations
+from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
-from dg_localization.solver.assemble.links import Linker, Network
+from dg_localization.solver.assemble.links import Linker
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,

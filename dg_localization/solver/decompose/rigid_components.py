@@ -9,7 +9,6 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel, look_after
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.clusters import without_interiors
 from dg_localization.solver.decompose.generic_rank import generic_rank, implied_pairs, rigid_rank
 from dg_localization.solver.decompose.graph import BoolArray, connected_parts, graph_of
 from dg_localization.solver.decompose.pebble_game import rank_2d, rigid_components_2d
@@ -57,16 +56,7 @@ def _components_of_implied(implied: BoolArray) -> list[IntArray]:
 
 def _components_3d(n_points: int, pairs: IntArray) -> list[IntArray]:
     """Return the rigid components in space that hold a measured pair or three implied ones."""
-    clusters, fewer = without_interiors(n_points, pairs)
-    points, ends = np.unique(fewer, return_inverse=True)
-    implied = implied_pairs(len(points), ends.reshape(fewer.shape), 3)
-    components = [points[members] for members in _components_of_implied(implied)]
-    for x, component in enumerate(components):
-        for cluster in clusters:
-            # Three common points make a component and a cluster one body.
-            if len(np.intersect1d(component, cluster)) >= 3:
-                component = np.union1d(component, cluster)
-        components[x] = component
+    components = _components_of_implied(implied_pairs(n_points, pairs, 3))
     held = np.zeros(len(pairs), dtype=np.bool_)
     for component in components:
         held |= np.isin(pairs, component).all(axis=1)
@@ -135,14 +125,4 @@ def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
         return False
     if dimension == 2:
         return rank_2d(n_points, pairs) == most
-    if dimension == 3:
-        clusters, pairs = without_interiors(n_points, pairs)
-        if any(len(cluster) == n_points for cluster in clusters):
-            return True
-        points, ends = np.unique(pairs, return_inverse=True)
-        if len(clusters) == 0 and len(points) < n_points:
-            return False
-        return generic_rank(len(points), ends.reshape(pairs.shape), 3) == rigid_rank(
-            len(points), 3
-        )
     return generic_rank(n_points, pairs, dimension) == most

@@ -10,49 +10,16 @@ measured distances are, and each side is a smaller problem.
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
-from dg_localization.interval.kernels import kernel, look_after
+from dg_localization.interval.kernels import look_after
 from dg_localization.solver.box import IntArray
 from dg_localization.solver.decompose.graph import Graph, connected_parts, cut_points, graph_of
-from dg_localization.solver.decompose.separating_pairs import separating_pairs
 
 MOST_TRIPLES = 100
 """In space, sets of three among more points are looked for at points with three pairs only."""
-
-
-@kernel
-def _separators_with(graph: Graph, i: int) -> IntArray:
-    """Return the separating sets of three points whose smallest is point i."""
-    n_points = len(graph.start) - 1
-    removed = np.zeros(n_points, dtype=np.bool_)
-    removed[i] = True
-    found = np.empty((16, 3), dtype=np.int64)
-    count = 0
-    for j in range(i + 1, n_points):
-        removed[j] = True
-        is_cut = cut_points(graph, removed)
-        removed[j] = False
-        for k in range(j + 1, n_points):
-            if not is_cut[k]:
-                continue
-            if count == len(found):
-                more = np.empty((2 * count, 3), dtype=np.int64)
-                more[:count] = found
-                found = more
-            found[count, 0], found[count, 1], found[count, 2] = i, j, k
-            count += 1
-    return found[:count].copy()
-
-
-def _separating_triples(graph: Graph) -> IntArray:
-    """Return all separating sets of three points."""
-    found = [np.empty((0, 3), dtype=np.int64)]
-    n_points = len(graph.start) - 1
-    for i in range(n_points):
-        found.append(_separators_with(graph, i))
-        look_after((n_points - i) * len(graph.neighbors))
-    return np.concatenate(found)
 
 
 def _separators(graph: Graph, dimension: int) -> IntArray:
@@ -60,11 +27,17 @@ def _separators(graph: Graph, dimension: int) -> IntArray:
     n_points = len(graph.start) - 1
     if n_points <= dimension + 1:
         return np.empty((0, dimension), dtype=np.int64)
-    if dimension == 1:
-        return np.flatnonzero(cut_points(graph, np.zeros(n_points, dtype=np.bool_)))[:, None]
-    if dimension == 2:
-        return separating_pairs(graph)
-    return _neighborhoods(graph, 3) if n_points > MOST_TRIPLES else _separating_triples(graph)
+    if dimension == 3 and n_points > MOST_TRIPLES:
+        return _neighborhoods(graph, 3)
+    found = []
+    removed = np.zeros(n_points, dtype=np.bool_)
+    for fixed in combinations(range(n_points), dimension - 1):
+        removed[list(fixed)] = True
+        cuts = np.flatnonzero(cut_points(graph, removed)).tolist()
+        found += [(*fixed, k) for k in cuts if k > max(fixed, default=-1)]
+        removed[list(fixed)] = False
+        look_after(len(graph.neighbors))
+    return np.array(found, dtype=np.int64).reshape(-1, dimension)
 
 
 def _neighborhoods(graph: Graph, size: int) -> IntArray:
