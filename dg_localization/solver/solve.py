@@ -83,7 +83,7 @@ def solve(
         if not isinstance(value, kind):
             raise TypeError(f'{name} must be of type {kind.__name__}, not {type(value).__name__}')
     # The kernels import numba, which takes longer than the rest of the package together.
-    from dg_localization.solver.assemble.answer import answer
+    from dg_localization.solver.assemble.answer import solve_in_pieces
     from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.assemble.tasks import Workers
 
@@ -91,7 +91,7 @@ def solve(
     boxes = None if within is None else _boxes(problem, within)
     workers = Workers(executor, load_kernels) if executor is not None else None
     budget = CallBudget(options, cancel, progress, workers)
-    return answer(problem, budget, boxes)
+    return solve_in_pieces(problem, budget, boxes)
 
 
 def _boxes(
@@ -141,7 +141,7 @@ def load_kernels() -> float:
 
     """
     from dg_localization.interval.kernels import COMPILED
-    from dg_localization.solver.assemble.answer import answer
+    from dg_localization.solver.assemble.answer import solve_in_pieces
     from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.existence import settled
@@ -162,7 +162,7 @@ def load_kernels() -> float:
             _joined_simplices(dimension, closed=True),
             _cross_polytope(dimension),
         ):
-            len(answer(problem, CallBudget(options)).hypotheses)
+            len(solve_in_pieces(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             bounds = np.stack([problem.lower, problem.upper])
             refine(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
@@ -170,8 +170,8 @@ def load_kernels() -> float:
     n_points = AT_ONCE // 2 + 1
     apart = 1.0 - np.eye(n_points)
     place_step_by_step(np.stack([apart, apart, 0.0 * apart, 0.0 * apart]), 2, lambda: True)
-    len(answer(_braced_block(), CallBudget(options)).hypotheses)
-    for hypothesis in answer(_braced_grid(9, 7), CallBudget(options)).hypotheses:
+    len(solve_in_pieces(_braced_block(), CallBudget(options)).hypotheses)
+    for hypothesis in solve_in_pieces(_braced_grid(9, 7), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
         bool(hypothesis.proved)
     exact = 1.0 - np.eye(3)

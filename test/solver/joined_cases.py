@@ -9,7 +9,7 @@ import numpy as np
 from solver_cases import Case, covers, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions
-from dg_localization.solver.assemble.answer import answer, in_one_piece
+from dg_localization.solver.assemble.answer import in_one_piece, solve_in_pieces
 from dg_localization.solver.assemble.budget import CallBudget
 
 PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '5000'))
@@ -19,7 +19,7 @@ FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 def solve_as_one(problem, options=None, cancel=None, progress=None, within=None):
     """Solve a problem without taking it to pieces."""
     budget = CallBudget(options or SolverOptions(), cancel, progress)
-    return answer(problem, budget, within, in_one_piece(problem.n_points))
+    return solve_in_pieces(problem, budget, within, in_one_piece(problem.n_points))
 
 
 def joined_case(seed, max_points=9):

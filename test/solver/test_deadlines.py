@@ -12,7 +12,7 @@ from test_patches import braced_grid
 
 from dg_localization import Problem, SolverOptions, Verdict
 from dg_localization.solver.assemble import links, tasks
-from dg_localization.solver.assemble.answer import answer
+from dg_localization.solver.assemble.answer import solve_in_pieces
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.patches import chains, known_pairs, neighborhoods
 from dg_localization.solver.place import sparse_placements
@@ -59,7 +59,7 @@ def solve_until(problem, steps, monkeypatch):
     with monkeypatch.context() as patch:
         clock = WorkClock(patch)
         options = SolverOptions(max_boxes=10**6, max_seconds=steps * STEP_S)
-        result = answer(problem, CallBudget(options, clock=clock))
+        result = solve_in_pieces(problem, CallBudget(options, clock=clock))
         return result, clock.now_s / STEP_S
 
 

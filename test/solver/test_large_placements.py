@@ -9,7 +9,7 @@ from solver_cases import squared_distances
 
 from benchmarks.large import fleet
 from dg_localization import SolverOptions, Verdict, solve
-from dg_localization.solver.assemble.tasks import Part, solve_part
+from dg_localization.solver.assemble.tasks import Subproblem, solve_subproblem
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.place.sparse_placements import scaled, scaled_by_pivots
 from dg_localization.solver.problem import Problem
@@ -74,7 +74,9 @@ def test_a_search_that_cannot_end_in_time_is_given_up():
     near = np.abs(np.subtract.outer(np.arange(8), np.arange(8))) <= 2
     problem = Problem(np.where(near, squared, 0.0), np.where(near, 1.001 * squared, np.inf))
     options = SolverOptions(max_boxes=12, resolution=0.01)
-    whole, hopeless = (solve_part(Part(problem, None, x), options) for x in (False, True))
+    whole, hopeless = (
+        solve_subproblem(Subproblem(problem, None, x), options) for x in (False, True)
+    )
     assert whole.statistics.processed == 12
     assert whole.cover.pending
     assert hopeless.cover.pending
@@ -82,6 +84,6 @@ def test_a_search_that_cannot_end_in_time_is_given_up():
     assert not hopeless.hypotheses
     assert hopeless.statistics.processed + hopeless.statistics.pending > 12
     enough = SolverOptions(max_boxes=1000, resolution=0.01)
-    ended = [solve_part(Part(problem, None, x), enough) for x in (False, True)]
+    ended = [solve_subproblem(Subproblem(problem, None, x), enough) for x in (False, True)]
     assert ended[0].statistics.processed == ended[1].statistics.processed
     assert len(ended[0].hypotheses) == len(ended[1].hypotheses) > 8

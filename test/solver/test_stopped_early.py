@@ -16,7 +16,7 @@ from test_patches import CancelAfter, braced_grid
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.interval import kernels
 from dg_localization.solver.assemble import hidden_parts
-from dg_localization.solver.assemble.answer import answer
+from dg_localization.solver.assemble.answer import solve_in_pieces
 from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
 from dg_localization.solver.assemble.coincident import pieces_of_problem
 from dg_localization.solver.assemble.pieces import PieceSolver
@@ -120,7 +120,9 @@ def stopped_after(problem, steps):
     """Return the answer of a call whose clock advances by half its grace a look, and the looks."""
     looks = count()
     options = SolverOptions(max_seconds=0.5 * GRACE_S * steps)
-    result = answer(problem, CallBudget(options, clock=lambda: 0.5 * GRACE_S * next(looks)))
+    result = solve_in_pieces(
+        problem, CallBudget(options, clock=lambda: 0.5 * GRACE_S * next(looks))
+    )
     return result, next(looks)
 
 
@@ -169,7 +171,7 @@ def test_what_workers_have_solved_is_in_the_answer(monkeypatch):
     with ThreadPoolExecutor(1) as executor:
         workers, clock = Workers(executor, int), lambda: now_s[0]
         options = SolverOptions(max_seconds=1.0)
-        result = answer(problem, CallBudget(options, None, None, workers, clock=clock))
+        result = solve_in_pieces(problem, CallBudget(options, None, None, workers, clock=clock))
     assert n_ahead[0] > 20
     assert len(result.pieces) >= n_ahead[0]
     assert not missing(result, positions, squared_distances(positions))
@@ -228,7 +230,7 @@ def test_pieces_in_space_that_are_stopped_hold_the_truth(n_points, watchful):
 def test_a_piece_in_space_that_is_too_large_for_the_time_left_is_not_begun():
     problem, positions = near_fleet(250, 3, 14)
     options = SolverOptions(max_seconds=2.0 * GRACE_S)
-    result = answer(problem, CallBudget(options, clock=lambda: 0.0))
+    result = solve_in_pieces(problem, CallBudget(options, clock=lambda: 0.0))
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert max(len(piece.points) for piece in result.pieces) > 200
     assert not missing(result, positions, squared_distances(positions))

@@ -19,7 +19,7 @@ from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import (
     Decomposition,
-    Part,
+    RigidPart,
 )
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
@@ -28,32 +28,13 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Piece, Result, Statistics, Verdict
 
 
-def answer(
+def solve_in_pieces(
     problem: Problem,
     budget: CallBudget,
     within: Sequence[Bounds] | None = None,
     decomposition: Decomposition | None = None,
 ) -> Result:
-    """
-    Return every placement of a problem, in pieces.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    budget : CallBudget
-        What the call may take.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; None for everywhere.
-    decomposition : Decomposition, optional
-        The pieces to take, instead of those that the graph of measured pairs has.
-
-    Returns
-    -------
-    Result
-        The answer.
-
-    """
+    """Return every placement of a problem, in pieces."""
     every = tuple(range(problem.n_points))
     if problem.n_points > MOST_DENSE:
         problem = problem.sparse()
@@ -100,7 +81,7 @@ def _decomposed(problem: Problem, stopped: Callable[[], bool]) -> Decomposition 
 
 def in_one_piece(n_points: int) -> Decomposition:
     """Return the decomposition that leaves a fleet as it is."""
-    return Decomposition((Part(tuple(range(n_points)), ()),), ())
+    return Decomposition((RigidPart(tuple(range(n_points)), ()),), ())
 
 
 def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:

@@ -18,14 +18,14 @@ from functools import cached_property
 
 import numpy as np
 
-from dg_localization.solver.assemble.combinations import Combination, Combinations, Link
+from dg_localization.solver.assemble.combinations import Combination, Combinations, PieceLink
 from dg_localization.solver.assemble.contraction import (
     MOST_CONTRACTED,
     bounds_within,
     contracted,
     smoothed,
 )
-from dg_localization.solver.assemble.placing import Placer
+from dg_localization.solver.assemble.placing import Layout
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
@@ -119,7 +119,7 @@ class Assembly:
         known = [(points, local) for points, local in pieces if local is not None]
         sides = self._sides(combination)
         for seed in range(most if len(known) == len(pieces) else 0):
-            placer = Placer(known, self.solved.joints, sides, self.problem.dimension, seed)
+            placer = Layout(known, self.solved.joints, sides, self.problem.dimension, seed)
             yield placer.place(least_m)
             if not placer.has_chosen:
                 break
@@ -151,7 +151,7 @@ class Assembly:
         return chosen
 
     def _bounds_of_two(
-        self, link: Link, combination: Combination, stopped: Callable[[], bool]
+        self, link: PieceLink, combination: Combination, stopped: Callable[[], bool]
     ) -> tuple[Points, Bounds] | None:
         """Return the bounds of two linked pieces; None where they have no placement."""
         pieces = (link.first, link.second)

@@ -10,7 +10,13 @@ from dataclasses import replace
 import math
 import time
 
-from dg_localization.solver.assemble.tasks import LEAST_S, Part, SolvedPart, Workers, solve_part
+from dg_localization.solver.assemble.tasks import (
+    LEAST_S,
+    SolvedSubproblem,
+    Subproblem,
+    Workers,
+    solve_subproblem,
+)
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Problem
@@ -42,23 +48,7 @@ class _Remembered:
 
 
 class CallBudget:
-    """
-    What is left of the boxes and of the time that a call may take.
-
-    Parameters
-    ----------
-    options : SolverOptions
-        The limits of the whole call.
-    cancel : object with ``is_set()``, optional
-        Stops every search when set.
-    progress : callable, optional
-        Called with the statistics of all searches so far after every box.
-    workers : Workers, optional
-        Who solves independent parts; this process without any.
-    clock : callable, optional
-        Returns the time in s.
-
-    """
+    """What is left of the boxes and of the time that a call may take."""
 
     def __init__(
         self,
@@ -157,28 +147,7 @@ class CallBudget:
         most_boxes: int | None = None,
         at_gaps: bool = False,
     ) -> Cover:
-        """
-        Cover the placements of a piece with a share of what is left.
-
-        Parameters
-        ----------
-        problem : Problem
-            The piece.
-        share : float
-            The fraction of the boxes and of the time left that the search may take.
-        within : sequence of (lower, upper), optional
-            The boxes in m^2 to search in; None for everywhere.
-        most_boxes : int, optional
-            Most boxes to process, besides the share.
-        at_gaps : bool, optional
-            Whether boxes are split at gaps only.
-
-        Returns
-        -------
-        Cover
-            The cover; complete, whatever is left.
-
-        """
+        """Cover the placements of a piece with a share of what is left, completely in any case."""
         options = self._share(share, most_boxes)
         has_boxes = self.boxes_left() > 0
         cancel = self._cancel if has_boxes else _Stopped()
@@ -188,26 +157,9 @@ class CallBudget:
         return cover
 
     def solve_parts(
-        self, parts: Iterable[Part], most_boxes: int, stopped: Callable[[], bool]
-    ) -> Iterator[SolvedPart]:
-        """
-        Solve independent parts, in their order and with all that is left.
-
-        Parameters
-        ----------
-        parts : iterable of Part
-            The parts.
-        most_boxes : int
-            Most boxes that each may take.
-        stopped : callable
-            Whether to stop early.
-
-        Yields
-        ------
-        SolvedPart
-            What became of each; fewer than there are parts where there is no time left.
-
-        """
+        self, parts: Iterable[Subproblem], most_boxes: int, stopped: Callable[[], bool]
+    ) -> Iterator[SolvedSubproblem]:
+        """Solve independent parts, in their order and with all that is left."""
         if self.workers is None:
             for part in parts:
                 if stopped():
@@ -221,17 +173,10 @@ class CallBudget:
             else:
                 yield self._solved(part, most_boxes)
 
-    def solve_ahead(self, parts: Sequence[Part], share: float) -> tuple[list[SolvedPart], int]:
-        """
-        Have workers solve parts, each with a share of what is left, and count nothing yet.
-
-        Returns
-        -------
-        tuple of (list of SolvedPart, int)
-            The first of the parts, as many as there was time for, and the boxes that each was
-            given: for `take`.
-
-        """
+    def solve_ahead(
+        self, parts: Sequence[Subproblem], share: float
+    ) -> tuple[list[SolvedSubproblem], int]:
+        """Return parts that workers solved, and the boxes each was given; count nothing yet."""
         if self.workers is None:
             return [], 0
         # They share the workers, and so the time.
@@ -241,26 +186,13 @@ class CallBudget:
         return [solved for _, solved in found], options.max_boxes
 
     def take(
-        self, solved: SolvedPart, given_boxes: int, share: float, most_boxes: int | None = None
+        self,
+        solved: SolvedSubproblem,
+        given_boxes: int,
+        share: float,
+        most_boxes: int | None = None,
     ) -> bool:
-        """
-        Count what a worker did, where this process would have done the same by now.
-
-        Parameters
-        ----------
-        solved : SolvedPart
-            What the worker did.
-        given_boxes : int
-            How many boxes it was given.
-        share, most_boxes : optional
-            What this process would give to the part.
-
-        Returns
-        -------
-        bool
-            False where a part with fewer or more boxes might end otherwise; nothing is counted.
-
-        """
+        """Count what a worker did and return True, where this process would have done the same."""
         most = self._share(share, most_boxes).max_boxes if self.boxes_left() > 0 else 0
         if solved.statistics.processed > most:
             return False
@@ -270,11 +202,11 @@ class CallBudget:
         self._report(Statistics())
         return True
 
-    def _solved(self, part: Part, most_boxes: int) -> SolvedPart:
+    def _solved(self, part: Subproblem, most_boxes: int) -> SolvedSubproblem:
         """Solve one part in this process."""
         has_boxes = self.boxes_left() > 0
         cancel = self._cancel if has_boxes else _Stopped()
-        solved = solve_part(part, self._share(1.0, most_boxes), cancel, self._reporter())
+        solved = solve_subproblem(part, self._share(1.0, most_boxes), cancel, self._reporter())
         self._spend(solved.statistics, has_boxes)
         return solved
 
@@ -304,23 +236,7 @@ class CallBudget:
         self.spent += statistics
 
     def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover:
-        """
-        Cover the placements of a problem by one box where one is enough.
-
-        Parameters
-        ----------
-        problem : Problem
-            The problem.
-        share : float, optional
-            The fraction of the time left that it may take.
-
-        Returns
-        -------
-        Cover
-            The cover, empty where there is no placement. Where one box is not enough or the time
-            is over, all of it is pending, and counts as no effort.
-
-        """
+        """Cover a problem by one box; else all is pending and counts nothing."""
         options = self._limited(1, share * self.seconds_left())
         has_boxes = self.boxes_left() > 0
         cancel = self._cancel if has_boxes else _Stopped()

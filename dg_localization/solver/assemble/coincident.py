@@ -13,7 +13,7 @@ import numpy as np
 
 from dg_localization.solver.assemble.subproblem import restricted
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.decomposition import Decomposition, Part, pieces_of
+from dg_localization.solver.decompose.decomposition import Decomposition, RigidPart, pieces_of
 from dg_localization.solver.decompose.graph import connected_parts, graph_of
 from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.pair_bounds import PairBounds
@@ -70,7 +70,7 @@ def pieces_of_problem(problem: Problem) -> Decomposition:
     for part in found.pieces:
         points = np.flatnonzero(np.isin(number, part.points))
         given = tuple((int(places[i]), int(places[j])) for i, j in part.given)
-        parts.append(Part(tuple(points.tolist()), given))
+        parts.append(RigidPart(tuple(points.tolist()), given))
     joints = [
         Joint(joint.pieces, tuple(places[list(joint.points)].tolist()), joint.kind)
         for joint in found.joints

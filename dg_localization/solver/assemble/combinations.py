@@ -49,7 +49,7 @@ class Site:
 
 
 @dataclass
-class Link:
+class PieceLink:
     """Two pieces, and the sides of their apexes for each pair of hypotheses that go together."""
 
     first: int
@@ -74,7 +74,7 @@ class Network:
     """The sites and links of all pieces; not exact where the links count too many combinations."""
 
     sites: list[Site] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
+    links: list[PieceLink] = field(default_factory=list)
     is_exact: bool = True
 
 
@@ -115,16 +115,16 @@ class Combinations:
         for site in network.sites:
             for piece in site.members:
                 self._sites_of[piece].append(site.number)
-        self._links_of: list[list[Link]] = [[] for _ in self.left]
+        self._links_of: list[list[PieceLink]] = [[] for _ in self.left]
         for link in network.links:
             self._links_of[link.first].append(link)
             self._links_of[link.second].append(link)
         self._drop_unmatched(network.links)
         self._is_forest = network.is_exact
-        self.forest: list[Link] = []
+        self.forest: list[PieceLink] = []
         self._order: list[int] = []
         self._roots: list[int] = []
-        self._branches: list[list[tuple[int, Link]]] = [[] for _ in self.left]
+        self._branches: list[list[tuple[int, PieceLink]]] = [[] for _ in self.left]
         self._plant(network.links)
         self.number = self._count()
 
@@ -138,7 +138,7 @@ class Combinations:
         """A piece that is left without a hypothesis."""
         return next((x for x, left in enumerate(self.left) if not left), None)
 
-    def _drop_unmatched(self, links: list[Link]) -> None:
+    def _drop_unmatched(self, links: list[PieceLink]) -> None:
         """Drop the hypotheses that a link leaves without a match, until there is none."""
         waiting = list(links)
         while waiting:
@@ -153,10 +153,10 @@ class Combinations:
                     self.left[piece] = matched
                     waiting += [k for k in self._links_of[piece] if k is not link]
 
-    def _plant(self, links: list[Link]) -> None:
+    def _plant(self, links: list[PieceLink]) -> None:
         """Choose a forest of links, those of sites first, and an order from its roots on."""
         tree = list(range(len(self.left)))
-        neighbors: list[list[tuple[int, Link]]] = [[] for _ in self.left]
+        neighbors: list[list[tuple[int, PieceLink]]] = [[] for _ in self.left]
         for link in sorted(links, key=lambda k: (k.closes_loop, k.site is None)):
             first, second = tree[link.first], tree[link.second]
             if first == second or link.closes_loop:
@@ -228,7 +228,7 @@ class Combinations:
                 if all(self._allows(link, new) for link in self._links_of[piece]):
                     yield new
 
-    def _allows(self, link: Link, begun: Combination) -> bool:
+    def _allows(self, link: PieceLink, begun: Combination) -> bool:
         """Return whether a link allows the choices of its two pieces, where both are made."""
         first, second = (begun.hypotheses.get(x) for x in (link.first, link.second))
         if first is None or second is None:

@@ -34,22 +34,7 @@ MOST_SMOOTHED = 300
 
 
 def bounds_within(points: Points, parts: Sequence[tuple[Points, Bounds]]) -> Bounds:
-    """
-    Return the bounds of the distances of some points, from those of some pieces.
-
-    Parameters
-    ----------
-    points : tuple of int
-        The points, ascending; those of the pieces are among them.
-    parts : sequence of (tuple of int, (ndarray, ndarray))
-        The points of each piece, and lower and upper bounds of their squared distances in m^2.
-
-    Returns
-    -------
-    tuple of ndarray, shape (k, k)
-        Lower and upper bounds in m^2.
-
-    """
+    """Return the bounds of the distances of some points, from those of some pieces."""
     lower, upper = unbounded(len(points))
     for members, (low, high) in parts:
         index = np.ix_(*[np.searchsorted(points, members)] * 2)
@@ -65,27 +50,7 @@ def contracted(
     within: Sequence[Bounds] | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Bounds | None:
-    """
-    Contract a problem once, as far as its size allows, and tighten what is left.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    options : SolverOptions
-        The resolution, and with how many slices and how long to tighten.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
-    stopped : callable, optional
-        Whether to stop early.
-
-    Returns
-    -------
-    tuple of ndarray or None
-        Lower and upper bounds of all squared distances in m^2; None is a proof that there is no
-        placement.
-
-    """
+    """Contract a problem once and tighten it; None proves that it has no placement."""
     n_points = problem.n_points
     budget = Budget(options)
     box = np.zeros((4, n_points, n_points))
@@ -119,23 +84,7 @@ def contracted(
 
 
 def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds | None:
-    """
-    Bound all pairs of a problem by chains of known ones.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
-
-    Returns
-    -------
-    tuple of ndarray or None
-        Lower and upper bounds of all squared distances in m^2; None is a proof that there is no
-        placement.
-
-    """
+    """Bound all pairs by chains of known ones; None proves that there is no placement."""
     bounds = _smoothed(problem.lower, problem.upper)
     return _common_hull(bounds, within) if bounds else None
 

@@ -33,19 +33,6 @@ def least_volume(box: FloatArray, simplex: IntArray) -> float:
 
     The square is a Cayley-Menger determinant, concave in every squared distance: the coefficient
     of its square is minus that of a smaller one. So it is least at a corner of the box.
-
-    Parameters
-    ----------
-    box : ndarray, shape (2, n, n)
-        Bounds in m^2.
-    simplex : ndarray of int, shape (q + 1,)
-        The corners of the simplex.
-
-    Returns
-    -------
-    float
-        The bound in m^(2 q), rounded down; minus infinity where a distance is unbounded.
-
     """
     size = len(simplex)
     points = np.arange(size)
@@ -93,27 +80,7 @@ def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -
 def apex_of(
     points: Points, hypothesis: Hypothesis, face: Points, guide: Hypothesis | None = None
 ) -> int | None:
-    """
-    Return a point of a piece that is off the hyperplane of a face in every placement.
-
-    Parameters
-    ----------
-    points : tuple of int
-        The points of the piece, ascending.
-    hypothesis : Hypothesis
-        One of its hypotheses.
-    face : tuple of int
-        q of its points.
-    guide : Hypothesis, optional
-        The hypothesis whose placement tells which points of a large piece are near the face; the
-        same one without it.
-
-    Returns
-    -------
-    int or None
-        The point that is farthest off for certain; None where all may lie in the hyperplane.
-
-    """
+    """Return a point of a piece that is off the hyperplane of a face in every placement."""
     others = [point for point in points if point not in face]
     if len(points) > LARGE:
         positions = (guide or hypothesis).positions
@@ -144,26 +111,7 @@ def _width_m(corners: list[list[float]]) -> float:
 
 
 def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m: float) -> bool:
-    """
-    Tell whether a face spans no hyperplane to speak of, so that a piece can turn about it.
-
-    Parameters
-    ----------
-    points : tuple of int
-        The points of a piece, ascending.
-    hypothesis : Hypothesis
-        One of its hypotheses.
-    face : tuple of int
-        q of its points.
-    width_m : float
-        How wide, in m, the face has to be.
-
-    Returns
-    -------
-    bool
-        True when the face of the placement is narrower in some direction.
-
-    """
+    """Tell whether a face spans no hyperplane to speak of, so that a piece can turn about it."""
     if len(face) < 2:
         return False
     if len(face) == 2:

@@ -57,23 +57,11 @@ covered by one box."""
 
 @dataclass
 class LargePiece:
-    """
-    What became of a large piece.
-
-    Attributes
-    ----------
-    patches : SolvedPatches
-        Its patches.
-    cover : Cover or None
-        Its cover where all its pairs were contracted together.
-    hypotheses : list of Hypothesis
-        Its hypotheses where they were not.
-
-    """
+    """What became of a large piece."""
 
     patches: SolvedPatches
-    cover: Cover | None
-    hypotheses: list[Hypothesis]
+    cover: Cover | None  # where all its pairs were contracted together
+    hypotheses: list[Hypothesis]  # where they were not
 
 
 def is_known_well(problem: Problem) -> bool:
@@ -93,26 +81,7 @@ def hull_of(boxes: Sequence[FloatArray]) -> Bounds:
 def solve_large(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
 ) -> LargePiece | None:
-    """
-    Solve a large piece in patches.
-
-    Parameters
-    ----------
-    problem : Problem
-        The piece.
-    budget : CallBudget
-        What the call may take.
-    share : float
-        The fraction of the boxes and of the time left that the piece may take.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 to search in; None for everywhere.
-
-    Returns
-    -------
-    LargePiece or None
-        None where the neighborhoods of the piece are not rigid; patches are of no use then.
-
-    """
+    """Solve a large piece in patches; return None where its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
     is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)

@@ -24,8 +24,8 @@ from dg_localization.solver.assemble.combinations import (
     EITHER,
     FREE,
     Apexes,
-    Link,
     Network,
+    PieceLink,
     Site,
 )
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
@@ -181,7 +181,7 @@ class Linker:
                 network.is_exact = False
                 self._allow_more(network.links, hub, site)
 
-    def _allow_more(self, links: Sequence[Link], hub: int, site: Site) -> None:
+    def _allow_more(self, links: Sequence[PieceLink], hub: int, site: Site) -> None:
         """Have two sides count where the first piece of a site does not say which it is."""
         for link in links:
             if link.site is site and link.first == hub:
@@ -193,7 +193,7 @@ class Linker:
     def _n(self, piece: int) -> int:
         return len(self._pieces[piece].hypotheses)
 
-    def _link(self, first: int, second: int, site: Site | None) -> Link | None:
+    def _link(self, first: int, second: int, site: Site | None) -> PieceLink | None:
         """Return what two pieces allow each other; None where that is everything."""
         pieces = self._pieces[first], self._pieces[second]
         if self._n(first) * self._n(second) > MOST_PAIRS:
@@ -202,7 +202,7 @@ class Linker:
         together = _agreeing(pieces)
         if site is None and between is None and together.all():
             return None
-        link = Link(first, second, site)
+        link = PieceLink(first, second, site)
         for x, y in np.argwhere(together).tolist():
             sides: tuple[Side, ...] = FREE
             if site and (first, x) in site.apexes and (second, y) in site.apexes:
@@ -236,7 +236,7 @@ class Linker:
         return known if (lower[: len(apart[0]), len(apart[0]) :] > 0.0).any() else None
 
     def _may_be(
-        self, link: Link, pair: tuple[int, int], side: Side, known: list[Constraint]
+        self, link: PieceLink, pair: tuple[int, int], side: Side, known: list[Constraint]
     ) -> bool:
         """Return whether two hypotheses may go together on these sides of the face."""
         if self._budget.is_over():

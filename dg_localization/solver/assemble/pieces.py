@@ -39,7 +39,7 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
     restricted_boxes,
 )
-from dg_localization.solver.assemble.tasks import Part, SolvedPart
+from dg_localization.solver.assemble.tasks import SolvedSubproblem, Subproblem
 from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition
@@ -149,26 +149,7 @@ def _searched_together(
 
 
 class PieceSolver:
-    """
-    Solves the pieces of a decomposition in their order.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem of the whole fleet.
-    decomposition : Decomposition
-        Its pieces and joints.
-    budget : CallBudget
-        What the call may take.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
-    share : float, optional
-        The fraction of the boxes and of the time left that all pieces may take.
-    finished : dict, optional
-        The searches that came to their end, by their problems: several choices of what a piece
-        is given leave most of its parts as they are.
-
-    """
+    """Solves the pieces of a decomposition in their order."""
 
     def __init__(
         self,
@@ -187,7 +168,7 @@ class PieceSolver:
         self._budget = budget
         self._within = within
         self._joints = decomposition.joints
-        self._ahead: dict[int, SolvedPart] = {}
+        self._ahead: dict[int, SolvedSubproblem] = {}
         self._given_boxes = 0
         self._parts = decomposition.pieces
         self._tasks = [_Task(part.points, [number]) for number, part in enumerate(self._parts)]
@@ -242,7 +223,7 @@ class PieceSolver:
             within = self._within and restricted_boxes(self._within, points)
             problem = restricted(self._problem, points, None, self._orientations.among(points))
             if problem is not None and self._is_plain(problem):
-                parts[number] = Part(problem, within)
+                parts[number] = Subproblem(problem, within)
         solved, self._given_boxes = self._budget.solve_ahead([*parts.values()], self._share(0))
         self._ahead = dict(zip(parts, solved, strict=False))
 

@@ -33,26 +33,7 @@ def _orthogonal(rng: np.random.Generator, count: int, dimension: int) -> FloatAr
 def _aligned(
     local: FloatArray, shared: FloatArray, target: FloatArray, turns: FloatArray, signs: FloatArray
 ) -> FloatArray:
-    """
-    Lay points that are turned against others by some that they share, once for every turn.
-
-    Parameters
-    ----------
-    local : ndarray, shape (m, q)
-        The points of a piece.
-    shared, target : ndarray, shape (s, q)
-        Some of them, and where these are to lie.
-    turns : ndarray, shape (k, q, q)
-        How to turn the piece first.
-    signs : ndarray, shape (k,)
-        1 to keep its handedness in all, -1 to mirror it.
-
-    Returns
-    -------
-    ndarray, shape (k, m, q)
-        The points.
-
-    """
+    """Lay points that are turned against others by some that they share, once for every turn."""
     turned = shared @ turns
     centers, target_center = turned.mean(axis=1, keepdims=True), target.mean(axis=0)
     left, _, right = np.linalg.svd((turned - centers).swapaxes(1, 2) @ (target - target_center))
@@ -65,7 +46,7 @@ def _volume(face: FloatArray, apex: FloatArray) -> float:
     return float(np.linalg.det(np.vstack([face[1:], apex]) - face[0]))
 
 
-class Placer:
+class Layout:
     """
     Lays pieces against each other.
 

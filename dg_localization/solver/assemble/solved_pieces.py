@@ -60,20 +60,8 @@ class SolvedPiece:
 
 @dataclass
 class SolvedPieces:
-    """
-    All pieces and joints, or the one piece that cannot exist.
-
-    Attributes
-    ----------
-    pieces : list of SolvedPiece
-        The pieces in the order in which they were solved.
-    joints : list of Joint
-        The joints between them.
-    contradiction : tuple of int or None
-        Points whose measurements contradict each other; the lists are not complete then.
-
-    """
+    """All pieces and joints, or the one piece that cannot exist."""
 
     pieces: list[SolvedPiece] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
-    contradiction: Points | None = None
+    contradiction: Points | None = None  # these points; the lists are not complete then

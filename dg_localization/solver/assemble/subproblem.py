@@ -61,27 +61,7 @@ def restricted(
     bounds: Bounds | Ranges | None,
     constraints: Iterable[Constraint],
 ) -> Problem | None:
-    """
-    Return the problem of some of the points.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    points : sequence of int
-        The points, ascending.
-    bounds : tuple of ndarray, shape (k, k), or mapping, or None
-        Bounds of their squared distances in m^2, besides those of the problem: of all pairs, or of
-        some by their numbers in `problem`.
-    constraints : iterable of SideConstraint or Chirality
-        Constraints among the points, by their numbers in `problem`.
-
-    Returns
-    -------
-    Problem or None
-        The points in the order given; None where the bounds contradict each other.
-
-    """
+    """Return the problem of some points within bounds; None where these contradict each other."""
     number = {point: x for x, point in enumerate(points)}
     left: Bounds | PairBounds | None
     if isinstance(bounds, Mapping):

@@ -38,31 +38,17 @@ LEAST_S = 1e-9
 
 
 @dataclass(frozen=True)
-class Part:
-    """
-    A part of a problem.
+class Subproblem:
+    """A part of a problem."""
 
-    Attributes
-    ----------
-    problem : Problem or None
-        None where its bounds contradict each other.
-    within : sequence of (lower, upper) or None
-        The boxes in m^2 to search in; everywhere when there are none.
-    all_or_nothing : bool
-        Whether a cover with boxes that were not examined is of no use.
-    is_placed : bool
-        Whether placements are sought at once, not when somebody asks for them.
-
-    """
-
-    problem: Problem | None
+    problem: Problem | None  # None where its bounds contradict each other
     within: Sequence[Bounds] | None
-    all_or_nothing: bool = False
-    is_placed: bool = True
+    all_or_nothing: bool = False  # a cover with boxes that were not examined is of no use
+    is_placed: bool = True  # placements are sought at once, not when somebody asks for them
 
 
 @dataclass(frozen=True)
-class SolvedPart:
+class SolvedSubproblem:
     """The cover of a part, the effort, and the hypotheses that the cover makes."""
 
     cover: Cover
@@ -71,19 +57,7 @@ class SolvedPart:
 
 
 class _BoxLimit:
-    """
-    Stops a search that has more boxes to examine than it may.
-
-    Parameters
-    ----------
-    most_boxes : int
-        Most boxes to examine.
-    cancel : object with ``is_set()``, optional
-        Stops the search, too.
-    progress : callable, optional
-        Called with the statistics after every box.
-
-    """
+    """Stops a search that has more boxes to examine than it may."""
 
     def __init__(
         self,
@@ -107,39 +81,39 @@ class _BoxLimit:
         return self._is_lost or bool(self._cancel and self._cancel.is_set())
 
 
-def solve_part(
-    part: Part,
+def solve_subproblem(
+    part: Subproblem,
     options: SolverOptions,
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
-) -> SolvedPart:
+) -> SolvedSubproblem:
     """Solve one part."""
     if part.problem is None:
-        return SolvedPart(Cover(), Statistics(), ())
+        return SolvedSubproblem(Cover(), Statistics(), ())
     if part.all_or_nothing:
         cancel = progress = _BoxLimit(options.max_boxes, cancel, progress)
     # One box at a time, so that no answer depends on the processors of a worker.
     args = part.problem, options, cancel, progress, part.within
     cover, statistics = search(*args, at_once=1)
     if part.all_or_nothing and cover.pending:
-        return SolvedPart(cover, statistics, ())
+        return SolvedSubproblem(cover, statistics, ())
     of_cover = hypotheses_of if part.is_placed else unplaced_hypotheses_of
-    return SolvedPart(cover, statistics, of_cover(part.problem, cover.kept + cover.pending))
+    return SolvedSubproblem(cover, statistics, of_cover(part.problem, cover.kept + cover.pending))
 
 
 @default_environment()
 def _solve_batch(
-    parts: Sequence[Part], options: SolverOptions, prepare: Callable[[], object]
-) -> list[SolvedPart]:
+    parts: Sequence[Subproblem], options: SolverOptions, prepare: Callable[[], object]
+) -> list[SolvedSubproblem]:
     """Solve parts one after another, in a worker; those that there is time for."""
     prepare()
     start = time.perf_counter()
-    solved: list[SolvedPart] = []
+    solved: list[SolvedSubproblem] = []
     for part in parts:
         passed_s = time.perf_counter() - start
         if passed_s >= options.max_seconds:
             break
-        solved.append(solve_part(part, _left_of(options, passed_s)))
+        solved.append(solve_subproblem(part, _left_of(options, passed_s)))
     return solved
 
 
@@ -153,17 +127,7 @@ def _left_of(options: SolverOptions, passed_s: float) -> SolverOptions:
 
 
 class Workers:
-    """
-    Solves parts in the workers of an executor.
-
-    Parameters
-    ----------
-    executor : concurrent.futures.Executor
-        The executor. Its workers have this package.
-    prepare : callable
-        What each worker calls before its clock starts; it can be pickled.
-
-    """
+    """Solves parts in the workers of an executor."""
 
     def __init__(self, executor: Executor, prepare: Callable[[], object]) -> None:
         self._executor = executor
@@ -171,30 +135,13 @@ class Workers:
 
     def solved(
         self,
-        parts: Iterable[Part],
+        parts: Iterable[Subproblem],
         options: SolverOptions,
         stopped: Callable[[], bool],
-    ) -> Iterator[tuple[Part, SolvedPart]]:
-        """
-        Solve parts, each within the same limits.
-
-        Parameters
-        ----------
-        parts : iterable of Part
-            The parts.
-        options : SolverOptions
-            The boxes that each may take, and the time left for all.
-        stopped : callable
-            Whether to stop early.
-
-        Yields
-        ------
-        tuple of (Part, SolvedPart)
-            The parts in their order; fewer where there is no time left.
-
-        """
+    ) -> Iterator[tuple[Subproblem, SolvedSubproblem]]:
+        """Solve parts, each within the same limits."""
         start = time.perf_counter()
-        waiting: list[tuple[list[Part], Future[list[SolvedPart]]]] = []
+        waiting: list[tuple[list[Subproblem], Future[list[SolvedSubproblem]]]] = []
         left = iter(parts)
         try:
             while not stopped() and (batch := list(islice(left, PARTS_PER_TASK))):
@@ -211,7 +158,9 @@ class Workers:
                 future.cancel()
 
 
-def _wait_for(future: Future[list[SolvedPart]], stopped: Callable[[], bool]) -> list[SolvedPart]:
+def _wait_for(
+    future: Future[list[SolvedSubproblem]], stopped: Callable[[], bool]
+) -> list[SolvedSubproblem]:
     """Return the result of a task, nothing when there is no time left to wait for it."""
     while True:
         try:

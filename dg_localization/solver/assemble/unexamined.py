@@ -22,21 +22,6 @@ def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None
 
     Its one hypothesis holds all placements: chains of known pairs bound them. Nothing shows that
     the points are rigid together, so it is flexible.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem of the whole fleet.
-    points : tuple of int
-        The points, ascending.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; None for everywhere.
-
-    Returns
-    -------
-    SolvedPiece
-        The piece, not finished.
-
     """
     known = problem.pairs.restricted(points)
     chains = ChainGraph(len(points), known.pairs, known.lower, known.upper)

@@ -37,18 +37,8 @@ REMEMBERED = 32
 
 
 @dataclass(frozen=True)
-class Part:
-    """
-    A piece as the graph knows it.
-
-    Attributes
-    ----------
-    points : tuple of int
-        Its points, ascending.
-    given : tuple of pair
-        The pairs of shared points that nobody measured and an earlier piece implies.
-
-    """
+class RigidPart:
+    """A piece as the graph knows it."""
 
     points: Points
     given: tuple[Pair, ...]
@@ -58,7 +48,7 @@ class Part:
 class Decomposition:
     """Pieces in an order to solve them in, and the joints between them."""
 
-    pieces: tuple[Part, ...]
+    pieces: tuple[RigidPart, ...]
     joints: tuple[Joint, ...]
 
 
@@ -85,24 +75,7 @@ def _remembered(n_points: int, pairs: bytes, dimension: int) -> Decomposition:
 
 
 def decompose(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
-    """
-    Decompose a fleet into rigid pieces and joints.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The measured pairs, each once, the smaller point first.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    Decomposition
-        Every point and every measured pair lies in some piece.
-
-    """
+    """Decompose a fleet into rigid pieces and joints."""
     # In one layout: a kernel is compiled for each.
     pairs = np.ascontiguousarray(pairs)
     components = rigid_components(n_points, pairs, dimension)
@@ -345,6 +318,6 @@ class _Order:
         ]
         parts = zip((self._points[x] for x in self._order), self._given, strict=True)
         return Decomposition(
-            tuple(Part(points, given) for points, given in parts),
+            tuple(RigidPart(points, given) for points, given in parts),
             tuple(Joint(*joint) for joint in sorted(joints, key=lambda joint: joint[:2])),
         )

@@ -84,21 +84,7 @@ def _eliminate_some(
 def _eliminated(
     n_points: int, pairs: IntArray, dimension: int
 ) -> tuple[IntArray, IntArray, IntArray, int]:
-    """
-    Return the rigidity matrix at random coordinates in echelon form, its pivots scaled to one.
-
-    Returns
-    -------
-    positions : ndarray of int, shape (n, q)
-        The coordinates.
-    rows : ndarray of int, shape (r, n q)
-        The rows; those beyond the rank are scratch.
-    pivots : ndarray of int, shape (r,)
-        Their pivots, ascending.
-    rank : int
-        The number of independent pairs.
-
-    """
+    """Return random coordinates, the rows in echelon form, their pivots (ones), and the rank."""
     most = rigid_rank(n_points, dimension)
     positions = _random_residues((n_points, dimension), SEED)
     rows = np.empty((most + 1, n_points * dimension), dtype=np.int64)
@@ -123,24 +109,7 @@ def rigid_rank(n_points: int, dimension: int) -> int:
 
 
 def generic_rank(n_points: int, pairs: IntArray, dimension: int) -> int:
-    """
-    Return the generic rank of the rigidity matrix of some pairs.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    int
-        The number of independent pairs.
-
-    """
+    """Return the generic rank of the rigidity matrix of some pairs."""
     return _eliminated(n_points, pairs, dimension)[-1]
 
 
@@ -171,24 +140,7 @@ def _kept_distances(positions: IntArray, motion: IntArray) -> NDArray[np.bool_]:
 
 
 def implied_pairs(n_points: int, pairs: IntArray, dimension: int) -> NDArray[np.bool_]:
-    """
-    Tell which distances the measured ones imply, generically and up to finitely many values.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The measured pairs.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    ndarray of bool, shape (n, n)
-        True for the implied pairs, the measured ones among them, and on the diagonal.
-
-    """
+    """Tell which distances the measured ones imply, generically and up to finitely many values."""
     positions, rows, pivots, rank = _eliminated(n_points, pairs, dimension)
     motion = _random_residues((n_points * dimension,), SEED + 1)
     _solve_back(rows, pivots, rank, motion)

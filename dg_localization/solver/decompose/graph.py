@@ -31,25 +31,8 @@ class Graph(NamedTuple):
 
 
 @kernel
-def numbered_graph_of(n_points: int, pairs: IntArray) -> tuple[Graph, IntArray]:
-    """
-    Return the graph of some pairs of points, and which pair each neighbor comes from.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs, each once.
-
-    Returns
-    -------
-    graph : Graph
-        The neighbors of every point.
-    numbers : ndarray of int, shape (2 m,)
-        The pair that each entry of ``graph.neighbors`` is of, by its row.
-
-    """
+def graph_of(n_points: int, pairs: IntArray) -> Graph:
+    """Return the graph of some pairs of points, each pair once."""
     start = np.zeros(n_points + 1, dtype=np.int64)
     for x in range(len(pairs)):
         start[pairs[x, 0] + 1] += 1
@@ -57,20 +40,12 @@ def numbered_graph_of(n_points: int, pairs: IntArray) -> tuple[Graph, IntArray]:
     start = np.cumsum(start)
     end = start[:-1].copy()
     neighbors = np.empty(2 * len(pairs), dtype=np.int64)
-    numbers = np.empty(2 * len(pairs), dtype=np.int64)
     for x in range(len(pairs)):
         for side in range(2):
             point = pairs[x, side]
             neighbors[end[point]] = pairs[x, 1 - side]
-            numbers[end[point]] = x
             end[point] += 1
-    return Graph(start, neighbors), numbers
-
-
-@kernel
-def graph_of(n_points: int, pairs: IntArray) -> Graph:
-    """Return the graph of some pairs of points as `numbered_graph_of` does."""
-    return numbered_graph_of(n_points, pairs)[0]
+    return Graph(start, neighbors)
 
 
 @kernel
@@ -94,17 +69,7 @@ def _pairs_among(graph: Graph, points: IntArray, number: IntArray) -> IntArray:
 
 
 class Subgraphs:
-    """
-    The parts of a graph, each in the time that its own points take.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs, each once.
-
-    """
+    """The parts of a graph, each in the time that its own points take."""
 
     def __init__(self, n_points: int, pairs: IntArray) -> None:
         self._graph = graph_of(n_points, pairs)
@@ -117,22 +82,7 @@ class Subgraphs:
         return pair[0] * len(self._number) + pair[1] in self._keys
 
     def pairs_among(self, points: IntArray, more: Sequence[Pair]) -> IntArray:
-        """
-        Return the pairs that join some points.
-
-        Parameters
-        ----------
-        points : ndarray of int, shape (k,)
-            The points, ascending.
-        more : sequence of pair
-            Further pairs of these points, which are not in the graph.
-
-        Returns
-        -------
-        ndarray of int, shape (m, 2)
-            The pairs, by the places of their points in `points`.
-
-        """
+        """Return the pairs that join some points."""
         pairs = _pairs_among(self._graph, points, self._number)
         if not more:
             return pairs
@@ -141,22 +91,7 @@ class Subgraphs:
 
 @kernel
 def connected_parts(graph: Graph, removed: BoolArray) -> IntArray:
-    """
-    Return the connected parts of a graph without some of its points.
-
-    Parameters
-    ----------
-    graph : Graph
-        The graph.
-    removed : ndarray of bool, shape (n,)
-        The points to leave out.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        The number of the part of each point, from 0; -1 where it was removed.
-
-    """
+    """Return the connected parts of a graph without some of its points."""
     n_points = len(graph.start) - 1
     part = np.full(n_points, -1)
     stack = np.empty(n_points, dtype=np.int64)
@@ -182,22 +117,7 @@ def connected_parts(graph: Graph, removed: BoolArray) -> IntArray:
 
 @kernel
 def cut_points(graph: Graph, removed: BoolArray) -> BoolArray:
-    """
-    Tell whose removal leaves more connected parts, after some points are removed already.
-
-    Parameters
-    ----------
-    graph : Graph
-        The graph.
-    removed : ndarray of bool, shape (n,)
-        The points that are removed already.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        The articulation points (Tarjan, 1972).
-
-    """
+    """Tell whose removal leaves more connected parts, after some points are removed already."""
     n_points = len(graph.start) - 1
     is_cut = np.zeros(n_points, dtype=np.bool_)
     number = np.full(n_points, -1)

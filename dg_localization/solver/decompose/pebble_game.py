@@ -15,36 +15,23 @@ reaches. The caller looks at the clock between them (`look_after`).
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.graph import Graph, numbered_graph_of
+from dg_localization.solver.decompose.graph import Graph, graph_of
 
 FREE = -1
 
 
 class _Game(NamedTuple):
-    """
-    The state of a game.
+    """The state of a game."""
 
-    Attributes
-    ----------
-    pebbles : ndarray of int, shape (n, 2)
-        The pair that each pebble holds, by the point at its other end; FREE for none.
-    parent : ndarray of int, shape (n,)
-        From where a search reached each point; FREE everywhere between two searches.
-    reached : ndarray of int, shape (n,)
-        The points of a search, in its order.
-
-    """
-
-    pebbles: IntArray
-    parent: IntArray
-    reached: IntArray
+    pebbles: IntArray  # (n, 2), the other end of the pair that each one holds, FREE for none
+    parent: IntArray  # (n,), from where a search came, FREE everywhere between two searches
+    reached: IntArray  # (n,), the points of a search in its order
 
 
 @kernel
@@ -129,16 +116,11 @@ def _play_some(game: _Game, pairs: IntArray) -> int:
     return rank
 
 
-def _pairs_at_once(n_points: int) -> int:
-    """Return over how many pairs to play between two looks at the clock."""
-    return 1 + WORK_PER_LOOK // (2 * n_points)
-
-
 def _play(n_points: int, pairs: IntArray) -> tuple[_Game, int]:
     """Play the game over all pairs; return how it stands, and the number of independent pairs."""
     game = _new_game(n_points)
     rank = 0
-    at_once = _pairs_at_once(n_points)
+    at_once = 1 + WORK_PER_LOOK // (2 * n_points)
     for first in range(0, len(pairs), at_once):
         some = pairs[first : first + at_once]
         rank += int(_play_some(game, some))
@@ -147,191 +129,73 @@ def _play(n_points: int, pairs: IntArray) -> tuple[_Game, int]:
 
 
 def rank_2d(n_points: int, pairs: IntArray) -> int:
-    """
-    Return how many pairs are independent in the plane.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The measured pairs.
-
-    Returns
-    -------
-    int
-        The rank; 2 n - 3 when all points are rigid together.
-
-    """
+    """Return how many pairs are independent in the plane."""
     return _play(n_points, pairs)[1]
 
 
-class _Found(NamedTuple):
-    """
-    What is known of rigid components.
-
-    Attributes
-    ----------
-    of_pair : ndarray of int, shape (m,)
-        The component of each pair, FREE where it is not known yet.
-    rigid_in, moves_in : ndarray of int, shape (n,)
-        The last component that each point was found to belong to, or to move against.
-    offsets : ndarray of int, shape (m + 1,)
-        Where the members of each component begin.
-    members : ndarray of int, shape (2 m + 1,)
-        The points of all components. They share points but no pairs, of which each has at least
-        one less than points.
-
-    """
-
-    of_pair: IntArray
-    rigid_in: IntArray
-    moves_in: IntArray
-    offsets: IntArray
-    members: IntArray
-
-
-@kernel
-def _nothing_found(n_points: int, n_pairs: int) -> _Found:
-    """Return that no component is known."""
-    return _Found(
-        np.full(n_pairs, FREE),
-        np.full(n_points, FREE),
-        np.full(n_points, FREE),
-        np.zeros(n_pairs + 1, dtype=np.int64),
-        np.empty(2 * n_pairs + 1, dtype=np.int64),
-    )
-
-
 @kernel(borrows=True)
-def _n_held_with(game: _Game, found: _Found, number: int, point: int) -> int:
-    """
-    Return how many points are held with a point by a component: those reached first, from it.
-
-    It is none where the point can reach a free pebble: then it moves against the component.
-    """
+def _hold(game: _Game, graph: Graph, i: int, j: int) -> None:
+    """Write 0 as the parent of all points that are rigid with a measured pair, FREE elsewhere."""
     pebbles, parent, reached = game.pebbles, game.parent, game.reached
-    parent[point] = point
-    reached[0] = point
-    n_reached, n_done = 1, 0
-    moving = point if _n_free(pebbles, point) > 0 else FREE
-    while n_done < n_reached and moving == FREE:
+    _gather(game, i, j, 3)
+    parent[:] = 0
+    n_reached, n_done = 0, 0
+    # Whatever can fetch a pebble from elsewhere moves against the pair.
+    for point in range(len(parent)):
+        if point != i and point != j and _n_free(pebbles, point) > 0:
+            parent[point] = FREE
+            reached[n_reached] = point
+            n_reached += 1
+    while n_done < n_reached:
         here = reached[n_done]
         n_done += 1
-        for slot in range(2):
-            there = pebbles[here, slot]
-            if parent[there] != FREE or found.rigid_in[there] == number:
-                continue
-            parent[there] = here
-            reached[n_reached] = there
-            n_reached += 1
-            if found.moves_in[there] == number or _n_free(pebbles, there) > 0:
-                moving = there
-                break
-    n_held = n_reached if moving == FREE else 0
-    # What leads to a free pebble moves, too. Of what else was reached nothing is known.
-    while moving != FREE:
-        found.moves_in[moving] = number
-        moving = parent[moving] if moving != point else FREE
-    for x in range(n_reached):
-        parent[reached[x]] = FREE
-    return n_held
-
-
-@kernel(borrows=True)
-def _write_component(
-    game: _Game, found: _Found, graph: Graph, pair_of_arc: IntArray, number: int, i: int, j: int
-) -> None:
-    """Write the points that are rigid with a measured pair, and which pairs they hold."""
-    of_pair, rigid_in, members = found.of_pair, found.rigid_in, found.members
-    _gather(game, i, j, 3)
-    begin = found.offsets[number]
-    rigid_in[i] = rigid_in[j] = number
-    members[begin], members[begin + 1] = i, j
-    n_done, end = begin, begin + 2
-    while n_done < end:
-        here = members[n_done]
-        n_done += 1
         for x in range(graph.start[here], graph.start[here + 1]):
-            there = graph.neighbors[x]
-            if rigid_in[there] == number or found.moves_in[there] == number:
-                continue
-            # Two components have one point in common at most.
-            if of_pair[pair_of_arc[x]] != FREE:
-                continue
-            for y in range(_n_held_with(game, found, number, there)):
-                rigid_in[game.reached[y]] = number
-                members[end] = game.reached[y]
-                end += 1
-    found.offsets[number + 1] = end
-    for z in range(begin, end):
-        for x in range(graph.start[members[z]], graph.start[members[z] + 1]):
-            if rigid_in[graph.neighbors[x]] == number:
-                of_pair[pair_of_arc[x]] = number
+            other = graph.neighbors[x]
+            holds = pebbles[other, 0] == here or pebbles[other, 1] == here
+            if holds and parent[other] != FREE and other != i and other != j:
+                parent[other] = FREE
+                reached[n_reached] = other
+                n_reached += 1
 
 
 @kernel
 def _components_of_some(
-    game: _Game,
-    found: _Found,
-    graph: Graph,
-    pair_of_arc: IntArray,
-    pairs: IntArray,
-    some: tuple[int, int],
-    count: int,
-) -> int:
-    """Write the components of some pairs; return how many there are by now."""
-    for x in range(some[0], some[1]):
-        if found.of_pair[x] == FREE:
-            _write_component(game, found, graph, pair_of_arc, count, pairs[x, 0], pairs[x, 1])
-            count += 1
-    return count
-
-
-@kernel
-def _components_at_once(n_points: int, pairs: IntArray) -> tuple[IntArray, IntArray]:
-    """Return where the members of each component begin and end, and the members."""
-    game, found = _new_game(n_points), _nothing_found(n_points, len(pairs))
-    _play_some(game, pairs)
-    graph, pair_of_arc = numbered_graph_of(n_points, pairs)
-    every = 0, len(pairs)
-    count = _components_of_some(game, found, graph, pair_of_arc, pairs, every, 0)
-    return found.offsets[: count + 1].copy(), found.members
-
-
-def _components_in_turns(n_points: int, pairs: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the same, with looks at the clock."""
-    game, _ = _play(n_points, pairs)
-    found = _nothing_found(n_points, len(pairs))
-    graph, pair_of_arc = numbered_graph_of(n_points, pairs)
+    game: _Game, graph: Graph, pairs: IntArray, some: tuple[int, int], of_pair: IntArray
+) -> IntArray:
+    """Return the components of some pairs that are in none so far: (number, point) in rows."""
+    found = np.empty((2 * len(pairs) + 1, 2), dtype=np.int64)
     count = 0
-    at_once = _pairs_at_once(n_points)
-    for first in range(0, len(pairs), at_once):
-        some = first, min(first + at_once, len(pairs))
-        count = int(_components_of_some(game, found, graph, pair_of_arc, pairs, some, count))
-        look_after(at_once * n_points)
-    return found.offsets[: count + 1], found.members
+    for x in range(some[0], some[1]):
+        if of_pair[x] != FREE:
+            continue
+        _hold(game, graph, pairs[x, 0], pairs[x, 1])
+        for y in range(len(pairs)):
+            if game.parent[pairs[y, 0]] == 0 and game.parent[pairs[y, 1]] == 0:
+                of_pair[y] = x
+        for point in range(len(game.parent)):
+            if game.parent[point] == 0:
+                found[count, 0], found[count, 1] = x, point
+                count += 1
+        game.parent[:] = FREE
+    return found[:count].copy()
 
 
 def rigid_components_2d(n_points: int, pairs: IntArray) -> list[IntArray]:
     """
     Return the maximal sets of points in the plane that are rigid together.
 
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The measured pairs.
-
-    Returns
-    -------
-    list of ndarray of int
-        The points of each component, in any order. Two components share one point at most; every
-        pair lies in one.
-
+    Two components share one point at most; every pair lies in one, and each component has at most
+    one point more than pairs.
     """
-    is_small = n_points * len(pairs) <= WORK_PER_LOOK
-    components = _components_at_once if is_small else _components_in_turns
-    offsets, members = components(n_points, pairs)
-    return [members[a:b] for a, b in pairwise(offsets.tolist())]
+    game, _ = _play(n_points, pairs)
+    graph = graph_of(n_points, pairs)
+    of_pair = np.full(len(pairs), FREE)
+    components: list[IntArray] = []
+    at_once = 1 + WORK_PER_LOOK // (n_points + 2 * len(pairs))
+    for first in range(0, len(pairs), at_once):
+        some = first, min(first + at_once, len(pairs))
+        found = _components_of_some(game, graph, pairs, some, of_pair)
+        ends = np.flatnonzero(np.diff(found[:, 0])) + 1
+        components += np.split(found[:, 1], ends) if len(found) else []
+        look_after(at_once * (n_points + 2 * len(pairs)))
+    return components

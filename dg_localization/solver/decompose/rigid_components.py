@@ -64,25 +64,7 @@ def _components_3d(n_points: int, pairs: IntArray) -> list[IntArray]:
 
 
 def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Points]:
-    """
-    Return the maximal sets of points that are rigid together at generic coordinates.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The measured pairs.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    list of tuple of int
-        The points of each component, ascending. A pair lies in some component; a point without
-        measured pairs is one of its own. Two components share q - 1 points at most.
-
-    """
+    """Return the maximal sets of points that are rigid together at generic coordinates."""
     if dimension == 1:
         part = connected_parts(graph_of(n_points, pairs), np.zeros(n_points, dtype=np.bool_))
         components = [np.flatnonzero(part == k) for k in range(part.max() + 1)]
@@ -100,24 +82,7 @@ def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Poi
 
 
 def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
-    """
-    Tell whether pairs hold all points rigid at generic coordinates.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    bool
-        True when the distances of all other pairs are implied, up to finitely many values.
-
-    """
+    """Tell whether pairs hold all points rigid at generic coordinates."""
     if len(pairs) == n_points * (n_points - 1) // 2:
         return True
     most = rigid_rank(n_points, dimension)

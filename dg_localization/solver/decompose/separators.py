@@ -53,26 +53,7 @@ def _neighborhoods(graph: Graph, size: int) -> IntArray:
 def split_at_separators(
     n_points: int, pairs: IntArray, dimension: int
 ) -> tuple[list[IntArray], list[tuple[IntArray, list[int]]]]:
-    """
-    Split a rigid component at its separating sets of q points.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs that connect them.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    parts : list of ndarray of int
-        The points of each part, ascending; they share separating sets.
-    separators : list of (ndarray of int, list of int)
-        Each separating set, with the parts that share it.
-
-    """
+    """Split a rigid component at its separating sets of q points."""
     graph = graph_of(n_points, pairs)
     parts = [np.ones(n_points, dtype=np.bool_)]
     parts_of = [{0} for _ in range(n_points)]

@@ -72,21 +72,7 @@ class _Trial:
 
 @dataclass
 class PartialBox:
-    """
-    The points that are placed so far, in one of the ways that they can be.
-
-    Attributes
-    ----------
-    points : tuple of int
-        The points, in the order in which they were placed.
-    box : ndarray, shape (4, k, k)
-        Bounds of their squared distances in m^2, without gaps.
-    n_combined : int
-        How many points there were when all their pairs were last combined.
-    trials : dict
-        Where further points can be, as far as that was looked at.
-
-    """
+    """The points that are placed so far, in one of the ways that they can be."""
 
     points: tuple[int, ...]
     box: FloatArray
@@ -95,19 +81,7 @@ class PartialBox:
 
 
 class Growth:
-    """
-    Places the points of a problem in space one after the other.
-
-    Parameters
-    ----------
-    problem : Problem
-        A problem in space.
-    resolution_m : float
-        What all distances should be known to, in m.
-    stopped : callable
-        Whether to stop early.
-
-    """
+    """Places the points of a problem in space one after the other."""
 
     def __init__(self, problem: Problem, resolution_m: float, stopped: Callable[[], bool]) -> None:
         self._problem = problem
@@ -116,16 +90,7 @@ class Growth:
         self._measured = np.isfinite(problem.upper) & ~np.eye(problem.n_points, dtype=np.bool_)
 
     def run(self) -> list[PartialBox] | None:
-        """
-        Return partial boxes between which every placement lies.
-
-        Returns
-        -------
-        list of PartialBox or None
-            Those that were stopped, or that no further point can be placed from, lack points.
-            None where there is nothing to begin with.
-
-        """
+        """Return partial boxes between which every placement lies."""
         seed = best_seed(self._problem, self._measured, self._stopped)
         if seed is None:
             return None

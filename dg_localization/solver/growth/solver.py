@@ -49,26 +49,7 @@ def is_grown(n_points: int, dimension: int) -> bool:
 def solve_grown(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
 ) -> Cover | None:
-    """
-    Solve a piece in space point by point.
-
-    Parameters
-    ----------
-    problem : Problem
-        The piece.
-    budget : CallBudget
-        What the call may take.
-    share : float
-        The fraction of the boxes and of the time left that the piece may take.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 to search in; None for everywhere.
-
-    Returns
-    -------
-    Cover or None
-        The cover; None where there is nothing to begin with.
-
-    """
+    """Solve a piece in space point by point; return None where there is nothing to begin with."""
     if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None
     is_large = problem.n_points > MOST_CONTRACTED

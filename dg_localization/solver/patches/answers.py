@@ -58,20 +58,6 @@ class ChainedHypothesis(UnplacedHypothesis):
 
     Those of all pairs follow from chains of known ones, and its placement is sought, when they
     are asked for.
-
-    Parameters
-    ----------
-    graph : ChainGraph
-        The known pairs.
-    n_points : int
-        The number of points.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
-    placement : callable
-        Returns a placement in m or None, and whether it meets every constraint.
-    flexible : bool
-        Whether the placements are a continuum even without measurement errors.
-
     """
 
     _graph: ChainGraph
@@ -137,21 +123,7 @@ class ChainedHypothesis(UnplacedHypothesis):
 
 
 class PatchAnswers:
-    """
-    What the patches of a piece make together.
-
-    Parameters
-    ----------
-    problem : Problem
-        The piece.
-    solved : SolvedPatches
-        Its patches.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
-    stopped : callable
-        Whether there is no time left to look for choices and placements that agree.
-
-    """
+    """What the patches of a piece make together."""
 
     def __init__(
         self,
@@ -167,20 +139,7 @@ class PatchAnswers:
         self._ambiguities = Ambiguities(solved.patches, solved.known, stopped)
 
     def boxes(self, most: int) -> list[Bounds]:
-        """
-        Return boxes of all pairs that hold every placement between them.
-
-        Parameters
-        ----------
-        most : int
-            Choices of hypotheses to tell apart; where there are more, one box holds them all.
-
-        Returns
-        -------
-        list of (ndarray, ndarray)
-            Lower and upper bounds in m^2, shapes (n, n).
-
-        """
+        """Return boxes of all pairs that hold every placement between them."""
         rows, columns = self._solved.known.pairs.T
         boxes = []
         for choice in self._choices(most):
@@ -194,20 +153,7 @@ class PatchAnswers:
         return common_parts(boxes, self._within)
 
     def hypotheses(self, most: int) -> list[Hypothesis]:
-        """
-        Return hypotheses that hold every placement between them.
-
-        Parameters
-        ----------
-        most : int
-            Choices of hypotheses to tell apart; where there are more, one hypothesis holds all.
-
-        Returns
-        -------
-        list of Hypothesis
-            One for each choice.
-
-        """
+        """Return hypotheses that hold every placement between them."""
         n_points = self._problem.n_points
         known = self._solved.known
         chains = ChainGraph(n_points, known.pairs, known.lower, known.upper)

@@ -30,19 +30,7 @@ from dg_localization.solver.decompose.graph import Graph
 
 
 class ChainGraph:
-    """
-    Points and the bounds of known pairs of them.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs, each once.
-    lower, upper : ndarray, shape (m,)
-        Bounds of their squared distances in m^2.
-
-    """
+    """Points and the bounds of known pairs of them."""
 
     def __init__(
         self, n_points: int, pairs: IntArray, lower: FloatArray, upper: FloatArray
@@ -66,20 +54,7 @@ class ChainGraph:
         return other
 
     def bounds(self, points: IntArray) -> tuple[FloatArray, FloatArray]:
-        """
-        Return the bounds of all pairs of some points.
-
-        Parameters
-        ----------
-        points : ndarray of int, shape (k,)
-            The points, any of them several times.
-
-        Returns
-        -------
-        tuple of ndarray, shapes (k, k)
-            Lower and upper bounds of the squared distances in m^2, infinite where no chain leads.
-
-        """
+        """Return the bounds of all pairs of some points."""
         distinct, place = np.unique(points, return_inverse=True)
         lower, upper = self._bounds_among(distinct)
         return lower[np.ix_(place, place)], upper[np.ix_(place, place)]
@@ -100,24 +75,7 @@ class ChainGraph:
     def pivot_lengths_m(
         self, most: int, stopped: Callable[[], bool] = lambda: False
     ) -> tuple[IntArray, FloatArray]:
-        """
-        Return points that lie far from each other, and how long chains from them are.
-
-        Parameters
-        ----------
-        most : int
-            Most pivots.
-        stopped : callable, optional
-            Whether to stop early, with one pivot at least.
-
-        Returns
-        -------
-        pivots : ndarray of int, shape (k,)
-            Each is the point farthest from those before it.
-        lengths_m : ndarray, shape (k, n)
-            The lengths in m of the shortest chains from each to all points.
-
-        """
+        """Return points that lie far from each other, and how long chains from them are."""
         start, neighbors = self._graph
         every = np.arange(self._n_points)
         pivots, lengths_m = [0], []

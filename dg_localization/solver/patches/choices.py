@@ -11,7 +11,7 @@ from itertools import islice
 
 import numpy as np
 
-from dg_localization.solver.assemble.combinations import FREE, Combinations, Link, Network
+from dg_localization.solver.assemble.combinations import FREE, Combinations, Network, PieceLink
 from dg_localization.solver.patches.known_pairs import KnownPairs, Patch
 
 Choice = dict[int, int]
@@ -39,7 +39,7 @@ class Ambiguities:
             agree = agree[np.ix_(self._left[first], self._left[second])]
             if not agree.all():
                 allowed = {(int(x), int(y)): FREE for x, y in np.argwhere(agree)}
-                links.append(Link(first, second, allowed=allowed))
+                links.append(PieceLink(first, second, allowed=allowed))
         counts = [len(numbers) for numbers in self._left]
         self._combinations = Combinations(counts, Network(links=links))
 

@@ -28,26 +28,12 @@ from dg_localization.solver.result import Hypothesis
 
 @dataclass(eq=False)
 class Patch:
-    """
-    Some points of a piece and the hypotheses that hold all their placements.
-
-    Attributes
-    ----------
-    points : tuple of int
-        The points, ascending.
-    hypotheses : list of Hypothesis
-        The hypotheses over these points.
-    pending : set of bytes
-        The bounds of the boxes among theirs that were not examined.
-    left : ndarray of bool, shape (k,)
-        The hypotheses that agree with the other patches.
-
-    """
+    """Some points of a piece and the hypotheses that hold all their placements."""
 
     points: Points
     hypotheses: list[Hypothesis]
-    pending: set[bytes]
-    left: BoolArray = field(init=False)
+    pending: set[bytes]  # the bounds of boxes among theirs that were not examined
+    left: BoolArray = field(init=False)  # which hypotheses agree with the other patches
 
     def __post_init__(self) -> None:
         """Begin with all hypotheses."""
@@ -70,26 +56,7 @@ class Patch:
 
 
 class KnownPairs:
-    """
-    The pairs that are measured or lie in patches, and bounds of their squared distances.
-
-    Parameters
-    ----------
-    problem : Problem
-        The piece.
-    measured : sequence of pair
-        Its measured pairs.
-    patches : sequence of Patch
-        Its patches.
-
-    Attributes
-    ----------
-    pairs : ndarray of int, shape (m, 2)
-        The pairs, the smaller point first, in their order.
-    lower, upper : ndarray, shape (m,)
-        Bounds in m^2, over all hypotheses that are left.
-
-    """
+    """The pairs that are measured or lie in patches, and bounds of their squared distances."""
 
     def __init__(
         self, problem: Problem, measured: Sequence[Pair], patches: Sequence[Patch]
@@ -138,20 +105,7 @@ class KnownPairs:
         return self.numbers[patch], self._bounds[patch][:, hypothesis]
 
     def bounds_of_shared(self, first: int, second: int) -> tuple[FloatArray, FloatArray]:
-        """
-        Return what two patches say of the pairs that both have.
-
-        Parameters
-        ----------
-        first, second : int
-            The patches.
-
-        Returns
-        -------
-        tuple of ndarray, shapes (2, k, m)
-            For each the bounds in m^2 of its k hypotheses for the m shared pairs.
-
-        """
+        """Return what two patches say of the pairs that both have."""
         _, of_first, of_second = np.intersect1d(
             self.numbers[first], self.numbers[second], assume_unique=True, return_indices=True
         )

@@ -35,19 +35,7 @@ FEW, MOST_FILLED_OF_FEW = 60, 40
 
 
 class Neighborhoods:
-    """
-    Neighborhoods in a graph.
-
-    Parameters
-    ----------
-    n_points : int
-        The number of points.
-    pairs : iterable of pair
-        The pairs whose distance is known.
-    dimension : int
-        The dimension q of the space.
-
-    """
+    """Neighborhoods in a graph."""
 
     def __init__(self, n_points: int, pairs: Iterable[Pair], dimension: int) -> None:
         self._dimension = dimension
@@ -141,28 +129,7 @@ def covering_patches(
     most: int,
     stopped: Callable[[], bool],
 ) -> list[Points]:
-    """
-    Return patches that cover every known pair, or those found until there is no time left.
-
-    Parameters
-    ----------
-    graph : Neighborhoods
-        The graph of known pairs.
-    pairs : sequence of pair
-        Its pairs.
-    seeds : sequence of tuple of int
-        Sets of points that should lie in one patch, such as those that a chirality names.
-    most : int
-        Most points of a patch.
-    stopped : callable
-        Whether there is no time left; asked before each patch.
-
-    Returns
-    -------
-    list of tuple of int
-        The points of each patch, ascending: at least two.
-
-    """
+    """Return patches that cover every known pair, or those found until there is no time left."""
     patches: list[Points] = []
     covered: set[Pair] = set()
     for seed in dict.fromkeys(seeds):
@@ -225,23 +192,6 @@ def seam_patches(
     The points that several bodies share hold the bodies together; with all distances within a
     body known they are a problem of the same kind, and a small one. Where some of these distances
     are not known yet, patches in the bodies come first that make them known.
-
-    Parameters
-    ----------
-    known : Neighborhoods
-        The graph of all pairs that lie in a patch.
-    bodies : sequence of set of int
-        What the patches make together.
-    dimension : int
-        The dimension q of the space.
-    stopped : callable
-        Whether there is no time left.
-
-    Returns
-    -------
-    list of tuple of int
-        The points of each patch, ascending.
-
     """
     n_points = len(known.neighbors)
     n_bodies = np.zeros(n_points, dtype=np.int64)

@@ -26,7 +26,7 @@ from dg_localization.solver.assemble.subproblem import (
     points_of,
     restricted,
 )
-from dg_localization.solver.assemble.tasks import Part
+from dg_localization.solver.assemble.tasks import Subproblem
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.rigid_components import Points
@@ -58,26 +58,12 @@ REVIEW_POINTS = 14
 
 @dataclass
 class SolvedPatches:
-    """
-    The patches of a piece.
-
-    Attributes
-    ----------
-    patches : list of Patch
-        The patches; where one is left without a hypothesis, it is the only one.
-    known : KnownPairs
-        Their pairs, narrowed.
-    is_one_body : bool
-        Whether the patches hold all points of the piece together.
-    n_unsolved : int
-        How many patches were not solved for want of time.
-
-    """
+    """The patches of a piece."""
 
     patches: list[Patch]
     known: KnownPairs
-    is_one_body: bool = False
-    n_unsolved: int = 0
+    is_one_body: bool = False  # they hold all points of the piece together
+    n_unsolved: int = 0  # were not begun for want of time
 
     def is_empty(self) -> bool:
         """Return whether a patch is left without a hypothesis: there is no placement."""
@@ -97,25 +83,7 @@ class SolvedPatches:
 
 
 class PatchSolver:
-    """
-    Solves a piece in patches.
-
-    Parameters
-    ----------
-    problem : Problem
-        The piece.
-    budget : CallBudget
-        What the call may take.
-    share : float
-        The fraction of the time left that the patches may take.
-    within : sequence of (lower, upper), optional
-        The boxes in m^2 that placements have to lie in; everywhere without any.
-    is_reviewed : bool, optional
-        Whether patches that several hypotheses are left of are looked at again.
-    is_placed : bool, optional
-        Whether placements of the patches are sought at once, not when somebody asks for them.
-
-    """
+    """Solves a piece in patches."""
 
     def __init__(
         self,
@@ -198,14 +166,14 @@ class PatchSolver:
         new = list(self._solved(smaller, known, MOST_SMALL_BOXES))
         return new if len(new) == len(smaller) else [patch]
 
-    def _part(self, points: Points, known: KnownPairs | None) -> Part:
+    def _part(self, points: Points, known: KnownPairs | None) -> Subproblem:
         """Return the problem of a patch, within what is known of its pairs."""
         bounds = known.among(points) if known else None
         constraints = self._orientations.among(points)
         problem = restricted(self._problem, points, bounds, constraints)
         index = np.ix_(points, points)
         within = self._within and [(low[index], high[index]) for low, high in self._within]
-        return Part(problem, within, is_placed=self._is_placed)
+        return Subproblem(problem, within, is_placed=self._is_placed)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
         """Return the pairs of all patches, and a patch that is left without a hypothesis."""
