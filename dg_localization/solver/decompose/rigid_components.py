@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from dg_localization.interval.kernels import kernel, look_after
@@ -54,9 +56,60 @@ def _components_of_implied(implied: BoolArray) -> list[IntArray]:
     return found
 
 
+def _cluster(neighbors: list[set[int]], i: int, j: int) -> list[int]:
+    """Return points that a measured pair in space grows by: each has three distances to others."""
+    order, inside, n_links = [i, j], {i, j}, Counter[int]()
+    for point in order:
+        for other in neighbors[point] - inside:
+            n_links[other] += 1
+            # The third point needs two distances, all others three.
+            if n_links[other] >= min(len(order), 3):
+                inside.add(other)
+                order.append(other)
+    return order
+
+
+def _without_interiors(n_points: int, pairs: IntArray) -> tuple[list[IntArray], IntArray]:
+    """
+    Return rigid clusters, and pairs among fewer points that have the same rigidity.
+
+    A cluster is replaced by the three points that it grew from and those that other pairs end at.
+    """
+    neighbors: list[set[int]] = [set() for _ in range(n_points)]
+    for i, j in pairs.tolist():
+        neighbors[i].add(j)
+        neighbors[j].add(i)
+    left = np.ones(len(pairs), dtype=np.bool_)
+    clusters, n_clusters = [], np.zeros(n_points, dtype=np.int64)
+    for x, (i, j) in enumerate(pairs.tolist()):
+        cluster = _cluster(neighbors, i, j) if left[x] else []
+        look_after(len(cluster))
+        if len(cluster) > 3:
+            clusters.append(np.array(cluster))
+            n_clusters[cluster] += 1
+            left &= ~np.isin(pairs, cluster).all(axis=1)
+    is_seen = n_clusters > 1
+    is_seen[pairs[left]] = True
+    kept = [pairs[left]]
+    for cluster in clusters:
+        base, others = cluster[:3], cluster[3:][is_seen[cluster[3:]]]
+        kept.append(base[[[0, 1], [0, 2], [1, 2]]])
+        kept += [np.stack([np.full_like(others, b), others], axis=1) for b in base]
+    return clusters, np.unique(np.sort(np.concatenate(kept), axis=1), axis=0)
+
+
 def _components_3d(n_points: int, pairs: IntArray) -> list[IntArray]:
     """Return the rigid components in space that hold a measured pair or three implied ones."""
-    components = _components_of_implied(implied_pairs(n_points, pairs, 3))
+    clusters, fewer = _without_interiors(n_points, pairs)
+    points, ends = np.unique(fewer, return_inverse=True)
+    implied = implied_pairs(len(points), ends.reshape(fewer.shape), 3)
+    components = [points[members] for members in _components_of_implied(implied)]
+    for x, component in enumerate(components):
+        for cluster in clusters:
+            # Three common points make a component and a cluster one body.
+            if len(np.intersect1d(component, cluster)) >= 3:
+                component = np.union1d(component, cluster)
+        components[x] = component
     held = np.zeros(len(pairs), dtype=np.bool_)
     for component in components:
         held |= np.isin(pairs, component).all(axis=1)
@@ -90,4 +143,13 @@ def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
         return False
     if dimension == 2:
         return rank_2d(n_points, pairs) == most
+    if dimension == 3:
+        clusters, pairs = _without_interiors(n_points, pairs)
+        points, ends = np.unique(pairs, return_inverse=True)
+        if any(len(cluster) == n_points for cluster in clusters):
+            return True
+        if not clusters and len(points) < n_points:
+            return False
+        most = rigid_rank(len(points), 3)
+        return generic_rank(len(points), ends.reshape(pairs.shape), 3) == most
     return generic_rank(n_points, pairs, dimension) == most
