@@ -15,7 +15,6 @@ from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.paving import regions_of_point
 from dg_localization.solver.growth import solver
 from dg_localization.solver.growth.partial_boxes import Growth
-from dg_localization.solver.growth.seeds import best_seed
 
 CHUNK = 100
 GROWN_PROBLEMS = max(1, PROBLEMS // 10)
@@ -63,37 +62,6 @@ def test_regions_hold_the_point(places, slack, margin):
     regions = regions_of_point(enclosure, np.maximum(squared - slack, 0.0), squared + slack, 0.01)
     inside = (regions[:, LOWER] <= points[0]) & (points[0] <= regions[:, UPPER])
     assert inside.all(axis=1).any()
-
-
-@pytest.mark.parametrize(('n_others', 'n_regions'), [(3, 2), (4, 1)])
-def test_three_distances_leave_two_regions_and_four_leave_one(n_others, n_regions):
-    others = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 0], [2, 1, 5]], dtype=float)[:n_others]
-    squared = ((others - [1.0, 2.0, 3.0]) ** 2).sum(axis=1)
-    enclosure = np.stack([others, others], axis=1)
-    regions = regions_of_point(enclosure, 0.98 * squared, 1.02 * squared, 0.01)
-    assert len(regions) == n_regions
-
-
-def test_there_is_no_region_where_distances_contradict_each_other():
-    others = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
-    enclosure = np.stack([others, others], axis=1)
-    assert len(regions_of_point(enclosure, np.ones(2), np.full(2, 2.0), 0.01)) == 0
-
-
-def test_growth_begins_where_most_points_are_reached():
-    """Two groups that share a triangle; of one of them a point measures only two others."""
-    measured = np.zeros((9, 9), dtype=bool)
-    measured[:5, :5] = True
-    measured[np.ix_((2, 3, 4, 5, 6, 7), (2, 3, 4, 5, 6, 7))] = True
-    measured[8, :2] = measured[:2, 8] = True
-    np.fill_diagonal(measured, False)
-    squared = squared_distances(np.random.default_rng(0).random((9, 3)))
-    upper = np.where(measured | np.eye(9, dtype=bool), squared, np.inf)
-    seed = best_seed(Problem(np.where(measured, squared, 0.0), upper, 3), measured, lambda: False)
-    assert seed is not None
-    assert measured[np.ix_(seed, seed)].sum() == 12
-    nothing = Problem(np.zeros((4, 4)), np.where(np.eye(4), 0.0, np.inf), 3)
-    assert best_seed(nothing, np.zeros((4, 4), dtype=bool), lambda: False) is None
 
 
 @pytest.mark.parametrize('seed', range(5))

@@ -10,8 +10,7 @@ from solver_cases import squared_distances
 from benchmarks.large import fleet
 from dg_localization import SolverOptions, Verdict, solve
 from dg_localization.solver.assemble.tasks import Subproblem, solve_subproblem
-from dg_localization.solver.patches.chains import ChainGraph
-from dg_localization.solver.place.sparse_placements import scaled, scaled_by_pivots
+from dg_localization.solver.place.sparse_placements import scaled_by_pivots
 from dg_localization.solver.problem import Problem
 
 
@@ -24,32 +23,11 @@ def test_exact_lengths_from_pivots_give_the_placement(dimension):
     np.testing.assert_allclose(squared_distances(found), squared, rtol=1e-6, atol=1e-6)
 
 
-def test_pivots_at_all_points_give_the_placement_of_classical_scaling():
-    rng = np.random.default_rng(0)
-    squared = squared_distances(rng.random((40, 2)) * [100.0, 40.0])
-    # Chains are longer than the distances of their ends, and some eigenvalues are negative.
-    longer = np.triu(rng.uniform(1.0, 1.7, squared.shape), 1)
-    squared *= longer + longer.T
-    found = scaled_by_pivots(np.sqrt(squared), np.arange(40), 2)
-    np.testing.assert_allclose(
-        squared_distances(found), squared_distances(scaled(squared, 2)), rtol=1e-4, atol=1e-4
-    )
-
-
 def test_pivots_on_a_line_are_no_error():
     positions = np.array([[x, 0.0] for x in range(5)])
     lengths = np.sqrt(squared_distances(positions))
     found = scaled_by_pivots(lengths[:3], np.arange(3), 2)
     assert np.isfinite(found).all()
-
-
-def test_pivots_are_far_apart_and_their_chains_are_the_shortest():
-    pairs = np.array([[0, 1], [1, 2], [2, 3], [0, 3]])
-    lengths_m = np.array([1.0, 1.0, 1.0, 2.5])
-    graph = ChainGraph(4, pairs, lengths_m**2, lengths_m**2)
-    pivots, found_m = graph.pivot_lengths_m(2)
-    assert pivots.tolist() == [0, 3]
-    np.testing.assert_allclose(found_m, [[0.0, 1.0, 2.0, 2.5], [2.5, 2.0, 1.0, 0.0]])
 
 
 def test_a_thousand_points_have_a_proved_placement():

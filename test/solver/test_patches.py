@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 from solver_cases import bounds, random_case, squared_distances
 
-from benchmarks.pieces import Row, neighbors, uwb_fleet
+from benchmarks.pieces import neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
-from dg_localization.solver.assemble import large_pieces, pieces, product
-from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble import large_pieces, pieces
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.place import hypotheses, unplaced_hypotheses
-from dg_localization.solver.search.branch_and_prune import Cover
 from dg_localization.solver.search.search import search
 
 SEEDS = range(max(200, PROBLEMS // 20))
@@ -185,28 +183,6 @@ def test_a_contradiction_between_patches_is_a_proof():
     assert {0, 1} <= set(result.pieces[0].points)
 
 
-def test_a_patch_that_takes_many_boxes_is_done_again_as_smaller_ones(monkeypatch):
-    problem, positions = braced_grid(6, 8, 0.01)
-    monkeypatch.setattr(solver, 'MOST_PATCH_BOXES', 1)
-    for module in (pieces, large_pieces):
-        monkeypatch.setattr(module, 'MOST_TOGETHER', 0)
-    (piece,) = solve(problem, SolverOptions(max_boxes=10**4)).pieces
-    assert min(len(patch.points) for patch in piece.patches) <= solver.SMALL_POINTS
-    covered = np.eye(48, dtype=bool)
-    for patch in piece.patches:
-        covered[np.ix_(patch.points, patch.points)] = True
-        squared = squared_distances(positions[list(patch.points)])
-        held = ((h.lower <= squared) & (squared <= h.upper) for h in patch.hypotheses)
-        assert any(inside.all() for inside in held)
-    assert covered[np.isfinite(problem.upper)].all()
-
-
-def test_small_pieces_have_no_patches():
-    problem, _ = braced_grid(4, 4, 0.01)
-    result = solve(problem)
-    assert [piece.patches for piece in result.pieces] == [()]
-
-
 def test_patches_cover_every_measured_pair():
     problem, _ = braced_grid(10, 10, 1e-3)
     result = solve(problem, SolverOptions(max_boxes=10**6))
@@ -249,89 +225,6 @@ def test_a_search_that_is_cancelled_still_holds_the_truth(most, size):
     assert not missing(result, positions, squared_distances(positions))
 
 
-def test_a_search_that_is_cancelled_at_once_is_out_of_budget():
-    problem, _ = braced_grid(8, 8, 0.01)
-    cancel = threading.Event()
-    cancel.set()
-    assert solve(problem, cancel=cancel).verdict is Verdict.OUT_OF_BUDGET
-
-
-def test_hypotheses_of_a_cancelled_search_are_listed_without_delay():
-    problem, positions = braced_grid(8, 8, 1e-3, holes=0.3)
-    cancel = threading.Event()
-    result = solve(problem, SolverOptions(max_boxes=300), cancel=cancel)
-    assert len(result.pieces) > 1
-    cancel.set()
-    looked = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(product, 'refine', lambda positions, _: looked.append(1) or positions)
-        hypotheses = result.hypotheses
-    assert hypotheses and not looked
-    squared = squared_distances(positions)
-    if result.n_hypotheses == len(hypotheses):
-        assert any(((h.lower <= squared) & (squared <= h.upper)).all() for h in hypotheses)
-
-
-def test_what_one_box_keeps_bounds_the_answer_too(monkeypatch):
-    problem, _ = braced_grid(5, 5, 0.01)
-    whole = np.stack([problem.lower, np.minimum(problem.upper, 1e4)])
-    near, far = whole.copy(), whole.copy()
-    near[1, 0, 1] = near[1, 1, 0] = far[0, 0, 1] = far[0, 1, 0] = whole[:, 0, 1].mean()
-    searched = []
-
-    class OneBox:
-        def search_in_one_box(self, problem):
-            return Cover([near], [far])
-
-        def search(self, problem, share, within):
-            searched.extend(within)
-            return Cover()
-
-    monkeypatch.setattr(pieces, 'solve_grown', lambda *_: None)
-    monkeypatch.setattr(pieces, 'solve_large', lambda *_: None)
-    pieces._searched_together(problem, OneBox(), 1.0, None)
-    ((lower, upper),) = searched
-    assert np.array_equal([lower, upper], whole)
-
-
-def test_one_box_is_tried_where_it_may_do_and_what_it_leaves_bounds_the_answer(monkeypatch):
-    covers = []
-
-    def search_in_one_box(budget, problem, share=1.0):
-        covers.append(one_box(budget, problem, share))
-        return covers[-1]
-
-    one_box = CallBudget.search_in_one_box
-    monkeypatch.setattr(CallBudget, 'search_in_one_box', search_in_one_box)
-    result = solve(Row(20, 6, 2, 1.0, 0.03).problem(1))
-    (piece,) = (piece for piece in result.pieces if len(piece.points) > 16)
-    # Parts of the fleet may be tried, too.
-    (left,) = (cover for cover in covers if cover.pending and cover.pending[0].shape[-1] == 20)
-    n_tried = len(covers)
-    lower, upper = large_pieces.hull_of(left.pending)
-    assert all((h.lower >= lower).all() and (h.upper <= upper).all() for h in piece.hypotheses)
-    # The distances of UWB radios are too wide.
-    solve(uwb_fleet(20, 8, 1), SolverOptions(max_boxes=10**4))
-    assert len(covers) == n_tried
-
-
-@pytest.mark.parametrize(('n_points', 'degree', 'seed'), [(20, 8, 3), (30, 8, 5)])
-def test_patches_of_wide_distances_are_reviewed_only_on_demand(n_points, degree, seed):
-    problem = uwb_fleet(n_points, degree, seed)
-    squared = squared_distances(neighbors(n_points, degree, 2, seed)[0])
-    solved = [
-        solver.PatchSolver(problem, CallBudget(SolverOptions()), 1.0, None, is_reviewed).run()
-        for is_reviewed in (True, False)
-    ]
-    reviewed, unreviewed = (len(patches.patches) for patches in solved)
-    assert reviewed > unreviewed
-    for patches in solved:
-        rows, columns = patches.known.pairs.T
-        truth = squared[rows, columns]
-        assert (patches.known.lower <= truth * (1 + ROUNDING)).all()
-        assert (truth * (1 - ROUNDING) <= patches.known.upper).all()
-
-
 @pytest.mark.parametrize(('degree', 'seed', 'n_hypotheses'), [(5, 110, 16), (6, 165, 48)])
 def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hypotheses):
     """Both took 650 to 700 boxes, and had as many hypotheses."""
@@ -340,22 +233,6 @@ def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hy
     assert result.verdict is Verdict.COVERED and result.statistics.processed < 300
     assert max(len(piece.hypotheses) for piece in result.pieces) == n_hypotheses
     assert not missing(result, positions, squared_distances(positions))
-
-
-def test_patches_are_placed_when_somebody_asks(monkeypatch):
-    """Placements of patches are no part of the answer of a piece that is contracted as a whole."""
-    sizes = []
-    placement_in = unplaced_hypotheses.placement_in
-
-    def noted(problem, *args):
-        sizes.append(problem.n_points)
-        return placement_in(problem, *args)
-
-    for module in (hypotheses, unplaced_hypotheses):
-        monkeypatch.setattr(module, 'placement_in', noted)
-    result = solve(uwb_fleet(20, 8, seed=7), SolverOptions(max_boxes=10**6))
-    assert [len(piece.points) for piece in result.pieces] == [20]
-    assert sizes == [20] * len(result.pieces[0].hypotheses)
 
 
 def test_a_placement_is_the_same_whenever_it_is_sought():

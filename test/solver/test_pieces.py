@@ -22,7 +22,6 @@ from dg_localization import (
     solve,
 )
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.solved_pieces import SolvedPiece
 
 TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]], dtype=float)
 FOURS = ((0, 1, 2, 3), (3, 4, 5, 6))
@@ -93,15 +92,6 @@ def test_a_strip_folds_at_every_shared_edge(length):
     assert len(solve(strip(min(length, 4))).hypotheses) == 2 ** (min(length, 4) - 1)
 
 
-def test_every_arm_of_a_cross_folds_by_itself():
-    corners = np.array([[0.0, 0.0], [4.0, 0.0], [4.3, 3.1], [0.2, 3.4]])
-    arms = np.array([[0.3, -3.0], [4.2, -3.3], [8.1, 0.2], [8.3, 3.3], [4.2, 6.4], [0.1, 6.3]])
-    edges = (0, 1, 4, 5), (1, 2, 6, 7), (2, 3, 8, 9)
-    result = solve(known(np.concatenate([corners, arms]), [(0, 1, 2, 3), *edges]))
-    assert len(result.pieces) == 4
-    assert result.n_hypotheses == len(result.hypotheses) == 2 ** len(edges)
-
-
 def test_the_folds_of_a_strip_are_apart_and_each_is_proved():
     result = solve(strip(3, relative_error=0.001))
     assert len(result.hypotheses) == 4
@@ -149,22 +139,10 @@ def test_two_chiralities_decide_the_joint_between_their_pieces(second_sign):
     assert holds(result, positions, squared_distances(positions)) == (second_sign == 1)
 
 
-def test_a_least_distance_unfolds_a_joint():
-    squared = squared_distances(strip_m(2))
-    result = solve(strip(2, apart={(0, 4): 0.9 * squared[0, 4]}))
-    assert result.n_hypotheses == 1
-    assert holds(result, strip_m(2), squared)
-
-
 def test_a_least_distance_that_no_fold_reaches_is_a_contradiction():
     result = solve(strip(2, apart={(0, 4): 400.0}))
     assert result.verdict is Verdict.INFEASIBLE
     assert (result.n_hypotheses, result.hypotheses, result.joints) == (0, (), ())
-
-
-def test_a_least_distance_across_several_joints_is_a_contradiction():
-    result = solve(strip(3, apart={(0, 7): 900.0}))
-    assert result.verdict is Verdict.INFEASIBLE
 
 
 def test_a_contradiction_names_the_piece_that_it_is_in():
@@ -298,19 +276,6 @@ def test_pieces_that_are_alike_take_a_box_each(max_boxes):
     done = solve(Problem(*bounds(3, {})), SolverOptions(max_boxes=max_boxes)).statistics
     assert done.processed == done.kept == max_boxes
     assert done.empty == 0 and done.pending == 3 - max_boxes
-
-
-def test_boxes_that_were_not_examined_count_beside_patches():
-    """A piece is solved once for each choice of what it is given, in patches or as a whole."""
-
-    class Patches:
-        def n_boxes(self):
-            return 3
-
-        def n_pending(self):
-            return 1
-
-    assert SolvedPiece((0, 1), [], {b'a box'}, [Patches()]).n_boxes([]) == (4, 2)
 
 
 def test_an_event_that_is_cleared_again_has_cancelled():

@@ -3,7 +3,6 @@
 
 """What is stopped before its pieces are known, or before they are begun, still holds the truth."""
 
-from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 import pickle
 
@@ -15,12 +14,9 @@ from test_patches import CancelAfter, braced_grid
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.interval import kernels
-from dg_localization.solver.assemble import hidden_parts
 from dg_localization.solver.assemble.answer import solve_in_pieces
 from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
 from dg_localization.solver.assemble.coincident import pieces_of_problem
-from dg_localization.solver.assemble.pieces import PieceSolver
-from dg_localization.solver.assemble.tasks import Workers
 from dg_localization.solver.decompose import decomposition
 from dg_localization.solver.place import existence
 from dg_localization.solver.place.hypotheses import hypotheses_of
@@ -147,34 +143,9 @@ def test_pieces_that_were_not_begun_are_one(fraction):
         assert any(inside.all() for inside in held)
 
 
-def test_the_search_for_hidden_parts_is_stopped(watchful):
-    problem, _ = braced_grid(3, 4, 0.01)
-    assert hidden_parts.hidden_parts(problem, lambda: True) is None
-
-
 def test_nothing_lies_in_no_box_however_little_time_there_is(watchful):
     problem, _ = braced_grid(3, 4, 0.01)
     assert solve(problem, within=[], cancel=CancelAfter(0)).verdict is Verdict.INFEASIBLE
-
-
-def test_what_workers_have_solved_is_in_the_answer(monkeypatch):
-    problem, positions = near_fleet(100, 2, 4)
-    now_s, n_ahead = [0.0], []
-    solve_ahead = PieceSolver._solve_ahead
-
-    def use_all_of_the_time(solver):
-        solve_ahead(solver)
-        n_ahead.append(len(solver._ahead))
-        now_s[0] = 1.0 + 2.0 * GRACE_S
-
-    monkeypatch.setattr(PieceSolver, '_solve_ahead', use_all_of_the_time)
-    with ThreadPoolExecutor(1) as executor:
-        workers, clock = Workers(executor, int), lambda: now_s[0]
-        options = SolverOptions(max_seconds=1.0)
-        result = solve_in_pieces(problem, CallBudget(options, None, None, workers, clock=clock))
-    assert n_ahead[0] > 20
-    assert len(result.pieces) >= n_ahead[0]
-    assert not missing(result, positions, squared_distances(positions))
 
 
 def exact_and_wide(n_points, degree, seed):

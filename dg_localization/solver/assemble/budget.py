@@ -173,18 +173,6 @@ class CallBudget:
             else:
                 yield self._solved(part, most_boxes)
 
-    def solve_ahead(
-        self, parts: Sequence[Subproblem], share: float
-    ) -> tuple[list[SolvedSubproblem], int]:
-        """Return parts that workers solved, and the boxes each was given; count nothing yet."""
-        if self.workers is None:
-            return [], 0
-        # They share the workers, and so the time.
-        left_s = self.seconds_left()
-        options = self._limited(self._share(share, None).max_boxes, left_s)
-        found = self.workers.solved(parts, options, self.is_over)
-        return [solved for _, solved in found], options.max_boxes
-
     def take(
         self,
         solved: SolvedSubproblem,

@@ -39,7 +39,6 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
     restricted_boxes,
 )
-from dg_localization.solver.assemble.tasks import SolvedSubproblem, Subproblem
 from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition
@@ -168,8 +167,6 @@ class PieceSolver:
         self._budget = budget
         self._within = within
         self._joints = decomposition.joints
-        self._ahead: dict[int, SolvedSubproblem] = {}
-        self._given_boxes = 0
         self._parts = decomposition.pieces
         self._tasks = [_Task(part.points, [number]) for number, part in enumerate(self._parts)]
         self._joints_of: list[list[Joint]] = [[] for _ in self._tasks]
@@ -179,7 +176,6 @@ class PieceSolver:
 
     def run(self) -> SolvedPieces:
         """Solve all pieces, until one of them cannot exist."""
-        self._solve_ahead()
         for number in range(len(self._tasks)):
             if self._is_too_late(number):
                 continue
@@ -195,8 +191,6 @@ class PieceSolver:
 
     def _is_too_late(self, number: int) -> bool:
         """Return whether a piece is not begun any more."""
-        if number in self._ahead:
-            return False
         if number and self._budget.is_overdue():
             return True
         # In space one box is as large as the piece, and nothing ends its first contraction.
@@ -205,33 +199,6 @@ class PieceSolver:
         if not self._budget.is_over():
             left_s = max(left_s, self._budget.seconds_left())
         return self._problem.dimension == 3 and n_points**3 > left_s * TRIPLES_PER_S
-
-    def _solve_ahead(self) -> None:
-        """Have workers, where there are any, solve the small pieces that wait for no other."""
-        if self._budget.workers is None:
-            return
-        numbers = [
-            number
-            for number, task in enumerate(self._tasks)
-            if len(task.points) <= MOST_WHOLE
-            and not self._parts[number].given
-            and not any(j.kind is JointKind.REFLECTION for j in self._joints_of[number])
-        ]
-        parts = {}
-        for number in numbers:
-            points = self._tasks[number].points
-            within = self._within and restricted_boxes(self._within, points)
-            problem = restricted(self._problem, points, None, self._orientations.among(points))
-            if problem is not None and self._is_plain(problem):
-                parts[number] = Subproblem(problem, within)
-        solved, self._given_boxes = self._budget.solve_ahead([*parts.values()], self._share(0))
-        self._ahead = dict(zip(parts, solved, strict=False))
-
-    def _is_plain(self, problem: Problem) -> bool:
-        """Return whether a small piece is searched as a whole, whatever is left to spend."""
-        if is_grown(problem.n_points, problem.dimension):
-            return False
-        return self._hidden_parts(problem) is None
 
     def _hidden_parts(self, problem: Problem) -> Decomposition | None:
         """Return the parts of a piece that its wide distances do not hold together, if any."""
@@ -305,19 +272,11 @@ class PieceSolver:
             problem = restricted(self._problem, task.points, bounds, constraints)
             if problem is not None:
                 part = share / (len(given) - x)
-                task.searches.append(self._searched(task, problem, part, within))
+                task.searches.append(self._searched(problem, part, within))
         task.gather(self._budget.is_overdue)
 
-    def _found_ahead(self, task: _Task, problem: Problem, share: float) -> _Search | None:
-        """Return what a worker found of a piece, None where that is not what would be found."""
-        solved = self._ahead.get(task.numbers[0])
-        if solved is None or not self._budget.take(solved, self._given_boxes, share):
-            return None
-        cover = solved.cover
-        return _Search(problem, cover.kept, cover.pending, found=solved.hypotheses)
-
     def _searched(
-        self, task: _Task, problem: Problem, share: float, within: Sequence[Bounds] | None
+        self, problem: Problem, share: float, within: Sequence[Bounds] | None
     ) -> _Search:
         """Solve a piece for one choice of what it is given, with a share of what is left."""
         if problem.n_points > MOST_PARTED:
@@ -327,8 +286,7 @@ class PieceSolver:
         known = self._finished.get(key)
         if known and known.kept and self._budget.keep(len(known.kept)):
             return known
-        search = self._found_ahead(task, problem, share)
-        search = search or self._searched_here(problem, share, within)
+        search = self._searched_here(problem, share, within)
         if not search.is_pending():
             self._finished[key] = search
         return search
