@@ -16,8 +16,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
-import numpy as np
-
 from dg_localization.solver.assemble.combinations import Combination, Combinations, PieceLink
 from dg_localization.solver.assemble.contraction import (
     MOST_CONTRACTED,
@@ -173,17 +171,12 @@ class Assembly:
             if len(points) > MOST_CONTRACTED:
                 named = {p for side in decided for p in (*side.face, side.first, side.second)}
                 points = tuple(sorted(named or set(chosen[0][0]) & set(chosen[1][0])))
-                chosen = [_among(points, part) for part in chosen]
+                chosen = [
+                    self.solved.pieces[piece].among(points, number)
+                    for piece, number in zip(pieces, (x, y), strict=True)
+                ]
             narrowed = self._narrowed(points, bounds_within(points, chosen), decided)
             args = self._without_slices, None, stopped
             bounds = contracted(narrowed, *args) if narrowed else None
             self._of_two[key] = (points, bounds) if bounds else None
         return self._of_two[key]
-
-
-def _among(points: Points, part: tuple[Points, Bounds]) -> tuple[Points, Bounds]:
-    """Return a part with those of its points only that are among some points."""
-    members, (lower, upper) = part
-    kept = [x for x, point in enumerate(members) if point in points]
-    index = np.ix_(kept, kept)
-    return tuple(members[x] for x in kept), (lower[index], upper[index])

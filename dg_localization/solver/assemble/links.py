@@ -40,7 +40,7 @@ from dg_localization.solver.assemble.subproblem import (
     restricted_boxes,
 )
 from dg_localization.solver.decompose.decomposition import pairs_of
-from dg_localization.solver.decompose.graph import BoolArray
+from dg_localization.solver.decompose.graph import BoolArray, Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.problem import Chirality, Problem, Side
@@ -70,6 +70,10 @@ class Linker:
         self._budget = budget
         self._orientations = Orientations(problem)
         self._options = replace(budget.options, tighten_slices=0)
+        self._crossing: dict[int, set[int]] = {}
+        for i, j in crossing_pairs(problem, solved.pieces):
+            self._crossing.setdefault(i, set()).add(j)
+            self._crossing.setdefault(j, set()).add(i)
 
     def network(self, joints: Sequence[Joint]) -> Network:
         """Return the sites and links of all joints; what is not linked goes together."""
@@ -128,36 +132,33 @@ class Linker:
     def _site_of(self, joints: Sequence[Joint], apexes: Sequence[Apexes]) -> Site:
         """Return one site of joints with flat pieces between them, its face the most decisive."""
         members = sorted({piece for joint in joints for piece in joint.pieces})
+        at_faces = tuple(sorted({point for joint in joints for point in joint.points}))
         n_joints = {x: sum(x in joint.pieces for joint in joints) for x in members}
         between = [x for x in members if n_joints[x] > 1]
-        best = Site(joints[0].points, members, {})
+        best = Site(joints[0].points, members, {}, is_merged=True)
         for joint, known in zip(joints, apexes, strict=True):
             found = dict(known)
-            for piece in members:
-                if piece not in joint.pieces and piece not in between:
-                    found |= self._apexes_through(between, piece, joint.points)
+            for others in apexes:
+                for (piece, x), apex in others.items():
+                    is_new = (piece, x) not in found and piece not in (*between, *joint.pieces)
+                    if is_new and self._is_apex(between, piece, x, (at_faces, joint.points, apex)):
+                        found[piece, x] = apex
             if len(found) > len(best.apexes):
                 best = Site(joint.points, members, found, is_merged=True)
         return best
 
-    def _apexes_through(self, between: Sequence[int], piece: int, face: Points) -> Apexes:
-        """Return the apexes of a piece at a face that flat pieces hold at it."""
-        members = self._pieces[piece].points
-        held = {point for x in between for point in self._pieces[x].points}
-        points, others = tuple(sorted(held | set(members))), sorted(set(members) - held)
-        apexes: Apexes = {}
-        if len(points) > MOST_CONTRACTED:
-            return apexes
-        parts = [(self._pieces[x].points, self._pieces[x].hull()) for x in between]
-        for x, hypothesis in enumerate(self._pieces[piece].hypotheses):
-            if self._budget.is_over():
-                break
-            bounds = (hypothesis.lower, hypothesis.upper)
-            left = self._contracted(points, [*parts, (members, bounds)])
-            apex = left and best_apex(left, points, face, others)
-            if apex is not None:
-                apexes[piece, x] = apex
-        return apexes
+    def _is_apex(
+        self, between: Sequence[int], piece: int, x: int, named: tuple[Points, Points, int]
+    ) -> bool:
+        """Return whether the apex of a piece is one at another face that flat pieces hold, too."""
+        at_faces, face, apex = named
+        points = tuple(sorted({*at_faces, apex}))
+        if len(points) > MOST_CONTRACTED or self._budget.is_over():
+            return False
+        parts = [self._pieces[number].among(points) for number in between]
+        parts.append(self._pieces[piece].among(points, x))
+        left = self._contracted(points, parts)
+        return left is not None and best_apex(left, points, face, [apex]) is not None
 
     def _add_links(self, network: Network, members: Sequence[int], site: Site | None) -> None:
         """Link the pieces of a joint or site: each with the first, and others that disagree."""
@@ -168,7 +169,7 @@ class Linker:
                 return
             if first != hub and not is_compared:
                 break
-            link = self._link(first, second, site)
+            link = self._link(first, second, site, first == hub)
             if link is None:
                 continue
             if first != hub:
@@ -193,12 +194,14 @@ class Linker:
     def _n(self, piece: int) -> int:
         return len(self._pieces[piece].hypotheses)
 
-    def _link(self, first: int, second: int, site: Site | None) -> PieceLink | None:
+    def _link(
+        self, first: int, second: int, site: Site | None, is_contracted: bool
+    ) -> PieceLink | None:
         """Return what two pieces allow each other; None where that is everything."""
         pieces = self._pieces[first], self._pieces[second]
         if self._n(first) * self._n(second) > MOST_PAIRS:
             return None
-        between = self._between(*pieces)
+        between = self._between(*pieces) if is_contracted else None
         together = _agreeing(pieces)
         if site is None and between is None and together.all():
             return None
@@ -231,9 +234,11 @@ class Linker:
             not any(s.issuperset(points_of(constraint)) for s in inside) for constraint in known
         ):
             return known
-        apart = [sorted(s - t) for s, t in (inside, inside[::-1])]
-        lower, _ = self._problem.bounds_among([*apart[0], *apart[1]])
-        return known if (lower[: len(apart[0]), len(apart[0]) :] > 0.0).any() else None
+        apart = inside[0] - inside[1], inside[1] - inside[0]
+        is_crossed = any(
+            not self._crossing.get(point, set()).isdisjoint(apart[1]) for point in apart[0]
+        )
+        return known if is_crossed else None
 
     def _may_be(
         self, link: PieceLink, pair: tuple[int, int], side: Side, known: list[Constraint]
@@ -269,6 +274,16 @@ class Linker:
             return None
         within = self._within and restricted_boxes(self._within, points)
         return contracted(problem, self._options, within, self._budget.is_over)
+
+
+def crossing_pairs(problem: Problem, pieces: Sequence[SolvedPiece]) -> list[Pair]:
+    """Return the pairs that have a lower bound and lie in no piece."""
+    holders: list[set[int]] = [set() for _ in range(problem.n_points)]
+    for number, piece in enumerate(pieces):
+        for point in piece.points:
+            holders[point].add(number)
+    bounded = problem.pairs.pairs[problem.pairs.lower > 0.0].tolist()
+    return [(i, j) for i, j in bounded if holders[i].isdisjoint(holders[j])]
 
 
 def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece]) -> BoolArray:

@@ -18,7 +18,7 @@ from dg_localization.solver.assemble.assembly import Assembly
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
-from dg_localization.solver.assemble.links import Linker
+from dg_localization.solver.assemble.links import Linker, crossing_pairs
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
@@ -318,14 +318,9 @@ def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
         return False
     if len(problem.chiralities) > 1:
         return True
-    sets = [set(piece.points) for piece in solved.pieces]
-    holders: list[set[int]] = [set() for _ in range(problem.n_points)]
-    for number, points in enumerate(sets):
-        for point in points:
-            holders[point].add(number)
-    bounded = problem.pairs.pairs[problem.pairs.lower > 0.0]
-    if any(holders[i].isdisjoint(holders[j]) for i, j in bounded.tolist()):
+    if crossing_pairs(problem, solved.pieces):
         return True
+    sets = [set(piece.points) for piece in solved.pieces]
     constraints: list[Constraint] = [*problem.sides, *problem.chiralities]
     return any(not any(s.issuperset(points_of(c)) for s in sets) for c in constraints)
 

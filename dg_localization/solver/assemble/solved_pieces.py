@@ -34,6 +34,15 @@ class SolvedPiece:
         lower = np.min([h.lower for h in chosen], axis=0)
         return lower, np.max([h.upper for h in chosen], axis=0)
 
+    def among(self, points: Points, hypothesis: int | None = None) -> tuple[Points, Bounds]:
+        """Return its points among some, and their bounds in one of its hypotheses or all."""
+        members = tuple(point for point in self.points if point in points)
+        rows = [self.points.index(point) for point in members]
+        chosen = self.hypotheses if hypothesis is None else [self.hypotheses[hypothesis]]
+        ends = [h.bounds_among(rows) for h in chosen]
+        lower = np.min([low for low, _ in ends], axis=0)
+        return members, (lower, np.max([high for _, high in ends], axis=0))
+
     @property
     def is_finished(self) -> bool:
         """Whether nothing was left that was not examined."""

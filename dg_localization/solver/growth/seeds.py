@@ -37,8 +37,10 @@ def _qualities(lower: FloatArray, upper: FloatArray, corners: IntArray) -> Float
     middle = 0.5 * (low + high)
     gram = 0.5 * (middle[:, 1:, :1] + middle[:, :1, 1:] - middle[:, 1:, 1:])
     longest, widest = high.max(axis=(1, 2)), (high - low).max(axis=(1, 2))
-    # An exact one is as good as one known to a thousandth.
-    return np.asarray(np.linalg.det(gram) / (longest * longest * (widest + 1e-3 * longest)))
+    # An exact one is as good as one known to a thousandth; edges may be zero or huge.
+    with np.errstate(all='ignore'):
+        gram /= longest[:, None, None]
+        return np.asarray(np.linalg.det(gram) * longest / (widest + 1e-3 * longest))
 
 
 def _reached(neighbors: list[set[int]], seed: tuple[int, ...], dimension: int) -> set[int]:
