@@ -11,10 +11,10 @@ from solver_cases import squared_distances
 from test_pieces_never_lose import disturbed, first_and_last, lacks_placement
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
+from dg_localization.solver.assemble import growing as solver
+from dg_localization.solver.assemble.growing import Growth
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.paving import regions_of_point
-from dg_localization.solver.growth import solver
-from dg_localization.solver.growth.partial_boxes import Growth
 
 CHUNK = 100
 GROWN_PROBLEMS = max(1, PROBLEMS // 10)

@@ -13,9 +13,8 @@ from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.coincident import pieces_of_problem, with_shared_bounds
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
-from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
+from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces, unexamined
 from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds
-from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import (
     Decomposition,

@@ -6,6 +6,10 @@ The pieces of a fleet, solved one by one.
 
 A piece that its own measurements do not hold rigid takes the distances of the points it shares
 from a piece solved before: it is solved once for each of the ranges that these may lie in.
+
+Some pieces come apart once what hangs on them is taken off: a part that two points hold joins what
+lies on either side of these, and so it hides the sets of points that separate the rest. Each such
+set doubles the placements of the piece; its parts are solved one by one, and combined.
 """
 
 from __future__ import annotations
@@ -17,11 +21,12 @@ import math
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK
+from dg_localization.interval.kernels import WORK_PER_LOOK, until
 from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
+from dg_localization.solver.assemble.coincident import pieces_of_problem
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
-from dg_localization.solver.assemble.hidden_parts import MOST_PARTED, hidden_parts
+from dg_localization.solver.assemble.growing import is_grown, solve_grown
 from dg_localization.solver.assemble.large_pieces import (
     MOST_TOGETHER,
     LargePiece,
@@ -30,8 +35,14 @@ from dg_localization.solver.assemble.large_pieces import (
     solve_large,
 )
 from dg_localization.solver.assemble.product import Product
-from dg_localization.solver.assemble.ranges import common_ranges, hull_of_ranges, ranges_of
-from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
+from dg_localization.solver.assemble.solved_pieces import (
+    SolvedPiece,
+    SolvedPieces,
+    common_ranges,
+    hull_of_ranges,
+    ranges_of,
+    unexamined,
+)
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
     Orientations,
@@ -39,18 +50,34 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
     restricted_boxes,
 )
-from dg_localization.solver.assemble.unexamined import unexamined
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import Points
-from dg_localization.solver.growth.solver import is_grown, solve_grown
 from dg_localization.solver.patches.solver import MOST_WHOLE
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.branch_and_prune import Cover
+
+LEAST_PARTED, MOST_PARTED = 9, 60
+"""Fewer points are searched as a whole in less time; more are solved in patches."""
+
+
+def hidden_parts(problem: Problem, stopped: Callable[[], bool]) -> Decomposition | None:
+    """Return the parts of a piece, None where it has one part only or the time is over."""
+    if not LEAST_PARTED <= problem.n_points <= MOST_PARTED:
+        return None
+    parts = None
+    with until(stopped):
+        parts = pieces_of_problem(problem)
+    if parts is None or len(parts.pieces) == 1:
+        return None
+    if any(joint.kind is not JointKind.REFLECTION for joint in parts.joints):
+        return None
+    return parts
+
 
 MOST_RANGES = 16
 """A piece is solved at most so often, for different ranges of what it is given."""

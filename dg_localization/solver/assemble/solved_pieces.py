@@ -1,19 +1,25 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What became of the pieces of a fleet."""
+"""What became of the pieces of a fleet, and what they say of pairs that nobody measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+import math
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.assemble.subproblem import Bounds, Ranges, restricted_boxes
+from dg_localization.solver.decompose.graph import Pair
 from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.patches.answers import ChainedHypothesis
+from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.solver import SolvedPatches
+from dg_localization.solver.place.unplaced_hypotheses import Placement
+from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
 
@@ -74,3 +80,63 @@ class SolvedPieces:
     pieces: list[SolvedPiece] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
     contradiction: Points | None = None  # these points; the lists are not complete then
+
+
+def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None) -> SolvedPiece:
+    """
+    Return some points as one piece that was not examined, in the time that its measurements take.
+
+    Its one hypothesis holds all placements: chains of known pairs bound them. Nothing shows that
+    the points are rigid together, so it is flexible.
+    """
+    known = problem.pairs.restricted(points)
+    chains = ChainGraph(len(points), known.pairs, known.lower, known.upper)
+    boxes = within and restricted_boxes(within, points)
+    hypothesis = ChainedHypothesis(chains, len(points), boxes, _nowhere, flexible=True)
+    return SolvedPiece(points, [hypothesis], set(), was_examined=False)
+
+
+def _nowhere() -> Placement:
+    """Return that no placement was sought."""
+    return None, False
+
+
+def ranges_of(
+    points: Points, hypotheses: Sequence[Hypothesis], pairs: Sequence[Pair]
+) -> list[Ranges]:
+    """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
+    found: list[Ranges] = []
+    for hypothesis in hypotheses:
+        new: Ranges = {
+            pair: hypothesis.bounds_of_pair(*(points.index(point) for point in pair))
+            for pair in pairs
+        }
+        while touching := [ranges for ranges in found if _touch(ranges, new)]:
+            found = [ranges for ranges in found if ranges not in touching]
+            new = hull_of_ranges([new, *touching])
+        found.append(new)
+    return found
+
+
+def _touch(first: Ranges, second: Ranges) -> bool:
+    """Tell whether two sets of ranges of the same pairs have a point in common."""
+    return all(
+        low <= second[pair][1] and second[pair][0] <= high for pair, (low, high) in first.items()
+    )
+
+
+def common_ranges(ranges: Iterable[Ranges]) -> Ranges:
+    """Return what several ranges, each of some pairs, have in common."""
+    common: dict[Pair, tuple[float, float]] = {}
+    for pair, (low, high) in (item for given in ranges for item in given.items()):
+        least, most = common.get(pair, (0.0, math.inf))
+        common[pair] = max(low, least), min(high, most)
+    return common
+
+
+def hull_of_ranges(ranges: list[Ranges]) -> Ranges:
+    """Return the smallest ranges that hold several."""
+    return {
+        pair: (min(r[pair][0] for r in ranges), max(r[pair][1] for r in ranges))
+        for pair in ranges[0]
+    }

@@ -82,12 +82,12 @@ def _without_interiors(n_points: int, pairs: IntArray) -> tuple[list[IntArray], 
     left = np.ones(len(pairs), dtype=np.bool_)
     clusters, n_clusters = [], np.zeros(n_points, dtype=np.int64)
     for x, (i, j) in enumerate(pairs.tolist()):
-        cluster = _cluster(neighbors, i, j) if left[x] else []
-        look_after(len(cluster))
-        if len(cluster) > 3:
-            clusters.append(np.array(cluster))
-            n_clusters[cluster] += 1
-            left &= ~np.isin(pairs, cluster).all(axis=1)
+        grown = _cluster(neighbors, i, j) if left[x] else []
+        look_after(len(grown))
+        if len(grown) > 3:
+            clusters.append(np.array(grown))
+            n_clusters[grown] += 1
+            left &= ~np.isin(pairs, grown).all(axis=1)
     is_seen = n_clusters > 1
     is_seen[pairs[left]] = True
     kept = [pairs[left]]

@@ -16,7 +16,7 @@ from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.patches.chains import ChainGraph
-from dg_localization.solver.patches.choices import Ambiguities
+from dg_localization.solver.patches.known_pairs import Ambiguities
 from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import LARGEST_M2

@@ -2,22 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Placements of a rigid piece in space, found point by point.
+How a rigid piece in space is solved: grown point by point first, then contracted as a whole.
 
 Four points that all measure each other are placed first. Each further point that enough placed
 ones measure lies in few regions of their frame, and each region makes a partial box of its own.
 With each point all measured pairs so far are combined, so that errors do not pile up; a partial
 box that contradicts them is dropped. Every placement of the piece lies in some partial box.
+
+Where points are held weakly these boxes are wide. Halves of such a box would hold parts of one and
+the same hypothesis, and so it is split at gaps alone. Boxes of many points stay as they grew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations, islice
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import Bounds
+from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.subproblem import Bounds, common_parts
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.axes import axes_of, rank_axes
 from dg_localization.solver.contract.combination import combine
@@ -29,9 +34,65 @@ from dg_localization.solver.contract.reference import choose_axis, complete_fram
 from dg_localization.solver.contract.sides import sides_of
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.contract.widths import is_explained
-from dg_localization.solver.growth.seeds import best_seed
+from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.branch_and_prune import Cover
+
+MOST_SEEDS = 2000
+"""So many seeds are looked at."""
+
+
+def _tetrahedra(neighbors: list[set[int]]) -> Iterator[tuple[int, ...]]:
+    """Yield sets of four points that all measure each other."""
+    for i, near in enumerate(neighbors):
+        for j, k, other in combinations(sorted(x for x in near if x > i), 3):
+            if k in neighbors[j] and other in neighbors[j] and other in neighbors[k]:
+                yield i, j, k, other
+
+
+def _qualities(lower: FloatArray, upper: FloatArray, corners: IntArray) -> FloatArray:
+    """Return the squared volume of each tetrahedron, over its edges and their errors."""
+    low, high = (bounds[corners[:, :, None], corners[:, None]] for bounds in (lower, upper))
+    middle = 0.5 * (low + high)
+    gram = 0.5 * (middle[:, 1:, :1] + middle[:, :1, 1:] - middle[:, 1:, 1:])
+    longest, widest = high.max(axis=(1, 2)), (high - low).max(axis=(1, 2))
+    # An exact one is as good as one known to a thousandth; edges may be zero or huge.
+    with np.errstate(all='ignore'):
+        gram /= longest[:, None, None]
+        return np.asarray(np.linalg.det(gram) * longest / (widest + 1e-3 * longest))
+
+
+def _reached(neighbors: list[set[int]], seed: tuple[int, ...], dimension: int) -> set[int]:
+    """Return the points that are reached from a seed."""
+    reached, waiting = set(seed), set(range(len(neighbors))) - set(seed)
+    while new := {x for x in waiting if len(neighbors[x] & reached) >= dimension}:
+        reached |= new
+        waiting -= new
+    return reached
+
+
+def best_seed(
+    problem: Problem, measured: BoolArray, stopped: Callable[[], bool]
+) -> tuple[int, ...] | None:
+    """Return the four points that most others are reached from, of these the best known ones."""
+    neighbors = [set(np.flatnonzero(row).tolist()) for row in measured]
+    corners = np.array(list(islice(_tetrahedra(neighbors), MOST_SEEDS)), dtype=np.int64)
+    corners = corners.reshape(-1, 4)
+    quality = _qualities(problem.lower, problem.upper, corners)
+    best, best_reached = None, set[int]()
+    for x in np.argsort(-quality, kind='stable').tolist():
+        if best is not None and (stopped() or len(best_reached) == len(neighbors)):
+            break
+        seed = tuple(corners[x].tolist())
+        if not quality[x] > 0.0 or best_reached.issuperset(seed):
+            # What it reaches, the best one reaches as well.
+            continue
+        reached = _reached(neighbors, seed, problem.dimension)
+        if len(reached) > len(best_reached):
+            best, best_reached = seed, reached
+    return best
+
 
 MOST_PARTIAL_BOXES = 32
 """Growth ends when there are more of them: the search goes on from what they are."""
@@ -221,3 +282,66 @@ def _frame(box: FloatArray, positions: FloatArray, neighbors: IntArray) -> IntAr
         # Positions that are no numbers; any frame is sound.
         frame[:] = np.arange(dimension + 1)
     return frame
+
+
+LEAST_GROWN, MOST_GROWN = 12, 200
+"""A piece of fewer points is searched as a whole, and for more points each step takes too long."""
+
+MOST_CONTRACTED = 60
+"""Boxes of more points are kept as they grew: contracting them takes seconds and gains nothing."""
+
+ONE_BOX_SHARE = 0.1
+"""One box is tried first, in this part of the time: it is enough where points are held well."""
+
+GROWTH_SHARE = 0.6
+"""Growth may take this part of the time of a piece,"""
+
+GROWTH_SHARE_ALONE = 0.85
+"""and this part where what follows is a placement."""
+
+BOXES_PER_START, LEAST_BOXES = 2, 6
+"""Once all points are placed, so many boxes are looked at for each that grew, and at least
+so many."""
+
+
+def is_grown(n_points: int, dimension: int) -> bool:
+    """Return whether a piece is solved point by point."""
+    return dimension == 3 and LEAST_GROWN <= n_points <= MOST_GROWN
+
+
+def solve_grown(
+    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+) -> Cover | None:
+    """Solve a piece in space point by point; return None where there is nothing to begin with."""
+    if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
+        return None
+    is_large = problem.n_points > MOST_CONTRACTED
+    if within is None and not is_large:
+        in_one_box = budget.search_in_one_box(problem, ONE_BOX_SHARE * share)
+        if not in_one_box.pending:
+            return in_one_box
+    left_s = budget.seconds_left()
+    growth_share = GROWTH_SHARE_ALONE if is_large else GROWTH_SHARE
+    end_s = budget.seconds() + growth_share * share * left_s
+    growth = Growth(
+        problem,
+        budget.options.resolution,
+        lambda: budget.is_over() or budget.seconds() > end_s,
+    )
+    grown = growth.run()
+    if grown is None:
+        return None
+    budget.count_split()
+    boxes = [growth.bounds(partial) for partial in grown]
+    if within is not None:
+        boxes = common_parts(boxes, within)
+    if any(len(partial.points) < problem.n_points for partial in grown):
+        return budget.search(problem, share, boxes)
+    if is_large and budget.keep(len(boxes)):
+        return Cover(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
+    most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
+    cover = budget.search(problem, share, boxes, most_boxes, at_gaps=True)
+    if cover.processed >= len(boxes):
+        # Growth came to its end and examined everything; what follows makes its boxes narrower.
+        budget.accept_pending(cover)
+    return cover
