@@ -56,7 +56,7 @@ def rigid_with(core: tuple[int, ...], solved: Constraints) -> frozenset[int]:
     """
     measured = np.argwhere(np.triu(np.isfinite(solved.upper), 1))
     parts = pieces_of(len(solved.upper), measured, solved.dimension)
-    clusters = [set(piece.points) for piece in parts.pieces]
+    clusters = [set(points) for points in parts.pieces]
     for joint in parts.joints:
         if joint.kind is JointKind.REFLECTION:
             joined = set.union(*(clusters[number] for number in joint.pieces))

@@ -16,10 +16,7 @@ from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces, unexamined
 from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds
 from dg_localization.solver.contract.reduction import SMALL_FLEET
-from dg_localization.solver.decompose.decomposition import (
-    Decomposition,
-    RigidPart,
-)
+from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.decompose.rigid_components import Points
 from dg_localization.solver.place.hypotheses import hypotheses_of
@@ -76,11 +73,6 @@ def _decomposed(problem: Problem, stopped: Callable[[], bool]) -> Decomposition 
     with until(stopped):
         return pieces_of_problem(problem)
     return None
-
-
-def in_one_piece(n_points: int) -> Decomposition:
-    """Return the decomposition that leaves a fleet as it is."""
-    return Decomposition((RigidPart(tuple(range(n_points)), ()),), ())
 
 
 def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dg_localization.solver.assemble.subproblem import restricted
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.decomposition import Decomposition, RigidPart, pieces_of
+from dg_localization.solver.decompose.decomposition import Decomposition, pieces_of
 from dg_localization.solver.decompose.graph import connected_parts, graph_of
 from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.pair_bounds import PairBounds
@@ -67,10 +67,8 @@ def pieces_of_problem(problem: Problem) -> Decomposition:
     pairs = np.unique(ends[ends[:, 0] < ends[:, 1]], axis=0)
     found = pieces_of(len(places), np.ascontiguousarray(pairs), problem.dimension)
     parts = []
-    for part in found.pieces:
-        points = np.flatnonzero(np.isin(number, part.points))
-        given = tuple((int(places[i]), int(places[j])) for i, j in part.given)
-        parts.append(RigidPart(tuple(points.tolist()), given))
+    for piece in found.pieces:
+        parts.append(tuple(np.flatnonzero(np.isin(number, piece)).tolist()))
     joints = [
         Joint(joint.pieces, tuple(places[list(joint.points)].tolist()), joint.kind)
         for joint in found.joints

@@ -194,8 +194,9 @@ class PieceSolver:
         self._budget = budget
         self._within = within
         self._joints = decomposition.joints
-        self._parts = decomposition.pieces
-        self._tasks = [_Task(part.points, [number]) for number, part in enumerate(self._parts)]
+        self._tasks = [
+            _Task(points, [number]) for number, points in enumerate(decomposition.pieces)
+        ]
         self._joints_of: list[list[Joint]] = [[] for _ in self._tasks]
         for joint in self._joints:
             for number in joint.pieces:

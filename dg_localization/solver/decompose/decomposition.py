@@ -37,18 +37,10 @@ REMEMBERED = 32
 
 
 @dataclass(frozen=True)
-class RigidPart:
-    """A piece as the graph knows it."""
-
-    points: Points
-    given: tuple[Pair, ...]
-
-
-@dataclass(frozen=True)
 class Decomposition:
     """Pieces in an order to solve them in, and the joints between them."""
 
-    pieces: tuple[RigidPart, ...]
+    pieces: tuple[Points, ...]
     joints: tuple[Joint, ...]
 
 
@@ -211,7 +203,6 @@ class _Order:
         self._points: dict[int, Points] = dict(enumerate(parts))
         self._joints = joints
         self._graph = graph
-        self._given: list[tuple[Pair, ...]] = []
         # The pairs that earlier pieces imply, by their smaller points.
         self._implied: dict[int, list[Pair]] = {}
         self._dimension = dimension
@@ -267,7 +258,6 @@ class _Order:
         shared = self._shared(part)
         new = {pair for pair in shared if not self._is_implied(pair)}
         self._order.append(part)
-        self._given.append(tuple(sorted(shared - new)))
         # A part that shares no joint with this one may wait for the pair all the same.
         concerned: set[int] = set()
         for pair in new:
@@ -316,8 +306,7 @@ class _Order:
             for pieces, points, kind in self._joints
             if len(pieces) > 1
         ]
-        parts = zip((self._points[x] for x in self._order), self._given, strict=True)
         return Decomposition(
-            tuple(RigidPart(points, given) for points, given in parts),
+            tuple(self._points[x] for x in self._order),
             tuple(Joint(*joint) for joint in sorted(joints, key=lambda joint: joint[:2])),
         )
