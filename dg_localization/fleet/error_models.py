@@ -287,6 +287,14 @@ def in_body_frame(mount: Mount | None, ray_xyz: ArrayLike) -> ArrayLike | Reject
     return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray
 
 
+def leaves_plane(ray_xyz: ArrayLike, half_width_rad: float) -> bool:
+    """Return whether a ray points up or down by more than its error allows in the plane."""
+    x, y, z = ray = np.asarray(ray_xyz, dtype=float)
+    scale = np.abs(ray).max()
+    pitch_rad = math.atan2(abs(z / scale), math.hypot(x / scale, y / scale))
+    return angle_down(pitch_rad) > half_width_rad
+
+
 def projected_half_width_rad(ray_xyz: ArrayLike, half_width_rad: float) -> float:
     """
     Return how far the projection of a ray on the plane may be from that of the true direction.

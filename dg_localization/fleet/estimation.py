@@ -25,6 +25,7 @@ from dg_localization.fleet.contradictions.explanation import (
     explain_snapshot,
     lineup_of,
     links_of_conflicts,
+    not_searched,
     reason_of,
     suspects_of,
 )
@@ -301,7 +302,7 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     stale = sum(link.stale and link.age_s >= 0.0 for link in snapshot.links)
     if stale:
         parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
-    return '; '.join(parts)
+    return '; '.join([*parts, *snapshot.warnings])
 
 
 def _limit_texts(found: Answer) -> list[str]:
@@ -329,6 +330,8 @@ def _explained(
         union = _union(corrected.answers, statistics)
         blamed = blamed.union(*(placement.dropped for placement in union.placements))
         estimate = _with_placements(snapshot, union, plans, conflicts)
+        reason = estimate.reason + not_searched(snapshot.config, explanation)
+        estimate = replace(estimate, reason=reason)
     else:
         why = plans[0].reason if plans else ''
         reason = reason_of(snapshot.config, explanation, why)
@@ -373,23 +376,22 @@ def _corrected(
     unsure: frozenset[Suspects] = frozenset()
     for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
         explanation = explain_snapshot(snapshot, lineup, cancel, refuted | unsure)
-        if explanation.complete:
-            every = unsure.union(explanation.corrections)
-            ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
-            explanation = replace(explanation, corrections=tuple(ordered))
+        every = unsure.union(explanation.corrections)
+        ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
+        explanation = replace(explanation, corrections=tuple(ordered))
         found = _with_answers(snapshot, constraints, lineup, explanation, cancel)
         if not found.answers:
             return found
         answer_of = dict(zip(explanation.corrections, found.answers, strict=True))
         # That nothing is wrong was refuted before, perhaps with more time than now.
         wrong = {d for d, a in answer_of.items() if a.verdict is Verdict.INFEASIBLE or not d}
-        smaller = {d for d in answer_of if len(d) < snapshot.config.max_outliers}
+        smaller = {d for d in answer_of if len(d) < explanation.searched}
         doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answer_of[d])}
         if smaller & wrong <= refuted and doubtful <= unsure:
             return found.without(wrong)
         refuted |= smaller & wrong
         unsure = (unsure | doubtful) - refuted
-    stopped = replace(explanation, corrections=(), complete=False, stopped=True)
+    stopped = replace(explanation, corrections=(), searched=0, stopped=True)
     return _Corrected(stopped, found.plans, [])
 
 
@@ -404,7 +406,7 @@ def _with_answers(
     named = lineup.covered_by(snapshot.config.outlier_unit)
     corrections = [
         lineup.links_of(one for suspect in correction for one in named[suspect])
-        for correction in (explanation.corrections if explanation.complete else ())
+        for correction in explanation.corrections
     ]
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
     plans = plan_frames(snapshot, constraints, alternatives)

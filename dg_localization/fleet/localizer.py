@@ -327,7 +327,6 @@ class Localizer:
         self._snapshots += 1
         return take_snapshot(
             self._store,
-            self._config,
             self._anchors,
             self._mounts,
             now,

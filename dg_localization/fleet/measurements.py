@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from bisect import bisect_right, insort
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 import math
 from operator import attrgetter
 
@@ -29,6 +29,7 @@ from dg_localization.fleet.error_models import (
     interpret_range,
     interpret_ray,
     is_single,
+    leaves_plane,
     likeliest_distance_m,
     projected_half_width_rad,
     quoted,
@@ -54,6 +55,15 @@ from dg_localization.fleet.window.memory import Memory
 MOST_LATER = 1000
 """So many readings of an input are kept that are later than an answer may be."""
 
+CLOCK_STEP_S = 0.005
+"""A `stamp_error_s` that stamps refute is replaced by the next multiple of this."""
+
+SILENT_S = 0.25
+"""Odometry that is older than this is called silent."""
+
+LISTED = 5
+"""How many inputs a sentence names."""
+
 _STAMP_S = attrgetter('stamp_s')
 
 
@@ -66,11 +76,14 @@ class _Input:
     accepted: int = 0
     rejected: Counter[RejectionReason] = field(default_factory=Counter)
     last_reason_text: str = ''
+    ahead_s: float = 0.0
+    out_of_plane: bool = False
 
-    def count_accepted(self, stamp_s: float) -> None:
-        """Count an accepted measurement."""
+    def count_accepted(self, stamp_s: float, now_s: float) -> None:
+        """Count an accepted measurement, and how far its stamp is ahead of its arrival."""
         self.accepted += 1
         self.newest_stamp_s = max(self.newest_stamp_s, stamp_s)
+        self.ahead_s = max(self.ahead_s, stamp_s - now_s)
 
     def keep(self, reading: DistanceReading | RayReading, most: int, answered_s: float) -> None:
         """
@@ -101,7 +114,7 @@ class MeasurementStore:
     """
 
     def __init__(self, config: FleetConfig) -> None:
-        self._config = config
+        self._config = self._clock_config = config
         self._admission = Admission(config)
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
@@ -197,9 +210,12 @@ class MeasurementStore:
         )
         rises = config.elevations_m and self._elevations.squared_rise_m2(*key.ends, stamp_s, now_s)
         body_ray = np.asarray(ray, dtype=float).reshape(-1)
+        leaves = config.dimension == 2 and leaves_plane(body_ray, half_width_rad)
         # A ray that points up may miss what is ahead by less than its horizontal part does.
         is_bent = half_width_rad > 0.5 * math.pi and body_ray[2] != 0.0 and config.dimension == 2
-        if (rises and rises[1] > 0.0) or is_bent:
+        may_rise = bool(rises and rises[1] > 0.0)
+        self._input(key).out_of_plane = leaves and not may_rise
+        if may_rise or leaves or is_bent:
             half_width_rad = projected_half_width_rad(body_ray, half_width_rad)
         self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
         return None
@@ -237,7 +253,7 @@ class MeasurementStore:
         rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
         reading = OdometryReading(stamp_s, scaled, rotation, frame, reported_m=position)
         self._track(key.observer).append(reading)
-        self._input(key).count_accepted(stamp_s)
+        self._input(key).count_accepted(stamp_s, now_s)
         return None
 
     def add_elevation(
@@ -263,7 +279,7 @@ class MeasurementStore:
                 f'{known_m[1]:.3f} m; no reading before it counts either'
             )
             return self._reject(key, Rejection(RejectionReason.INVALID_ELEVATION, text))
-        self._input(key).count_accepted(stamp_s)
+        self._input(key).count_accepted(stamp_s, now_s)
         return None
 
     def add_peers(
@@ -294,7 +310,7 @@ class MeasurementStore:
             if rejection:
                 rejections.append(self._reject(together, rejection))
             else:
-                source.count_accepted(stamp_s)
+                source.count_accepted(stamp_s, now_s)
         return rejections
 
     def _take_peer(
@@ -360,9 +376,53 @@ class MeasurementStore:
                 in_use=is_young(self._config, source.newest_stamp_s, now_s),
                 stuck=self._stuck.sentence(key),
                 restart=self._restart(key, now_s),
+                warning='; '.join(self._warnings(source)),
             )
             for key, source in sorted(self._inputs.items())
         ]
+
+    def _warnings(self, source: _Input) -> Iterator[str]:
+        """Yield what an input shows to be wrong with its settings."""
+        if self._is_ahead(source):
+            yield (
+                f'stamps are up to {source.ahead_s:.3f} s ahead of their arrival, stamp_error is '
+                f'{self._config.stamp_error_s:g} s: answers allow for it; check the clocks'
+            )
+        if source.out_of_plane:
+            yield (
+                'the newest ray points up or down by more than its error: its target is not in '
+                'the plane; state the elevations of both ends'
+            )
+
+    def warnings(self, now_s: float) -> Iterator[str]:
+        """Yield what the inputs show to be wrong, a sentence on each kind."""
+        ahead = [key for key, source in self._inputs.items() if self._is_ahead(source)]
+        if ahead:
+            most_s = max(self._inputs[key].ahead_s for key in ahead)
+            yield (
+                f'stamps are up to {most_s:.3f} s in the future, more than stamp_error: '
+                f'{_listed(ahead)}'
+            )
+        bent = [key for key, source in self._inputs.items() if source.out_of_plane]
+        if bent:
+            yield f'targets of rays are not in the plane: {_listed(bent)}'
+        for robot, track in self._tracks.items():
+            silent_s = now_s - track.newest.stamp_s
+            if SILENT_S < silent_s <= max(self._config.max_age_s, self._config.memory_s):
+                yield f'odometry of {robot} is silent for {silent_s:.1f} s'
+
+    def _is_ahead(self, source: _Input) -> bool:
+        """Return whether stamps of an input refute `stamp_error_s`."""
+        return source.ahead_s > self._config.stamp_error_s
+
+    def config_for_clocks(self) -> FleetConfig:
+        """Return the configuration with a `stamp_error_s` that the stamps so far do not refute."""
+        ahead_s = max((source.ahead_s for source in self._inputs.values()), default=0.0)
+        if ahead_s <= self._clock_config.stamp_error_s:
+            return self._clock_config
+        steps = math.ceil(ahead_s / CLOCK_STEP_S)
+        self._clock_config = replace(self._config, stamp_error_s=steps * CLOCK_STEP_S)
+        return self._clock_config
 
     def _restart(self, key: LinkKey, now_s: float) -> str:
         """Return why odometry has started anew within `max_age_s`; empty if it has not."""
@@ -396,7 +456,7 @@ class MeasurementStore:
         """Store and remember a reading, and count it."""
         source = self._input(reading.key)
         source.keep(reading, self._config.max_repeats, now_s - MOST_BEFORE_S)
-        source.count_accepted(reading.stamp_s)
+        source.count_accepted(reading.stamp_s, now_s)
         self.memory.add(reading, now_s)
 
     def _reject(self, key: LinkKey, rejection: Rejection) -> Rejection:
@@ -425,6 +485,12 @@ class MeasurementStore:
             return None
         text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest} s'
         return Rejection(RejectionReason.TOO_OLD, text)
+
+
+def _listed(keys: Sequence[LinkKey]) -> str:
+    """Return the names of inputs, and how many more there are."""
+    more = f' and {len(keys) - LISTED} more' if len(keys) > LISTED else ''
+    return ', '.join(str(key) for key in keys[:LISTED]) + more
 
 
 def is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:

@@ -9,7 +9,9 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 import math
+from statistics import median
 
 import numpy as np
 
@@ -23,6 +25,12 @@ from dg_localization.interval.rounding import rounding_error, step_up
 
 ROUNDING = 1.0 + 1e-9
 """A robot at its limits is not a restart of its odometry."""
+
+ZERO_M, ZERO_RAD = 0.05, 0.05
+"""A driver that starts again reports a pose at most this far from zero at first."""
+
+PAUSE, PERIODS = 1.5, 9
+"""A pause is longer than so many times the median of the last periods between messages."""
 
 NOT_TURNED = np.eye(3)
 NOT_TURNED.flags.writeable = False
@@ -99,6 +107,13 @@ class OdometryTrack:
             restart = ''
             if reading.frame != last.frame:
                 restart = f'frame {quoted(last.frame)} has become {quoted(reading.frame)}'
+            elif elapsed_s > self._error.restart_gap_s:
+                restart = (
+                    f'nothing came for {elapsed_s:.3f} s, restart_gap is '
+                    f'{self._error.restart_gap_s:g} s'
+                )
+            elif self._is_back_at_zero(last, reading):
+                restart = f'it is back at its origin after {elapsed_s:.3f} s without a message'
             elif self._is_too_fast(least_m, turn_rad, elapsed_s):
                 restart = (
                     f'{step_m:.3f} m and {turn_rad:.3f} rad in {elapsed_s:.3f} s are more than '
@@ -116,6 +131,17 @@ class OdometryTrack:
             replace(reading, way_m=way_m, turned_rad=turned_rad, restarted_s=self._restarted_s)
         )
         self._forget_before(reading.stamp_s - self._keep_s)
+
+    def _is_back_at_zero(self, last: OdometryReading, reading: OdometryReading) -> bool:
+        """
+        Return whether a driver seems to have started again at zero.
+
+        That is a pose near the identity after a pause, where the pose before was not near it. To
+        forget a robot that truly came back during a pause loses no truth.
+        """
+        periods_s = [b.stamp_s - a.stamp_s for a, b in pairwise(self._readings[-PERIODS - 1 :])]
+        paused = not periods_s or reading.stamp_s - last.stamp_s > PAUSE * median(periods_s)
+        return paused and _is_near_zero(reading) and not _is_near_zero(last)
 
     def _turn_up_rad(self, before: np.ndarray, after: np.ndarray) -> float:
         """Return an upper bound of the angle between two rotations."""
@@ -142,6 +168,12 @@ class OdometryTrack:
         """Drop readings older than `stamp_s`, except the last of them."""
         first_kept = bisect_left(self._readings, stamp_s, key=lambda reading: reading.stamp_s)
         del self._readings[: max(0, first_kept - 1)]
+
+
+def _is_near_zero(reading: OdometryReading) -> bool:
+    """Return whether a pose is that of a driver that has just started."""
+    far_m = float(np.linalg.norm(reading.position_in_frame_m))
+    return far_m <= ZERO_M and rotation_angle_rad(reading.rotation) <= ZERO_RAD
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,9 @@ class OdometryErrorModel:
     max_gap_s : float
         Where stamps are farther apart, messages are taken to be lost, and the robot may have gone
         and turned meanwhile as far as its limits let it. Infinity: they never are.
+    restart_gap_s : float
+        Where stamps are farther apart, the odometry counts as started anew: nothing is known of
+        the motion in between. Infinity: only what shows a restart is one.
     translation_scale : float
         True ways are this times the reported ones, up to the errors. These count per m of the
         scaled way.
@@ -60,7 +63,7 @@ class OdometryErrorModel:
     Raises
     ------
     ConfigError
-        If a bound is negative, one other than `max_gap_s` is not finite, or the scale is beyond
+        If a bound is negative, one other than the gaps is not finite, or the scale is beyond
         0.01 and 100.
 
     """
@@ -74,6 +77,7 @@ class OdometryErrorModel:
     latency_s: float = 0.0
     tilt_rad: float | None = None
     max_gap_s: float = 1.0
+    restart_gap_s: float = math.inf
     translation_scale: float = 1.0
 
     def __post_init__(self) -> None:
@@ -82,7 +86,7 @@ class OdometryErrorModel:
             name = f'odometry_error.{field.name}'
             if field.name == 'translation_scale':
                 value = require_number(name, value, at_least=LEAST_SCALE, at_most=MOST_SCALE)
-            elif field.name == 'max_gap_s':
+            elif field.name in ('max_gap_s', 'restart_gap_s'):
                 value = require_number(name, value, at_least=0.0, finite=False)
             elif value is not None or field.name != 'tilt_rad':
                 value = require_number(name, value, at_least=0.0)

@@ -67,6 +67,8 @@ class Snapshot:
         As of the options of the solver; the smaller one counts.
     number : int
         Of those that its localizer takes, one after the other.
+    warnings : tuple of str
+        What the inputs show to be wrong, each a sentence.
 
     """
 
@@ -82,6 +84,7 @@ class Snapshot:
     detections: frozenset[Ends] = frozenset()
     tighten_seconds: float = math.inf
     number: int = 0
+    warnings: tuple[str, ...] = ()
 
     @cached_property
     def carried(self) -> CarriedWindow:
@@ -136,7 +139,6 @@ class Snapshot:
 
 def take_snapshot(
     store: MeasurementStore,
-    config: FleetConfig,
     anchors: AnchorGeometry,
     mounts: MountGeometry,
     now_s: float,
@@ -150,7 +152,7 @@ def take_snapshot(
 
     Readings up to the stamps in `left_out` do not count.
     """
-    odometry = store.odometry_readings()
+    config, odometry = store.config_for_clocks(), store.odometry_readings()
     robot_of = {point: config.robot_of(point) for point in config.points}
     motion = Motion(
         max_speed_m_s={point: config.speed_m_s(robot) for point, robot in robot_of.items()},
@@ -208,6 +210,7 @@ def take_snapshot(
         _detections(rays, young),
         tighten_seconds,
         number,
+        tuple(store.warnings(now_s)),
     )
 
 

@@ -215,6 +215,8 @@ class InputState:
         A sentence on readings that repeat themselves although robots move; empty if they do not.
     restart : str
         A sentence on odometry that has started anew within `max_age_s`; empty if it has not.
+    warning : str
+        A sentence on settings that its measurements show to be wrong; empty if they do not.
 
     """
 
@@ -226,6 +228,7 @@ class InputState:
     in_use: bool
     stuck: str = ''
     restart: str = ''
+    warning: str = ''
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from dg_localization.fleet.best_point.terms import (
 )
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
-from dg_localization.fleet.odometry_error import OdometryErrorModel
+from dg_localization.fleet.odometry import MotionLimits
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.memory import STAMP_S, Ends, Observation
 
@@ -53,6 +53,9 @@ LEAST_POSES = 2
 
 LEAST_STEP_ERROR = 1e-3
 """Odometry is never as exact as its bounds may say, in m and in rad."""
+
+LEAST_RANGE_M = 0.1
+"""A target that is nearer may be seen in any direction once its observer has moved."""
 
 GUESS_ROUNDS = 5
 GUESS_SCALE_M = 0.5
@@ -123,15 +126,20 @@ def past_of(snapshot: Snapshot, solved: Constraints, headed: Collection[str] = (
     ways: dict[str, _Poses] = {}
     for robot in moving:
         ways[robot] = _Poses(
-            StatedWay(snapshot.motion.odometry[robot], float(times_s[-1])),
+            StatedWay(
+                snapshot.motion.odometry[robot],
+                float(times_s[-1]),
+                config.odometry_error_of(robot),
+                MotionLimits(config.speed_m_s(robot), config.max_turn_rate_rad_s),
+            ),
             times_s,
             solved.rows[robot],
             len(solved.points) + (len(times_s) - 1) * len(ways),
         )
     seen, ends = _seen(snapshot, solved, ways, float(times_s[-1]))
     parts = _terms_of(seen, ways.values())
-    for robot, way in ways.items():
-        parts += way.steps(config.odometry_error_of(robot))
+    for way in ways.values():
+        parts += way.steps()
     return Past(
         PackedTerms.joined(parts),
         np.concatenate([np.full(len(times_s) - 1, way.row) for way in ways.values()]),
@@ -276,12 +284,18 @@ class _Poses:
         self._stated = way.poses(times_s)
         self.seen_from_now = seen_from(self._stated[0], self._stated)
 
-    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the bodies nearest to some times, and the pose at each time in their frames."""
+    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """
+        Return the bodies nearest to some times, and the pose at each time in their frames.
+
+        The last array, shape (m, 2), is what silent odometry leaves open of each, in m and rad.
+        """
         spacing_s = self._times_s[0] - self._times_s[1]
         nearest = np.rint((self._times_s[0] - stamps_s) / spacing_s).astype(int)
         nearest = np.clip(nearest, 0, len(self._times_s) - 1)
-        return self._bodies[nearest], seen_from(self._stated[nearest], self.way.poses(stamps_s))
+        unknown = self.way.unknown_motion(stamps_s, self._times_s[nearest])
+        poses = seen_from(self._stated[nearest], self.way.poses(stamps_s))
+        return self._bodies[nearest], poses, np.stack(unknown, axis=-1)
 
     def points_now(self, seen: _Seen) -> FloatArray:
         """Return where the observations have their target, in the body frame of now."""
@@ -289,11 +303,11 @@ class _Poses:
         away = _directions(poses[:, 2] + seen.bearings_rad)[:, :2]
         return _with_arms(poses, seen.observer_arms_m)[:, :2] + seen.distances_m[:, None] * away
 
-    def steps(self, error: OdometryErrorModel) -> Iterator[PackedTerms]:
+    def steps(self) -> Iterator[PackedTerms]:
         """Yield the terms that odometry makes of the bodies."""
         bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
         between = seen_from(self._stated[:-1], self._stated[1:])
-        errors_m, errors_rad = self.way.errors(error, self._times_s[1:], self._times_s[:-1])
+        errors_m, errors_rad = self.way.errors(self._times_s[1:], self._times_s[:-1])
         ends = np.zeros((len(bodies), 2, 3))
         ends[:, 0, :2] = between[:, :2]
         nothing = np.zeros((len(bodies), 3))
@@ -305,17 +319,18 @@ class _Poses:
 
 def _ends(
     rows: IntArray, arms_m: FloatArray, stamps_s: FloatArray, ways: Iterable[_Poses]
-) -> tuple[IntArray, FloatArray]:
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """
-    Return the bodies that points were on at some times, and their poses in the frames of these.
+    Return the bodies that points were on at some times, their poses and what is open of these.
 
-    What is fixed has always been the same body.
+    Poses are in the frames of the bodies. What is fixed has always been the same body.
     """
     bodies, poses = rows.copy(), np.zeros((len(rows), 3))
+    unknown = np.zeros((len(rows), 2))
     for way in ways:
         own = rows == way.row
-        bodies[own], poses[own] = way.ends(stamps_s[own])
-    return bodies, _with_arms(poses, arms_m)
+        bodies[own], poses[own], unknown[own] = way.ends(stamps_s[own])
+    return bodies, _with_arms(poses, arms_m), unknown
 
 
 def _with_arms(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
@@ -327,8 +342,15 @@ def _with_arms(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
 
 def _terms_of(seen: _Seen, ways: Collection[_Poses]) -> list[PackedTerms]:
     """Return the ranges and the rays of observations."""
-    first_bodies, first_poses = _ends(seen.observers, seen.observer_arms_m, seen.stamps_s, ways)
-    second_bodies, second_poses = _ends(seen.targets, seen.target_arms_m, seen.stamps_s, ways)
+    first_bodies, first_poses, first_unknown = _ends(
+        seen.observers, seen.observer_arms_m, seen.stamps_s, ways
+    )
+    second_bodies, second_poses, second_unknown = _ends(
+        seen.targets, seen.target_arms_m, seen.stamps_s, ways
+    )
+    unknown_m = first_unknown[:, 0] + second_unknown[:, 0]
+    apart_m = np.where(np.isfinite(seen.distances_m), seen.distances_m, np.inf)
+    unknown_rad = first_unknown[:, 1] + unknown_m / np.maximum(apart_m, LEAST_RANGE_M)
     bodies = np.stack([first_bodies, second_bodies], axis=-1)
     arms_m = np.zeros((len(bodies), 2, 3))
     arms_m[:, 0, :2], arms_m[:, 1, :2] = first_poses[:, :2], second_poses[:, :2]
@@ -341,8 +363,8 @@ def _terms_of(seen: _Seen, ways: Collection[_Poses]) -> list[PackedTerms]:
     return [
         _packed(kind, bodies[known], arms_m[known], values[known], half_widths[known])
         for kind, known, values, half_widths in (
-            (RANGE, ranged, distances_m, seen.half_widths_m),
-            (RAY, sighted, directions, seen.errors_rad),
+            (RANGE, ranged, distances_m, seen.half_widths_m + unknown_m),
+            (RAY, sighted, directions, seen.errors_rad + unknown_rad),
         )
     ]
 

@@ -10,10 +10,12 @@ Plain floating point: it serves an estimate. What is proved comes from `fleet.od
 from __future__ import annotations
 
 from bisect import bisect_left
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.odometry import MotionLimits
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometryReading
 
@@ -33,10 +35,20 @@ class StatedWay:
         Oldest first, at least one.
     since_s : float
         What is older is left out.
+    error : OdometryErrorModel
+    limits : MotionLimits
+        They bound what the robot did where odometry was silent.
 
     """
 
-    def __init__(self, track: tuple[OdometryReading, ...], since_s: float) -> None:
+    def __init__(
+        self,
+        track: tuple[OdometryReading, ...],
+        since_s: float,
+        error: OdometryErrorModel,
+        limits: MotionLimits,
+    ) -> None:
+        self._error, self._limits = error, limits
         first = max(0, bisect_left(track, since_s, key=lambda reading: reading.stamp_s) - 1)
         every = max(1, (len(track) - first) // MOST_SAMPLES)
         # The newest one counts most.
@@ -48,24 +60,50 @@ class StatedWay:
         steps_m = np.linalg.norm(np.diff(self._positions_m, axis=0), axis=1)
         self._way_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         self._turned_rad = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self._yaws_rad)))])
+        steps_s = np.diff([reading.stamp_s for reading in track[first:]])
+        stamps_s = np.array([reading.stamp_s for reading in track[first:]])
+        silent_s = np.where(steps_s > error.max_gap_s, steps_s, 0.0)
+        self._sampled_s = stamps_s, np.concatenate([[0.0], np.cumsum(silent_s)])
 
     def poses(self, times_s: FloatArray) -> FloatArray:
         """Return x, y and yaw at some times, shape (m, 3); the first and the last one beyond."""
         columns = (*self._positions_m.T, self._yaws_rad)
         return np.stack([np.interp(times_s, self.stamps_s, c) for c in columns], axis=-1)
 
-    def errors(
-        self, error: OdometryErrorModel, before_s: FloatArray, after_s: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def errors(self, before_s: FloatArray, after_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the greatest errors between some times, in m and in rad."""
+        error = self._error
         ways, turns = (
             np.interp(after_s, self.stamps_s, sums) - np.interp(before_s, self.stamps_s, sums)
             for sums in (self._way_m, self._turned_rad)
         )
+        unknown_m, unknown_rad = self.unknown_motion(before_s, after_s)
+        of_way_m = error.translation_per_m * ways + error.translation_per_rad * turns
+        of_way_rad = error.rotation_per_m * ways + error.rotation_per_rad * turns
         return (
-            error.translation_per_m * ways + error.translation_per_rad * turns + error.constant_m,
-            error.rotation_per_m * ways + error.rotation_per_rad * turns + error.constant_rad,
+            of_way_m + error.constant_m + unknown_m,
+            of_way_rad + error.constant_rad + unknown_rad,
         )
+
+    def unknown_motion(
+        self, first_s: FloatArray, second_s: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """
+        Return what the stated motion between times leaves open, as half widths in m and rad.
+
+        That is how far the robot can have gone while odometry was silent. It is as likely as not
+        that it went on at full speed, so that half width counts as a deviation. Stamps that are
+        late misplace what was done at either end; most of it was done at both.
+        """
+        silent_s = np.abs(self._silent_s(second_s) - self._silent_s(first_s))
+        late_s = np.minimum(self._error.latency_s, np.abs(second_s - first_s))
+        open_s = math.sqrt(3.0) * silent_s + late_s
+        return self._limits.speed_m_s * open_s, self._limits.turn_rate_rad_s * open_s
+
+    def _silent_s(self, times_s: FloatArray) -> FloatArray:
+        """Return for how long odometry was silent up to some times, after its last message too."""
+        stamps_s, silent_s = self._sampled_s
+        return np.interp(times_s, stamps_s, silent_s) + np.maximum(times_s - stamps_s[-1], 0.0)
 
 
 def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:

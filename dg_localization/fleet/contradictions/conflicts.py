@@ -71,9 +71,9 @@ class Explanation:
     conflicts : tuple of frozenset of Suspect
         Proved conflicts, minimal as far as the solver can tell in brief.
     corrections : tuple of frozenset of Suspect
-        All minimal corrections of up to the number of suspects asked for.
-    complete : bool
-        Whether the limits sufficed; otherwise corrections may be missing.
+        All minimal corrections of up to `searched` suspects.
+    searched : int
+        The greatest size of corrections for which the limits sufficed.
     among : frozenset of Suspect
         Observations that contradict each other, where the limits did not suffice to find a
         minimal conflict among them.
@@ -87,7 +87,7 @@ class Explanation:
 
     conflicts: tuple[Suspects, ...]
     corrections: tuple[Suspects, ...]
-    complete: bool
+    searched: int
     among: Suspects = frozenset()
     culprits: tuple[Suspect, ...] = ()
     stopped: bool = False
@@ -169,13 +169,13 @@ def explain(
     oracle = _Oracle(contradicts, limits, cancel)
     contradicting = [observations - _stand_for(dropped, named[0]) for dropped in refuted]
     search = _Search(observations, regions, oracle, contradicting)
-    complete, stopped = True, False
+    searched, stopped = 0, False
     culprits: tuple[Suspect, ...] = ()
     try:
-        complete = limits.max_outliers == 0
-        if limits.max_outliers > 0:
-            search.find_corrections(named[0], limits.max_outliers)
-            complete = True
+        # One size after the other: where larger ones take too long, smaller ones are known.
+        for size in range(1, limits.max_outliers + 1):
+            search.find_corrections(named[0], size)
+            searched = size
         search.find_disjoint_conflicts()
         if not search.corrections:
             culprits = search.culprits(named)
@@ -184,7 +184,7 @@ def explain(
     return Explanation(
         tuple(sorted(search.conflicts, key=sorted)),
         tuple(sorted(search.corrections, key=lambda found: (len(found), sorted(found)))),
-        complete,
+        searched,
         search.among,
         culprits,
         stopped,
@@ -210,16 +210,17 @@ class _Search:
         self.among: Suspects = frozenset()
 
     def find_corrections(self, named: Mapping[Suspect, Suspects], max_outliers: int) -> None:
-        """Find all minimal corrections of up to `max_outliers` suspects."""
+        """Find all minimal corrections of up to `max_outliers` suspects, or keep those known."""
         level: list[Suspects] = [frozenset()]
+        corrections: list[Suspects] = []
         for size in range(max_outliers + 1):
             following: set[Suspects] = set()
-            for dropped in self._not_covered(level):
+            for dropped in _not_covered(level, corrections):
                 without = _stand_for(dropped, named)
                 # No larger corrections are wanted: there it is enough that some conflict is left.
                 conflict = self._conflict_without(without, minimal=size < max_outliers)
                 if conflict is None:
-                    self.corrections.append(dropped)
+                    corrections.append(dropped)
                 elif size < max_outliers:
                     following |= {
                         dropped | {suspect}
@@ -227,6 +228,7 @@ class _Search:
                         if covered & conflict
                     }
             level = sorted(following, key=sorted)
+        self.corrections = corrections
 
     def find_disjoint_conflicts(self) -> None:
         """Find conflicts that share nothing with the known ones, until the rest agree."""
@@ -251,12 +253,6 @@ class _Search:
             if found:
                 return found
         return ()
-
-    def _not_covered(self, level: list[Suspects]) -> Iterator[Suspects]:
-        """Yield the sets that contain no correction known by the time they are reached."""
-        for dropped in level:
-            if not any(correction <= dropped for correction in self.corrections):
-                yield dropped
 
     def _conflict_without(self, dropped: Suspects, *, minimal: bool) -> Suspects | None:
         """Return a conflict that none of the dropped observations is part of, or None."""
@@ -315,6 +311,13 @@ class _Search:
                 half = len(chunk) // 2
                 pending += [chunk[half:], chunk[:half]]
         return needed
+
+
+def _not_covered(level: list[Suspects], corrections: list[Suspects]) -> Iterator[Suspects]:
+    """Yield the sets that contain no correction known by the time they are reached."""
+    for dropped in level:
+        if not any(correction <= dropped for correction in corrections):
+            yield dropped
 
 
 def _stand_for(suspects: Suspects, named: Mapping[Suspect, Suspects]) -> Suspects:

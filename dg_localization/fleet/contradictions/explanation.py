@@ -59,7 +59,7 @@ def explain_snapshot(
 def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]:
     """Return whom an explanation makes suspect, with one name for what is of one sensor."""
     found: Suspects = frozenset()
-    if explanation.complete and explanation.corrections:
+    if explanation.corrections:
         found = found.union(*map(lineup.in_short, explanation.corrections))
     elif explanation.culprits:
         found = frozenset(explanation.culprits)
@@ -72,6 +72,16 @@ def links_of_conflicts(lineup: Lineup, explanation: Explanation) -> tuple[Confli
     """Return the conflicts of an explanation as links, without those that need none."""
     links = (lineup.links_of(conflict) for conflict in explanation.conflicts if conflict)
     return tuple(tuple(sorted(keys)) for keys in links)
+
+
+def not_searched(config: FleetConfig, explanation: Explanation) -> str:
+    """Return that limits ended the search before corrections of `max_outliers`, if they did."""
+    if explanation.searched >= config.max_outliers:
+        return ''
+    return (
+        f'; not searched: whether dropping more than {explanation.searched} explains it '
+        f'(max_outliers is {config.max_outliers}; raise max_conflict_solves)'
+    )
 
 
 def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
@@ -96,11 +106,12 @@ def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
         text += ': ' + '; '.join(conflicts)
     if explanation.stopped:
         text += ' (the search for the cause stopped at its budget)'
-    if frame and explanation.complete:
+    if frame and explanation.corrections:
         text += f'; without them, {frame}'
-    elif config.max_outliers and explanation.complete:
-        units = f'{config.outlier_unit}{"s" if config.max_outliers > 1 else ""}'
-        text += f'; dropping {config.max_outliers} {units} does not make the rest agree'
+    elif explanation.searched:
+        units = f'{config.outlier_unit}{"s" if explanation.searched > 1 else ""}'
+        text += f'; dropping {explanation.searched} {units} does not make the rest agree'
+    text += not_searched(config, explanation)
     if explanation.culprits:
         text += f'; each alone explains it: {", ".join(map(str, explanation.culprits))}'
     return text

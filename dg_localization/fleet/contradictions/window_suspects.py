@@ -131,7 +131,7 @@ def _explained(
         _Stop(stopped),
     )
     corrected = frozenset().union(*explanation.corrections)
-    if explanation.complete and corrected:
+    if corrected and explanation.searched == config.window_outliers:
         return corrected | (suspects - observations)
     return corrected | (suspects or frozenset().union(*explanation.conflicts))
 

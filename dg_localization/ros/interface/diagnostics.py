@@ -374,7 +374,7 @@ def _input_state(
     if state is None:
         wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
         return Level.WARN, wrong
-    doubt = state.stuck or state.restart
+    doubt = state.stuck or state.restart or state.warning
     if doubt:
         return Level.WARN, doubt
     if state.in_use:

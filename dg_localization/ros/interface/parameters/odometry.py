@@ -100,6 +100,17 @@ ODOMETRY = Section(
             'Raise it where odometry is published less often.',
         ),
         Spec(
+            'odometry.restart_gap',
+            DOUBLE,
+            math.nan,
+            'where stamps are farther apart, the odometry counts as started anew',
+            's',
+            0.0,
+            may_be_nan=True,
+            details='By default, .nan, gaps alone do not; a pose near zero after a pause, a jump '
+            'and a new frame always do.',
+        ),
+        Spec(
             'odometry.tilt',
             DOUBLE,
             math.nan,
@@ -123,6 +134,7 @@ ERRORS = {
     'constant_rotation': 'constant_rad',
     'latency': 'latency_s',
     'max_gap': 'max_gap_s',
+    'restart_gap': 'restart_gap_s',
     'tilt': 'tilt_rad',
 }
 """By the name of the parameter without its prefix, the field of `OdometryErrorModel`."""
@@ -196,9 +208,10 @@ def odometry_error(values: Mapping[str, Any]) -> OdometryErrorModel:
 
 
 def odometry_error_parameters(error: OdometryErrorModel) -> dict[str, float]:
-    """Return bounds by the names of the parameters without their prefix; no tilt if not stated."""
+    """Return the bounds that are stated, by the names of the parameters without their prefix."""
     numbers = {name: getattr(error, field) for name, field in ERRORS.items()}
-    return {name: float(value) for name, value in numbers.items() if value is not None}
+    stated = {name: value for name, value in numbers.items() if value not in (None, math.inf)}
+    return {name: float(value) for name, value in stated.items()}
 
 
 def robot_odometry_errors(values: Mapping[str, Any]) -> dict[str, OdometryErrorModel]:
@@ -225,6 +238,6 @@ def robot_odometry_errors(values: Mapping[str, Any]) -> dict[str, OdometryErrorM
 
 
 def _error(numbers: Mapping[str, float]) -> OdometryErrorModel:
-    """Return the bounds with a field for each parameter; a tilt that is NaN is not stated."""
+    """Return the bounds with a field for each parameter; what is NaN is not stated."""
     fields = {ERRORS[name]: value for name, value in numbers.items() if not math.isnan(value)}
     return OdometryErrorModel(**fields)

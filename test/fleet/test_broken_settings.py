@@ -1,0 +1,172 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What inputs show to be wrong with the settings is told, and the truth stays inside."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
+
+PLACES_M = {'a': (0.0, 0.0), 'b': (10.0, 0.0), 'c': (0.0, 10.0), 'd': (10.0, 10.0)}
+ANCHORS = {name: Anchor(place) for name, place in PLACES_M.items()}
+SMALL = OdometryErrorModel(
+    translation_per_m=0.02, rotation_per_rad=0.02, constant_m=0.01, constant_rad=0.01
+)
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+def localizer_of(**settings):
+    known = {'range_error': RangeErrorModel(-0.05, 0.05, 0.0, 0.0), 'odometry_error': SMALL}
+    return Localizer(FleetConfig(('r',), **{'anchors': ANCHORS, **known, **settings}))
+
+
+def add_ranges(localizer, place, stamp_s, now_s, names='abcd'):
+    for name in names:
+        range_m = math.dist(place, PLACES_M[name])
+        assert localizer.add_range('r', name, range_m, stamp_s, now_s) is None
+
+
+def add_odometry(localizer, x_m, stamp_s, now_s, **pose):
+    rejection = localizer.add_odometry('r', (x_m, 0.0, 0.0), LEVEL, stamp_s, now_s, 'odom', **pose)
+    assert rejection is None
+
+
+def holds(estimate, place):
+    boxes = [placement.enclosure_m[0] for placement in estimate.placements]
+    return any(np.all((low <= place) & (place <= high)) for low, high in boxes)
+
+
+def input_of(localizer, kind, now_s):
+    return next(s for s in localizer.input_states(now_s) if s.key.kind.value == kind)
+
+
+@pytest.mark.parametrize('with_odometry', [False, True])
+@pytest.mark.parametrize('ahead_s', [0.02, 0.05, 0.09])
+def test_stamps_from_the_future_widen_answers_and_are_named(ahead_s, with_odometry):
+    localizer = localizer_of(max_speed_m_s=1.01)
+    for step in range(60):
+        now_s = 100.0 + 0.1 * step
+        place = np.array([1.0 + 0.1 * step, 4.0])
+        if with_odometry:
+            add_odometry(localizer, place[0], now_s + ahead_s, now_s)
+        add_ranges(localizer, place, now_s + ahead_s, now_s, 'abcd'[step % 4])
+        if step > 10:
+            estimate = localizer.step(localizer.answer_time(now_s + 0.05))
+            assert holds(estimate, np.array([1.0 + estimate.stamp_s - 100.0, 4.0]))
+            assert 'in the future' in estimate.reason
+    assert 'ahead of their arrival' in input_of(localizer, 'range', now_s).warning
+
+
+def test_stamps_within_the_stated_error_are_no_warning():
+    localizer = localizer_of(stamp_error_s=0.05)
+    add_ranges(localizer, (3.0, 4.0), 100.04, 100.0)
+    assert input_of(localizer, 'range', 100.0).warning == ''
+    assert 'future' not in localizer.step(100.05).reason
+
+
+@pytest.mark.parametrize('speed_m_s', [0.3, 1.0])
+@pytest.mark.parametrize('ranges_go_on', [True, False])
+def test_silent_odometry_is_told_in_reason_point_and_covariance(speed_m_s, ranges_go_on):
+    localizer = localizer_of(max_speed_m_s=1.05)
+    for step in range(61):
+        now_s = 100.0 + 0.1 * step
+        place = np.array([1.0 + speed_m_s * 0.1 * step, 4.0])
+        if step <= 50:
+            add_odometry(localizer, place[0], now_s, now_s)
+        if step <= 50 or ranges_go_on:
+            add_ranges(localizer, place, now_s, now_s)
+        if step > 53:
+            estimate = localizer.step(now_s)
+            assert holds(estimate, place)
+            assert 'odometry of r is silent for' in estimate.reason
+            (placement,) = estimate.placements
+            off_m = np.abs(placement.positions_m[0] - place)
+            assert np.all(off_m <= 3.0 * np.sqrt(np.diag(placement.covariances[0])[:2]))
+
+
+@pytest.mark.parametrize('latency_s', [0.1, 0.2])
+def test_stated_latency_is_in_the_covariance(latency_s):
+    error = OdometryErrorModel(0.02, 0.0, 0.0, 0.02, 0.01, 0.01, latency_s)
+    localizer = localizer_of(max_speed_m_s=1.05, odometry_error=error)
+    beyond, answers = 0, 0
+
+    def x_m(time_s):
+        return 3.0 + 4.0 * abs((time_s / 4.0) % 2.0 - 1.0)
+
+    for step in range(200):
+        now_s, time_s = 100.0 + 0.1 * step, 0.1 * step
+        add_odometry(localizer, x_m(max(0.0, time_s - latency_s)), now_s, now_s)
+        if step % 5 == 0:
+            add_ranges(localizer, (x_m(time_s), 4.0), now_s, now_s, 'abcd'[step // 5 % 4])
+        if step > 60 and step % 4 == 0:
+            (placement,) = localizer.step(now_s).placements
+            deviation_m = math.sqrt(placement.covariances[0, 0, 0])
+            beyond += abs(placement.positions_m[0, 0] - x_m(time_s)) > 3.0 * deviation_m
+            answers += 1
+    assert beyond <= 0.02 * answers
+
+
+@pytest.mark.parametrize('gap_s', [0.4, 1.0, 3.0, 8.0])
+@pytest.mark.parametrize('driven_m', [0.3, 1.0, 3.0])
+def test_a_driver_that_starts_again_at_zero_is_no_motion(gap_s, driven_m):
+    localizer = localizer_of(max_speed_m_s=1.0)
+    now_s, x_m = 100.0, 0.0
+    while x_m < driven_m:
+        now_s, x_m = now_s + 0.1, x_m + 0.06
+        add_odometry(localizer, x_m, now_s, now_s)
+        add_ranges(localizer, (2.0 + x_m, 5.0), now_s, now_s)
+    localizer.step(now_s)
+    now_s += gap_s
+    add_odometry(localizer, 0.0, now_s, now_s)
+    assert 'started anew' in input_of(localizer, 'odometry', now_s).restart
+    estimate = localizer.step(now_s)
+    assert holds(estimate, np.array([2.0 + x_m, 5.0])) or not estimate.placements
+
+
+def test_a_robot_that_passes_its_origin_has_not_started_again():
+    localizer = localizer_of(max_speed_m_s=1.0)
+    for step in range(40):
+        now_s = 100.0 + 0.1 * step
+        add_odometry(localizer, 1.0 - 0.05 * step, now_s, now_s)
+        assert input_of(localizer, 'odometry', now_s).restart == ''
+
+
+@pytest.mark.parametrize(('gap_s', 'anew'), [(0.5, False), (3.0, True)])
+def test_every_gap_can_be_made_a_restart(gap_s, anew):
+    localizer = localizer_of(odometry_error=OdometryErrorModel(restart_gap_s=2.0))
+    for now_s in (100.0, 100.1, 100.1 + gap_s):
+        add_odometry(localizer, 5.0 + 0.1 * now_s, now_s, now_s)
+    assert bool(input_of(localizer, 'odometry', now_s).restart) is anew
+
+
+@pytest.mark.parametrize(('up_m', 'away_m'), [(1.0, 4.0), (2.0, 3.0), (2.0, 1.5), (3.0, 1.0)])
+def test_a_ray_that_points_above_the_plane_is_widened_and_told(up_m, away_m):
+    half_width_rad, places = 0.05, {'t': (0.0, 0.0), 'e': (-8.0, -3.0), 'f': (3.0, -9.0)}
+    anchors = {**ANCHORS, **{name: Anchor(place) for name, place in places.items()}}
+    localizer = localizer_of(anchors=anchors, bearing_half_width_rad=half_width_rad)
+    place = np.array([0.0, -away_m])
+    line = np.array([0.0, away_m, up_m]) / math.hypot(away_m, up_m)
+    ray = math.cos(0.99 * half_width_rad) * line
+    ray[0] = math.sin(0.99 * half_width_rad)
+    for step in range(5):
+        now_s = 100.0 + 0.1 * step
+        add_ranges(localizer, place, now_s, now_s)
+        assert localizer.add_bearing('r', 't', ray, now_s, now_s) is None
+        for name in ('e', 'f'):
+            range_m = math.dist(place, places[name])
+            assert localizer.add_range('r', name, range_m, now_s, now_s) is None
+    estimate = localizer.step(now_s)
+    assert 'not in the plane' in estimate.reason
+    for placement in estimate.placements:
+        x, _, z, w = placement.orientations_xyzw[0]
+        if placement.heading_known[0]:
+            assert abs(2.0 * math.atan2(z, w)) <= placement.heading_half_width_rad[0]
