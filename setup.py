@@ -86,7 +86,6 @@ setup(
             'fit_bounds = dg_localization.ros.executables:fit_bounds',
             'fleet_status = dg_localization.ros.executables:fleet_status',
             'self_test = dg_localization.ros.executables:self_test',
-            'security_policy = dg_localization.ros.executables:security_policy',
         ],
     },
 )

@@ -77,11 +77,6 @@ def self_test(args: Sequence[str] | None = None) -> int:
     return _run('self_test', args, interrupted=EXIT_INTERRUPTED)
 
 
-def security_policy(args: Sequence[str] | None = None) -> int:
-    """Run `security_policy`; return the exit code."""
-    return _run('security_policy', args, interrupted=EXIT_INTERRUPTED)
-
-
 EXECUTABLES = {
     function.__name__: function
     for function in (
@@ -92,7 +87,6 @@ EXECUTABLES = {
         fit_bounds,
         fleet_status,
         self_test,
-        security_policy,
     )
 }
 

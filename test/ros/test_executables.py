@@ -36,7 +36,6 @@ sys.exit(getattr(executables, sys.argv[1])())
         ('replay', 0),
         ('localize_bag', 130),
         ('fit_bounds', 130),
-        ('security_policy', 130),
     ],
 )
 def test_signal_during_the_imports_ends_the_process_cleanly(name, code, number):
@@ -83,7 +82,7 @@ def test_executable_that_is_not_there_is_named_with_those_that_are():
 
 @pytest.mark.parametrize(
     'name',
-    ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'fit_bounds', 'security_policy'],
+    ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'fit_bounds'],
 )
 def test_unknown_ros_argument_is_named_by_every_executable(name):
     done = run(name, '--ros-args', '--no-such-argument')
@@ -94,7 +93,7 @@ def test_unknown_ros_argument_is_named_by_every_executable(name):
 
 
 def test_a_file_of_parameters_that_is_not_there_is_a_wrong_argument():
-    done = run('security_policy', '--params', 'nowhere.yaml')
+    done = run('localizer', '--ros-args', '--params-file', 'nowhere.yaml')
     assert done.returncode == 2 and 'nowhere.yaml' in done.stderr
 
 
@@ -106,9 +105,7 @@ def test_a_machine_on_which_ros_cannot_start_is_no_wrong_argument(monkeypatch):
 
 
 @pytest.mark.parametrize('option', ['-h', '--help'])
-@pytest.mark.parametrize(
-    'name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag', 'security_policy']
-)
+@pytest.mark.parametrize('name', ['localizer', 'simulate_fleet', 'replay', 'localize_bag'])
 def test_every_executable_says_how_it_is_used(name, option):
     done = run(name, option)
     assert (done.returncode, done.stderr) == (0, '')

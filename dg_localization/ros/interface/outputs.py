@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 import numpy as np
-from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -22,7 +22,6 @@ from visualization_msgs.msg import MarkerArray
 from dg_localization.fleet import Estimate
 from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
-from dg_localization.ros.interface.patient_group import PatientGroup
 from dg_localization.ros.interface.poses import (
     BY_ENCLOSURE,
     PoseCovariance,
@@ -112,9 +111,11 @@ def estimate_messages(
     yield '~/markers', marker_scene_to_cdr(scene(estimate, name, lifetime_s))
 
 
-def _publisher(node: LifecycleNode, output: Output, group: CallbackGroup) -> Publisher:
+def _publisher(node: LifecycleNode, output: Output) -> Publisher:
+    """Make a publisher without events: an executor looks at each of them at every wake-up."""
+    events = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(
-        output.message_class, output.name, output.qos, callback_group=group
+        output.message_class, output.name, output.qos, event_callbacks=events
     )
 
 
@@ -133,9 +134,8 @@ class EstimatePublishers:
 
     def __init__(self, node: LifecycleNode, robots: tuple[str, ...]) -> None:
         self._node = node
-        group = PatientGroup(node.default_callback_group)
         self._publishers = {
-            output.name: _publisher(node, output, group) for output in estimate_outputs(robots)
+            output.name: _publisher(node, output) for output in estimate_outputs(robots)
         }
 
     def publish(self, messages: Iterable[tuple[str, bytes]]) -> None:
@@ -156,8 +156,7 @@ class DiagnosticsPublisher:
     """The publisher on /diagnostics."""
 
     def __init__(self, node: LifecycleNode) -> None:
-        group = PatientGroup(node.default_callback_group)
-        self._publisher = _publisher(node, DIAGNOSTICS, group)
+        self._publisher = _publisher(node, DIAGNOSTICS)
         self._last_seen: Any = None
 
     def publish(self, diagnostics: Diagnostics) -> None:

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 from rclpy.node import Node
 
-from dg_localization.ros.interface.access import BOND_TOPIC
+BOND_TOPIC = 'bond'
 
 
 def make_bond(node: Node) -> Callable[[], None] | None:

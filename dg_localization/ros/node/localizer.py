@@ -28,7 +28,6 @@ from dg_localization.fleet import (
     warm_up,
     warm_up_status,
 )
-from dg_localization.ros.interface.access import RESET
 from dg_localization.ros.interface.diagnostics import Report, shortened, statuses
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
@@ -52,6 +51,7 @@ from msg_adapters import Diagnostics
 
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
+RESET = '~/reset'
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
 SILENT_CLOCK_S = 3.0
