@@ -31,6 +31,9 @@ from dg_localization.interval.bounds import (
 FloatArray = NDArray[np.float64]
 
 
+SINGLE = 6e-8
+"""Relative rounding error of single precision, as in ``sensor_msgs/Range``."""
+
 MOST_QUOTED = 100
 """Characters of a malformed value that a message quotes."""
 
@@ -190,7 +193,7 @@ def interpret_range(
     if math.isinf(range_m):
         found = _interpret_infinite(model, range_m, minimum, maximum, variance)
     else:
-        rejection = _reject_reading(range_m, minimum, maximum)
+        rejection = _reject_reading(model, range_m, minimum, maximum)
         found = rejection or distance_bounds_m(model, range_m, variance)
     return (0.0, math.inf) if is_vague and not isinstance(found, Rejection) else found
 
@@ -210,13 +213,30 @@ def _interpret_infinite(
     return Rejection(RejectionReason.TOO_CLOSE, text)
 
 
-def _reject_reading(range_m: float, minimum: float, maximum: float) -> Rejection | None:
+def _reject_reading(
+    model: RangeErrorModel, range_m: float, minimum: float, maximum: float
+) -> Rejection | None:
     """Return why a reading that is not infinite is none, if so."""
     if math.isnan(range_m):
         return Rejection(RejectionReason.NAN, 'range nan m is no reading')
     if range_m < 0.0:
         text = f'range {_short(range_m)} m is negative, it must be >= 0'
         return Rejection(RejectionReason.NEGATIVE, text)
+    for name, limit_m, is_past in (
+        (
+            'at or below min_reading',
+            model.min_reading_m,
+            range_m <= model.min_reading_m * (1.0 + SINGLE),
+        ),
+        (
+            'at or above max_reading',
+            model.max_reading_m,
+            range_m >= model.max_reading_m * (1.0 - SINGLE),
+        ),
+    ):
+        if is_past:
+            text = f'range {_short(range_m)} m is no reading: it is {name}, {_short(limit_m)} m'
+            return Rejection(RejectionReason.NO_READING, text)
     if range_m > maximum:
         text = f'range {_short(range_m)} m is above max_range of the sensor, {_short(maximum)} m'
         return Rejection(RejectionReason.ABOVE_MAX, text)

@@ -56,6 +56,9 @@ class RangeErrorModel:
         The likeliest error in m, for the best point; None where it is not known.
     expected_error_relative : float
         What is added to it as a fraction of the reading.
+    min_reading_m, max_reading_m : float
+        A finite reading that is not between them says nothing, nor does one that is equal to
+        either: many radios report 0 or the largest number they have where nothing was measured.
 
     Raises
     ------
@@ -73,11 +76,14 @@ class RangeErrorModel:
     beyond_max_is_far: bool = False
     expected_error_m: float | None = None
     expected_error_relative: float = 0.0
+    min_reading_m: float = 0.0
+    max_reading_m: float = math.inf
 
     def __post_init__(self) -> None:
         for name in (
             *('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'),
             'expected_error_relative',
+            'min_reading_m',
         ):
             keep(self, **{name: require_number(f'range.{name}', getattr(self, name))})
         sigma_factor = require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
@@ -86,6 +92,14 @@ class RangeErrorModel:
         if self.expected_error_m is not None:
             expected_error_m = require_number('range.expected_error_m', self.expected_error_m)
             keep(self, expected_error_m=expected_error_m)
+        if self.max_reading_m != math.inf:
+            most_m = require_number('range.max_reading_m', self.max_reading_m)
+            keep(self, max_reading_m=most_m)
+        if self.max_reading_m <= self.min_reading_m:
+            raise ConfigError(
+                f'range.max_reading_m: {self.max_reading_m!r} is not allowed, it must be above '
+                f'range.min_reading_m, which is {self.min_reading_m!r}'
+            )
         _require_order('range', self, 'min_error_m', 'max_error_m')
         if self.min_error_m == self.max_error_m:
             _require_order('range', self, 'min_error_relative', 'max_error_relative')

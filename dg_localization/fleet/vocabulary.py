@@ -164,6 +164,7 @@ class RejectionReason(Enum):
     NEGATIVE = 'negative'
     ABOVE_MAX = 'above_max'
     BELOW_MIN = 'below_min'
+    NO_READING = 'no_reading'
     NOTHING_IN_RANGE = 'nothing_in_range'
     TOO_CLOSE = 'too_close'
     INVALID_RANGE = 'invalid_range'

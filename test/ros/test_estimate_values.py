@@ -317,7 +317,10 @@ def test_only_narrow_enclosures_are_called_localized():
     found = status('fleet', estimate(wide), localized_width_m=1.0)
     assert (found.level, found.message) == (Level.WARN, 'one hypothesis, 6.2 m wide')
     found = status('robot b', estimate(wide), localized_width_m=1.0)
-    assert (found.level, found.message) == (Level.WARN, 'one hypothesis, 6.2 m wide')
+    assert found.level is Level.WARN
+    assert found.message == (
+        'one hypothesis, 6.2 m wide: within 5.97 m (guaranteed), 1 of 1 neighbours heard'
+    )
     for part, width_m in (('robot a', 1.0), ('robot b', 7.0), ('fleet', 7.0)):
         found = status(part, estimate(wide), localized_width_m=width_m)
         assert found.level is Level.OK and found.message.startswith('localized')
@@ -514,7 +517,8 @@ def test_peers_have_a_status_together_and_one_each():
     found = status('input peers a', estimate(), **changes)
     assert (found.level, found.message, found.values['accepted']) == (Level.OK, 'in use', '8')
     one = status('input range a->b', estimate(), **changes)
-    assert (one.level, one.values['topic']) == (Level.WARN, '/a/peers')
+    assert (one.level, one.message) == (Level.OK, 'not measured now')
+    assert one.values['topic'] == '/a/peers'
     conflict = estimate(verdict=Verdict.INFEASIBLE, conflicts=((AB, BA),))
     assert status('input peers a', conflict, **changes).level is Level.ERROR
     assert status('input bearing a->b', conflict, **changes).level is Level.OK
@@ -542,10 +546,45 @@ def test_malformed_peers_are_counted_once():
 
 
 def test_malformed_messages_are_counted_and_named():
-    malformed = {'/a/range/b': Malformed(1, 'too short').and_one('no reading')}
+    malformed = {'/a/range/b': Malformed(2, 'no reading')}
     found = status('input range a->b', None, inputs={}, malformed=malformed)
     assert (found.level, found.message) == (Level.WARN, 'malformed: no reading')
     assert (found.values['malformed'], found.values['last_malformed']) == ('2', 'no reading')
+
+
+def test_an_input_that_hears_only_malformed_messages_now_says_so():
+    silent = input_state(in_use=False, age_s=5.0)
+    for last_s, text in ((12.0, 'malformed: too short'), (7.0, 'stale: nothing acceptable')):
+        malformed = {'/a/range/b': Malformed(3, 'too short', last_s)}
+        found = status('input range a->b', estimate(), inputs={AB: silent}, malformed=malformed)
+        assert found.level is Level.WARN and found.message.startswith(text)
+
+
+def test_an_input_that_rejects_most_readings_is_a_warning_with_the_cause():
+    rejecting = {AB: 'rejects 9 of 10 readings: stamp 3 s is in the future'}
+    for part in ('input range a->b', 'fleet'):
+        found = status(part, estimate(placement()), rejecting=rejecting)
+        assert found.level is Level.WARN and 'in the future' in found.message
+
+
+def test_a_camera_that_sees_nothing_is_no_warning():
+    ray = LinkKey(LinkKind.BEARING, 'a', 'b')
+    state = input_state(key=ray, in_use=False)
+    for explicit, level in ((False, Level.OK), (True, Level.WARN)):
+        links = (Link('/a/bearing/b', 'geometry_msgs/msg/Vector3Stamped', ray, explicit),)
+        found = status('input bearing a->b', estimate(), links=links, inputs={ray: state})
+        assert found.level is level
+
+
+def test_a_robot_is_told_its_typical_and_its_guaranteed_error_and_whom_it_hears():
+    fitted = placement(covariances=np.tile(np.diag([0.01, 0.03, 1.0, 1.0, 1.0, 1.0]), (2, 1, 1)))
+    links = (
+        LinkState(AB, 3.0, 3.3, 0.1, stale=False),
+        LinkState(LinkKey(LinkKind.RANGE, 'c/left', 'b'), 3.0, 3.3, 9.0, stale=True),
+    )
+    assert status('robot b', estimate(fitted, links=links)).message == (
+        'localized: within 0.20 m (typical), within 0.28 m (guaranteed), 1 of 2 neighbours heard'
+    )
 
 
 def test_two_topics_of_one_link_have_names_of_their_own():

@@ -251,6 +251,13 @@ def test_rays_of_clouds_are_turned_too(intake, rays):
     assert rays['a', 'c'] == pytest.approx((0.0, 1.0, 0.0))
 
 
+def test_a_slash_before_the_frame_of_a_camera_does_not_matter(intake, rays, text_messages):
+    text_messages(PixelReading, pixels_of_text)
+    take(intake, f'/a/info {CAMERA_INFO} a', camera_info())
+    take(intake, f'/a/tags {TEXT} a', String(data='/eye c:50:50'))
+    assert ('a', 'c') in rays
+
+
 @pytest.mark.parametrize('link', [f'/b/info {CAMERA_INFO} b', f'/a/info {CAMERA_INFO} a'])
 def test_pixels_wait_for_the_matrix_of_their_own_camera(intake, rays, text_messages, link):
     text_messages(PixelReading, pixels_of_text)
@@ -258,6 +265,8 @@ def test_pixels_wait_for_the_matrix_of_their_own_camera(intake, rays, text_messa
     frame = 'eye' if link.endswith('b') else 'nose'
     _, malformed = take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} c:50:50'))
     assert f"CameraInfo of a in frame '{frame}' has arrived" in malformed.last
+    hint = 'is there a link' if frame == 'eye' else "those that came are in frames 'eye'"
+    assert hint in malformed.last
     assert not rays
 
 

@@ -12,12 +12,13 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
-from sensor_msgs.msg import Range  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Range  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template  # noqa: E402
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template, parse_link  # noqa: E402
 from dg_localization.ros.node.inputs import (  # noqa: E402
     POLL_PERIOD_S,
     QUEUE_DEPTH,
@@ -65,6 +66,26 @@ def test_every_message_of_every_topic_is_taken_once(node):
             publisher.publish(Range())
     spin_until(node, lambda: taken.total() >= SENSOR_DATA.depth * len(TOPICS))
     assert taken == dict.fromkeys(TOPICS, SENSOR_DATA.depth)
+    inputs.destroy()
+
+
+def test_the_matrix_that_a_camera_published_before_the_start_is_taken(node):
+    latched = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    node.create_publisher(CameraInfo, '/a/info', latched).publish(CameraInfo())
+    taken = []
+    links = (parse_link('/a/info sensor_msgs/msg/CameraInfo a'),)
+    settings = SimpleNamespace(**{**vars(SETTINGS), 'links': links})
+    inputs = Inputs(node, settings, lambda *message: taken.append(message))
+    node.create_timer(0.05, inputs.search)
+    spin_until(node, lambda: taken)
+    # Another camera on the topic that keeps nothing is heard, too.
+    other = node.create_publisher(CameraInfo, '/a/info', SENSOR_DATA)
+    node.create_timer(0.05, lambda: other.publish(CameraInfo(width=7)))
+    spin_until(node, lambda: len(taken) > 1)
     inputs.destroy()
 
 

@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import PointField, Range  # noqa: E402
 
@@ -232,6 +233,57 @@ def test_no_stamp_is_none_after_a_correction(localizer, adapt_ranges):
     # Simulated time has just begun.
     rejection = Intake(localizer, True).take(corrected, serialize_message(Range()), 0.2)
     assert rejection.reason is RejectionReason.ZERO_STAMP
+
+
+def test_a_range_from_before_iron_is_named(localizer):
+    data = serialize_message(Range(range=3.0))[:-4]
+    assert 'before Iron' in take(localizer, RANGES, data).last
+
+
+@pytest.mark.parametrize(
+    ('overrides', 'accepted'),
+    [
+        ({}, [3.0, 65.535]),
+        ({'min_reading': -1.0}, [0.0, 3.0, 65.535]),
+        ({'min_reading': 0.3, 'max_reading': 65.535}, [3.0]),
+    ],
+)
+def test_readings_that_stand_for_none_are_refused_with_a_reason_of_their_own(overrides, accepted):
+    localizer = Localizer(FleetConfig(robots=('a', 'b')))
+    intake = Intake(localizer, use_header_stamp=False)
+    link, taken_m = replace(RANGES, overrides=overrides), []
+    for reading_m in (0.0, 3.0, 65.535):
+        rejection = intake.take(link, serialize_message(Range(range=reading_m)), NOW_S)
+        if rejection is None:
+            taken_m.append(reading_m)
+        else:
+            assert rejection.reason is RejectionReason.NO_READING
+            assert 'm is no reading: it is at or ' in rejection.text
+    assert taken_m == accepted
+
+
+def test_the_frame_of_odometry_has_no_slash_at_the_beginning(localizer):
+    message = Odometry(child_frame_id='/a/base_link')
+    message.header.frame_id = '/a/odom'
+    message.pose.pose.orientation.w = 1.0
+    intake = Intake(localizer, use_header_stamp=False)
+    link = Link('/a/odom', 'nav_msgs/msg/Odometry', LinkKey(LinkKind.ODOMETRY, 'a', ''))
+    assert intake.take(link, serialize_message(message), NOW_S) is None
+    poses = intake.odometry['a']
+    assert (poses.frame_id, poses.child_frame_id) == ('a/odom', 'a/base_link')
+    assert localizer.snapshot(NOW_S).motion.odometry['a'][-1].frame == 'a/odom'
+
+
+def test_an_input_that_rejects_most_of_its_readings_lately_is_named_with_the_cause(localizer):
+    intake = Intake(localizer, use_header_stamp=False)
+    for second in range(30):
+        now_s = NOW_S + second
+        range_m = 3.0 if second < 15 else -3.0
+        for _ in range(3):
+            intake.take(RANGES, serialize_message(Range(range=range_m)), now_s)
+        found = intake.rejecting(now_s)
+        assert bool(found) == (second >= 20), second
+    assert 'is negative' in found[RANGES.key]
 
 
 @pytest.mark.parametrize('length', [0, 1, 3, 4, 5, 20, 31])

@@ -25,6 +25,17 @@ def test_jump_back_is_seen_once_and_standing_still_is_measured_on_another_clock(
     assert node_time.stands_still_s() == 0.0
 
 
+@pytest.mark.parametrize('step_s', [0.02, 1.0])
+def test_the_steps_of_a_simulated_time_are_measured(step_s):
+    clock = {'s': 100.0}
+    node_time = NodeTime(lambda: clock['s'], True)
+    for _ in range(20):
+        clock['s'] += step_s
+        for _ in range(5):
+            node_time.now()
+    assert node_time.step_s() == pytest.approx(step_s)
+
+
 @pytest.mark.parametrize('is_simulated', [False, True])
 def test_a_clock_that_was_set_back_by_less_than_since_the_last_call_is_seen(is_simulated):
     """A simulated one may run slowly."""

@@ -3,118 +3,32 @@
 
 """Diagnostics of an estimate and its inputs: the fleet, each robot, each input."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
 import math
-from operator import attrgetter
 
 import numpy as np
 
-from dg_localization.fleet import Conflict, Estimate, Group, InputState, LinkKey, LinkKind
-from dg_localization.ros.interface.doubts import (
-    doubts_of_fleet,
-    doubts_of_placements,
-    doubts_of_width,
+from dg_localization.fleet import Estimate, Group, LinkKind, Placement
+from dg_localization.ros.interface.input_status import input_statuses
+from dg_localization.ros.interface.report import (
+    Malformed,
+    Report,
+    listed,
+    robots_of,
+    shortened,
 )
-from dg_localization.ros.interface.hypotheses import hypothesis_values, robot_values
-from dg_localization.ros.interface.links import ANY_OBSERVER, Link
-from dg_localization.ros.interface.suspects import doubts_of_sensors, suspect_values
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
-LISTED_GROUPS = 8
-# What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
-MOST_CHARACTERS = 300
+__all__ = ['Malformed', 'Report', 'shortened', 'statuses']
 
-
-def shortened(text: str) -> str:
-    """Return a text that quotes others, cut to a length that people read."""
-    return text if len(text) <= MOST_CHARACTERS else f'{text[: MOST_CHARACTERS - 4]} ...'
-
-
+# The topics hold everything; the diagnostics show a person the first few.
+LISTED = 8
 # A smaller fraction of the wanted rate is worth a warning.
 TOLERATED_RATE = 0.9
-
-
-@dataclass(frozen=True)
-class Malformed:
-    """How many messages of a topic could not be read, and what was wrong with the last."""
-
-    count: int
-    last: str
-
-    def and_one(self, wrong: str) -> 'Malformed':
-        """Return this with one more."""
-        return Malformed(self.count + 1, wrong)
-
-
-NONE_MALFORMED = Malformed(0, '')
-
-
-@dataclass(frozen=True)
-class Report:
-    """
-    Everything that the diagnostics are made from.
-
-    Attributes
-    ----------
-    node : str
-        Full name of the node; all statuses begin with it.
-    trouble : str
-        Why there can be no estimate, such as that the node is inactive; empty when there can.
-    failure : str
-        What went wrong inside when the last estimate failed; empty when none did.
-    warnings : tuple of str
-        What an operator must know whatever the estimate is.
-    now_s : float
-        The time of the diagnostics.
-    lifetime_s : float
-        How old an estimate may become before it is late.
-    estimate : Estimate or None
-        The newest one.
-    robots : tuple of str
-        The fleet.
-    links : tuple of Link
-        The inputs the node listens to.
-    inputs : mapping of LinkKey to InputState
-        What has arrived.
-    malformed : mapping of str to Malformed
-        By topic, the messages that could not be read.
-    wrong_types : mapping of Link to tuple of str
-        Inputs whose topic has endpoints of other types, with these types.
-    wanted_rate_hz : float
-        How often the fleet is to be localized.
-    rate_hz : float or None
-        How often it has been localized lately; None while that is not known.
-    localized_width_m : float
-        A fleet with a wider enclosure is not called localized.
-
-    """
-
-    node: str
-    trouble: str
-    failure: str
-    warnings: tuple[str, ...]
-    now_s: float
-    lifetime_s: float
-    estimate: Estimate | None
-    robots: tuple[str, ...]
-    links: tuple[Link, ...]
-    inputs: Mapping[LinkKey, InputState]
-    malformed: Mapping[str, Malformed]
-    wrong_types: Mapping[Link, tuple[str, ...]]
-    wanted_rate_hz: float = 0.0
-    rate_hz: float | None = None
-    localized_width_m: float = math.inf
-
-    @property
-    def late(self) -> str:
-        """Why the estimate is too old to be relied on; empty when it is not."""
-        if self.estimate is None or self.now_s - self.estimate.stamp_s <= self.lifetime_s:
-            return ''
-        age_s = self.now_s - self.estimate.stamp_s
-        return f'late: the last answer is {age_s:.1f} s old, more than {self.lifetime_s:.1f} s'
+# A sensor that was among the suspects so often, and in such a share of them, is named.
+LEAST_OFFENCES = 3
+LEAST_SHARE = 0.5
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
@@ -122,13 +36,13 @@ def statuses(report: Report) -> tuple[Status, ...]:
     return (
         _fleet_status(report),
         *(_robot_status(report, row) for row in range(len(report.robots))),
-        *_input_statuses(report),
+        *input_statuses(report),
     )
 
 
 def _fleet_status(report: Report) -> Status:
     level, message = _fleet_state(report)
-    warnings = [*_slowness(report), *doubts_of_sensors(report.estimate), *report.warnings]
+    warnings = list(_fleet_warnings(report))
     if warnings:
         level, message = max(level, Level.WARN), '; '.join([message, *warnings])
     # Peers are counted one by one.
@@ -138,16 +52,26 @@ def _fleet_status(report: Report) -> Status:
     values = {'inputs': str(len(inputs)), 'inputs_in_use': str(delivering)}
     if report.rate_hz is not None:
         values['rate_hz'] = f'{report.rate_hz:.2f}'
+    values['frame_changes'] = str(report.frame_changes)
     if report.estimate is not None:
         values.update(_estimate_values(report.estimate))
+    values.update({name: f'{seconds:.4f}' for name, seconds in report.seconds.items()})
     return Status(level, f'{report.node}: fleet', message, 'fleet', values)
 
 
-def _slowness(report: Report) -> Iterator[str]:
-    """Yield that estimates do not come as often as wanted."""
+def _fleet_warnings(report: Report) -> Iterator[str]:
+    """Yield what an operator must know beside the state of the fleet."""
     rate_hz, wanted_hz = report.rate_hz, report.wanted_rate_hz
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
+    for offender in report.estimate.offenders[:LISTED] if report.estimate else ():
+        often = offender.count >= LEAST_OFFENCES
+        if often and offender.count >= LEAST_SHARE * offender.contradictions:
+            yield str(offender)
+    if report.rejecting:
+        key, reason = next(iter(report.rejecting.items()))
+        yield shortened(f'{len(report.rejecting)} inputs reject readings, such as {key}: {reason}')
+    yield from report.warnings
 
 
 def _fleet_state(report: Report) -> tuple[Level, str]:
@@ -164,47 +88,106 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
         return Level.ERROR, f'contradiction: {estimate.reason}'
     if not estimate.placements:
         return Level.WARN, estimate.reason
-    doubts = list(doubts_of_fleet(estimate, report.localized_width_m))
-    if doubts:
-        return Level.WARN, '; '.join(doubts)
-    return Level.OK, 'localized: one hypothesis'
+    problems = [
+        *_too_wide(estimate, range(len(estimate.robots)), report.localized_width_m),
+        *_not_bounded(estimate),
+        *_not_settled(estimate),
+        *_of_frame(estimate),
+    ]
+    return (
+        (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized: one hypothesis')
+    )
+
+
+def _too_wide(estimate: Estimate, rows: Iterable[int], localized_width_m: float) -> Iterator[str]:
+    """Yield that one hypothesis is left, but leaves much room to some robots."""
+    if estimate.n_hypotheses != 1:
+        return
+    enclosures = estimate.placements[0].enclosure_m[list(rows)]
+    # A robot that is not connected has a warning of its own.
+    widths = [float(np.ptp(box, axis=0).max()) for box in enclosures if np.isfinite(box).all()]
+    width_m = max(widths, default=0.0)
+    if width_m > localized_width_m:
+        yield f'one hypothesis, {width_m:.1f} m wide'
+
+
+def _not_bounded(estimate: Estimate) -> Iterator[str]:
+    """Yield which robots are nowhere; those of groups are in frames of their own."""
+    grouped = {robot for group in estimate.groups for robot in group.robots}
+    bounded = [np.isfinite(one.enclosure_m).all(axis=(1, 2)) for one in estimate.placements]
+    rows = np.flatnonzero(~np.all(bounded, axis=0))
+    names = [estimate.robots[row] for row in rows if estimate.robots[row] not in grouped]
+    if names:
+        yield f'not bounded: {listed(names, LISTED)}'
+
+
+def _not_settled(estimate: Estimate) -> Iterator[str]:
+    """Yield why the placements do not settle where the fleet is."""
+    if any(placement.dropped for placement in estimate.placements):
+        yield 'contradicting inputs dropped'
+    if estimate.n_hypotheses > 1:
+        yield f'ambiguous: {estimate.n_hypotheses} hypotheses'
+    if any(placement.flexible for placement in estimate.placements):
+        yield 'flexible: robots may be able to move without any measurement changing'
+    if estimate.verdict is Verdict.OUT_OF_BUDGET:
+        yield 'out of budget: the hypotheses hold every placement, but may be too many or too wide'
+    for forgotten in estimate.forgotten:
+        yield f'forgotten: {forgotten.text}'
+
+
+def _of_frame(estimate: Estimate) -> Iterator[str]:
+    """Yield why coordinates are not in the frame that was asked for, or in that of before."""
+    if estimate.frame_change:
+        yield estimate.frame_change
+    if estimate.frame_doubt:
+        yield estimate.frame_doubt
+    if estimate.groups:
+        yield f'{len(estimate.groups)} more in frames of their own'
 
 
 def _estimate_values(estimate: Estimate) -> dict[str, str]:
+    placements = estimate.placements
+    proved = [placement for placement in placements if placement.proved]
     values = {
         'stamp_s': f'{estimate.stamp_s:.3f}',
         'verdict': estimate.verdict.value if estimate.verdict else 'none',
         'reason': estimate.reason,
         'hypotheses': str(estimate.n_hypotheses),
-        'hypotheses_published': str(len(estimate.placements)),
-        'hypotheses_proved': str(sum(placement.proved for placement in estimate.placements)),
+        'hypotheses_published': str(len(placements)),
+        'hypotheses_proved': str(len(proved)),
         'frame': str(estimate.frame) if estimate.frame else '',
+        'hypothesis_numbers': ' '.join(str(placement.number) for placement in placements),
+        'proved_numbers': ' '.join(str(placement.number) for placement in proved),
     }
-    values.update(hypothesis_values(estimate.placements))
-    if estimate.rigid_groups:
-        texts = (', '.join(group) for group in estimate.rigid_groups)
-        values['rigid_groups'] = shortened('; '.join(texts))
-    if estimate.ruled_out:
-        values['ruled_out'] = shortened('; '.join(estimate.ruled_out))
-    if estimate.would_fix:
-        values['would_fix'] = shortened('; '.join(estimate.would_fix))
+    for placement in placements[:LISTED]:
+        proof, width = 'proved' if placement.proved else 'not proved', 'not bounded'
+        if np.isfinite(placement.enclosure_m).all():
+            width = f'{np.ptp(placement.enclosure_m, axis=1).max():.2f} m wide'
+        values[f'hypothesis_{placement.number}'] = f'{proof}, {width}'
+    for name, texts in (
+        ('rigid_groups', [', '.join(group) for group in estimate.rigid_groups]),
+        ('ruled_out', estimate.ruled_out),
+        ('would_fix', estimate.would_fix),
+    ):
+        if texts:
+            values[name] = shortened('; '.join(texts))
     if estimate.statistics is not None:
         values['boxes'] = str(estimate.statistics.processed)
         values['solve_s'] = f'{estimate.statistics.seconds:.4f}'
     for number, conflict in enumerate(estimate.conflicts):
-        values[f'conflict_{number}'] = _conflict_text(conflict)
-    values.update(suspect_values(estimate))
-    for number, group in enumerate(estimate.groups[:LISTED_GROUPS]):
-        values[f'group_{number}'] = shortened(_group_text(group))
+        values[f'conflict_{number}'] = ', '.join(map(str, conflict))
+    for name, suspects in (
+        ('suspects', estimate.suspects),
+        ('suspects_in_window', estimate.suspects_in_window),
+    ):
+        if suspects:
+            values[name] = listed([str(suspect) for suspect in suspects], LISTED)
+    for number, offender in enumerate(estimate.offenders[:LISTED]):
+        values[f'offender_{number}'] = str(offender)
+    for number, group in enumerate(estimate.groups[:LISTED]):
+        text = f'{", ".join(group.robots)}: {group.frame}; hypotheses: {group.n_hypotheses}'
+        values[f'group_{number}'] = shortened(text)
     return values
-
-
-def _group_text(group: Group) -> str:
-    return f'{", ".join(group.robots)}: {group.frame}; hypotheses: {group.n_hypotheses}'
-
-
-def _conflict_text(conflict: Conflict) -> str:
-    return ', '.join(str(key) for key in conflict)
 
 
 def _robot_status(report: Report, row: int) -> Status:
@@ -214,8 +197,19 @@ def _robot_status(report: Report, row: int) -> Status:
     if report.estimate is not None and not report.trouble:
         group = _group_of(report.estimate, robot)
         placements = report.estimate.placements if group is None else group.placements
-        values = robot_values(placements, row)
+        values = _robot_values(placements, row)
     return Status(level, f'{report.node}: robot {robot}', message, robot, values)
+
+
+def _robot_values(placements: Sequence[Placement], row: int) -> dict[str, str]:
+    """Return where the first hypotheses have one robot."""
+    values = {}
+    for placement in placements[:LISTED]:
+        position = ' '.join(f'{x:.3f}' for x in placement.positions_m[row])
+        width = ' '.join(f'{x:.3f}' for x in np.ptp(placement.enclosure_m[row], axis=0))
+        text = f'at {position} m, enclosure {width} m wide'
+        values[f'hypothesis_{placement.number}'] = text
+    return values
 
 
 def _robot_state(report: Report, row: int) -> tuple[Level, str]:
@@ -226,175 +220,48 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
     if group is not None:
         return Level.WARN, f'not connected to the published frame: placed in {group.frame}'
     if estimate is None or not estimate.placements:
-        contradicts = estimate is not None and robot in _ends_of(estimate.conflicts)
-        if contradicts:
+        conflicts = () if estimate is None else estimate.conflicts
+        if any(robot in robots_of(key) for conflict in conflicts for key in conflict):
             return Level.ERROR, 'no placement: measurements of this robot contradict each other'
         return Level.WARN, 'no placement'
-    if not _is_measured(estimate, robot):
-        if _was_ever_measured(report.inputs.values(), robot):
+    own_links = [link for link in estimate.links if robot in robots_of(link.key)]
+    if all(link.stale for link in own_links):
+        # Odometry and elevations have no target; peers are counted one by one.
+        measured = [key for key, one in report.inputs.items() if one.accepted and key.target]
+        if any(robot in robots_of(key) for key in measured):
             return Level.WARN, 'stale: no range or bearing of this robot is in use'
         return Level.WARN, 'never measured: no range or bearing of this robot has been accepted'
     enclosures = [placement.enclosure_m[row] for placement in estimate.placements]
     if not np.isfinite(enclosures).all():
-        if not estimate.conflicts and _is_left_out(estimate, robot):
+        if not estimate.conflicts and any(link.contradicts for link in own_links):
             return Level.WARN, 'in doubt: it contradicts what was measured before'
         return Level.WARN, 'not bounded: too few measurements'
-    doubts = [
-        *doubts_of_width(estimate, [row], report.localized_width_m),
-        *doubts_of_placements(estimate),
+    problems = [
+        *_too_wide(estimate, [row], report.localized_width_m),
+        *_not_settled(estimate),
     ]
-    return (Level.WARN, '; '.join(doubts)) if doubts else (Level.OK, 'localized')
+    level, state = (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized')
+    return level, f'{state}: {", ".join(_quality(estimate, row))}'
+
+
+def _quality(estimate: Estimate, row: int) -> Iterator[str]:
+    """Yield how far a robot may be from its pose, typically and at most, and whom it hears."""
+    if estimate.n_hypotheses == 1:
+        placement = estimate.placements[0]
+        position_m, enclosure_m = placement.positions_m[row], placement.enclosure_m[row]
+        q = len(position_m)
+        if placement.covariances is not None:
+            typical_m = math.sqrt(max(0.0, float(np.trace(placement.covariances[row, :q, :q]))))
+            if math.isfinite(typical_m):
+                yield f'within {typical_m:.2f} m (typical)'
+        farthest_m = float(np.linalg.norm(np.abs(enclosure_m - position_m).max(axis=0)))
+        yield f'within {farthest_m:.2f} m (guaranteed)'
+    own = estimate.robots[row]
+    links = [(robots_of(link.key), link.stale) for link in estimate.links]
+    known = {name for ends, _ in links if own in ends for name in ends - {own}}
+    heard = {name for ends, stale in links if own in ends and not stale for name in ends - {own}}
+    yield f'{len(heard)} of {len(known)} neighbours heard'
 
 
 def _group_of(estimate: Estimate, robot: str) -> Group | None:
     return next((group for group in estimate.groups if robot in group.robots), None)
-
-
-def _ends_of(conflicts: Iterable[Conflict]) -> set[str]:
-    keys = [key for conflict in conflicts for key in conflict]
-    return {robot for key in keys for robot in _robots_of(key)}
-
-
-def _robots_of(key: LinkKey) -> set[str]:
-    """Return the ends of a link; for a sensor, the robot that it is on."""
-    return {name.partition('/')[0] for name in (key.observer, key.target)}
-
-
-def _is_measured(estimate: Estimate, robot: str) -> bool:
-    fresh = [link for link in estimate.links if not link.stale]
-    return any(robot in _robots_of(link.key) for link in fresh)
-
-
-def _is_left_out(estimate: Estimate, robot: str) -> bool:
-    return any(link.contradicts and robot in _robots_of(link.key) for link in estimate.links)
-
-
-def _was_ever_measured(inputs: Iterable[InputState], robot: str) -> bool:
-    # Odometry and elevations have no target; peers are counted one by one.
-    measured = [state.key for state in inputs if state.accepted and state.key.target]
-    return any(robot in _robots_of(key) for key in measured)
-
-
-def _input_statuses(report: Report) -> Iterator[Status]:
-    """
-    Yield a status for each input that was named one by one or has ever delivered.
-
-    Others come by the templates, and a topic may exist that nobody uses. Peers have a status
-    together, and each of them one of its own.
-    """
-    contradicting = _contradicting(report.estimate)
-    topics_of = Counter(link.key for link in report.links)
-    peers_of = _peers_of_observers(report)
-    shown: set[LinkKey] = set()
-    for link in report.links:
-        peers = peers_of.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
-        state = _state_of(report, link)
-        malformed = report.malformed.get(link.topic, NONE_MALFORMED)
-        if not (link.explicit or state or malformed.count or link in report.wrong_types):
-            continue
-        contradicts = link.key in contradicting or not contradicting.isdisjoint(peers)
-        name = f'{report.node}: input {link.key}'
-        if topics_of[link.key] > 1:
-            name += f' by {link.topic}'
-        wrong_types = report.wrong_types.get(link, ())
-        yield _input_status(name, link, state, malformed, contradicts, wrong_types)
-        # Two cameras of a robot may see the same one.
-        for key in sorted(peers.keys() - shown):
-            shown.add(key)
-            name = f'{report.node}: input {key}'
-            yield _input_status(name, link, peers[key], NONE_MALFORMED, key in contradicting)
-    for link in sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic')):
-        name = f'{report.node}: input {link.key}'
-        if link.key in topics_of:
-            name += f' by {link.topic}'
-        types = report.wrong_types[link]
-        yield _input_status(name, link, None, NONE_MALFORMED, False, types)
-
-
-def _peers_of_observers(report: Report) -> dict[str, dict[LinkKey, InputState]]:
-    """Return for each observer what it measured, of that what has no topic of its own."""
-    with_topic = {link.key for link in report.links}
-    peers: dict[str, dict[LinkKey, InputState]] = {}
-    for key, state in report.inputs.items():
-        if key not in with_topic and key.kind is not LinkKind.PEERS:
-            has_link = LinkKey(LinkKind.PEERS, key.observer, '') in with_topic
-            peers.setdefault(key.observer if has_link else ANY_OBSERVER, {})[key] = state
-    return peers
-
-
-def _state_of(report: Report, link: Link) -> InputState | None:
-    """Return what has arrived on a link; where messages name their observer, of all of these."""
-    if link.key.observer != ANY_OBSERVER:
-        return report.inputs.get(link.key)
-    with_link = {other.key for other in report.links}
-    states = [
-        state
-        for key, state in report.inputs.items()
-        if key.kind is LinkKind.PEERS and key not in with_link
-    ]
-    if not states:
-        return None
-    newest = min(states, key=attrgetter('age_s'))
-    rejected = sum((Counter(state.rejected) for state in states), Counter())
-    accepted = sum(state.accepted for state in states)
-    return replace(newest, key=link.key, accepted=accepted, rejected=dict(rejected))
-
-
-def _input_status(
-    name: str,
-    link: Link,
-    state: InputState | None,
-    malformed: Malformed,
-    contradicts: bool,
-    wrong_types: tuple[str, ...] = (),
-) -> Status:
-    level, message = _input_state(state, malformed, contradicts)
-    if wrong_types:
-        level = max(level, Level.WARN)
-        message += (
-            f'; wrong type: the topic also has {", ".join(wrong_types)}, '
-            f'this input is {link.type_name}'
-        )
-    values = {'topic': link.topic, 'type': link.type_name, **_input_values(state, malformed)}
-    return Status(level, name, message, link.key.observer, values)
-
-
-def _contradicting(estimate: Estimate | None) -> set[LinkKey]:
-    if estimate is None:
-        return set()
-    in_links = {link.key for link in estimate.links if link.contradicts}
-    return in_links.union(*estimate.conflicts)
-
-
-def _input_state(
-    state: InputState | None, malformed: Malformed, contradicts: bool
-) -> tuple[Level, str]:
-    if contradicts:
-        return Level.ERROR, 'contradicts other measurements'
-    if state is None:
-        wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
-        return Level.WARN, wrong
-    doubt = state.stuck or state.restart or state.warning
-    if doubt:
-        return Level.WARN, doubt
-    if state.in_use:
-        return Level.OK, 'in use'
-    if state.accepted:
-        return Level.WARN, 'stale: nothing acceptable arrived lately'
-    return Level.WARN, f'nothing acceptable received: {shortened(state.last_reason_text)}'
-
-
-def _input_values(state: InputState | None, malformed: Malformed) -> dict[str, str]:
-    values = {'accepted': '0', 'rejected': '0'}
-    if state is not None:
-        values['accepted'] = str(state.accepted)
-        values['rejected'] = str(sum(state.rejected.values()))
-        values['age_s'] = f'{state.age_s:.3f}'
-        for reason, count in state.rejected.items():
-            values[f'rejected_{reason.value}'] = str(count)
-        if state.last_reason_text:
-            values['last_rejection'] = shortened(state.last_reason_text)
-    if malformed.count:
-        values['malformed'] = str(malformed.count)
-        values['last_malformed'] = malformed.last
-    return values

@@ -16,6 +16,7 @@ NOBODY = '-'
 # A message may hold any id, and every name is kept in the counts.
 MOST_STRANGERS = 16
 MOST_CAMERAS = 256
+MOST_LISTED = 4
 OTHER_STRANGERS = 'other ids'
 
 
@@ -157,9 +158,12 @@ class Cameras:
         """
         camera = self._cameras.get((link.key.observer, reading.frame_id))
         if camera is None:
+            came = [frame for observer, frame in self._cameras if observer == link.key.observer]
+            frames = ', '.join(f"'{frame}'" for frame in came[:MOST_LISTED])
+            hint = f'those that came are in frames {frames}' if came else 'is there a link to it?'
             raise ValueError(
                 f'no sensor_msgs/msg/CameraInfo of {link.key.observer} in frame '
-                f"'{reading.frame_id}' has arrived, which the pixels need: is there a link to it?"
+                f"'{reading.frame_id}' has arrived, which the pixels need: {hint}"
             )
         return reading.seen_by(camera)
 

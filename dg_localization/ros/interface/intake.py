@@ -9,6 +9,7 @@ message is bounded in length before it is decoded, in rows before it is used, an
 wrong on the way is counted and never raised.
 """
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
@@ -18,12 +19,20 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Range
 
-from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection, SensorBounds
-from dg_localization.ros.interface.diagnostics import NONE_MALFORMED, Malformed, shortened
+from dg_localization.fleet import (
+    InputState,
+    LinkKey,
+    Localizer,
+    Rejection,
+    RejectionReason,
+    SensorBounds,
+)
 from dg_localization.ros.interface.frames import usable_frame_id
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.report import NONE_MALFORMED, Malformed, shortened
 from dg_localization.ros.interface.transforms import OdometryPoses
 from msg_adapters import (
     BearingReading,
@@ -47,6 +56,18 @@ MOST_BYTES = 32_768
 MOST_BYTES_PER_ROW = 128
 # The range of a peer and the ray to it may come in a row each.
 ROWS_PER_POINT = 2
+# The last field of sensor_msgs/Range, in single precision.
+VARIANCE_BYTES = 4
+# How far back, and from how many on, rejections say that something is wrong with an input.
+REJECTING_S = 10.0
+LEAST_REJECTED = 5
+# A sensor that is at work rejects these, and strangers are warned of one by one.
+HARMLESS = {
+    RejectionReason.NAN,
+    RejectionReason.NOTHING_IN_RANGE,
+    RejectionReason.UNKNOWN_ROBOT,
+    RejectionReason.SAME_ROBOT,
+}
 
 
 class Intake:
@@ -85,6 +106,7 @@ class Intake:
         self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
         self._message_classes: dict[str, type] = {}
         self._bounds: dict[Link, SensorBounds] = {}
+        self._counts: deque[tuple[float, dict[LinkKey, tuple[int, int]]]] = deque()
         self.malformed: dict[str, Malformed] = {}
         self.odometry: dict[str, OdometryPoses] = {}
 
@@ -119,9 +141,9 @@ class Intake:
                 stamp_s += link.stamp_offset_s
             return self._add(link, reading, stamp_s, now_s)
         except Exception as error:
-            self.malformed[link.topic] = self.malformed.get(link.topic, NONE_MALFORMED).and_one(
-                shortened(f'{type(error).__name__}: {error}')
-            )
+            wrong = shortened(f'{type(error).__name__}: {error}')
+            before = self.malformed.get(link.topic, NONE_MALFORMED)
+            self.malformed[link.topic] = Malformed(before.count + 1, wrong, now_s)
             return None
 
     def _read(self, link: Link, data: bytes) -> Reading:
@@ -135,7 +157,7 @@ class Intake:
         message_class = self._message_classes.get(link.type_name)
         if message_class is None:
             message_class = self._message_classes[link.type_name] = adapter.message_class()
-        reading: Any = adapter.from_message(deserialize_message(data, message_class))
+        reading: Any = adapter.from_message(_deserialized(data, message_class))
         if not isinstance(reading, adapter.value_class):
             raise TypeError(
                 f'the adapter of {link.type_name} returned {type(reading).__name__}, '
@@ -146,7 +168,13 @@ class Intake:
                 f'the cloud has {len(reading.peers)} points, for this fleet at most '
                 f'{self._most_rows} are read'
             )
-        return cast(Reading, reading)
+        frames = {
+            name: getattr(reading, name).removeprefix('/')
+            for name in ('frame_id', 'child_frame_id')
+            if str(getattr(reading, name, '')).startswith('/')
+        }
+        # tf2 has no names with a slash at the beginning; ROS 1 had.
+        return cast(Reading, replace(cast(Any, reading), **frames) if frames else reading)
 
     def _add(self, link: Link, reading: Reading, stamp_s: float, now_s: float) -> Rejection | None:
         """Give a reading to the localizer, or keep the matrix of a camera."""
@@ -202,13 +230,54 @@ class Intake:
 
     def forget(self) -> None:
         """Forget what could not be read, and odometry; the matrix of a camera stays."""
+        self._counts.clear()
         self.malformed.clear()
         self.odometry.clear()
+
+    def rejecting(self, now_s: float) -> dict[LinkKey, str]:
+        """Return the inputs that have rejected most of their readings lately, and why."""
+        states = self._localizer.input_states(now_s)
+        counts = {state.key: (state.accepted, _harmful(state)) for state in states}
+        while len(self._counts) > 1 and now_s - self._counts[1][0] > REJECTING_S:
+            self._counts.popleft()
+        if not self._counts or now_s - self._counts[-1][0] >= 1.0:
+            self._counts.append((now_s, counts))
+        found = {}
+        for state in states:
+            before = self._counts[0][1].get(state.key, (0, 0))
+            accepted, rejected = (
+                new - old for new, old in zip(counts[state.key], before, strict=True)
+            )
+            if rejected >= LEAST_REJECTED and rejected > accepted:
+                found[state.key] = (
+                    f'rejects {rejected} of {accepted + rejected} readings: '
+                    f'{state.last_reason_text}'
+                )
+        return found
 
     def states(self, now_s: float) -> dict[LinkKey, InputState]:
         """Return what has arrived, by input."""
         states = (*self._localizer.input_states(now_s), *self._cameras.states(now_s))
         return {state.key: state for state in states}
+
+
+def _harmful(state: InputState) -> int:
+    """Return how many readings were rejected because something is wrong."""
+    return sum(count for reason, count in state.rejected.items() if reason not in HARMLESS)
+
+
+def _deserialized(data: bytes, message_class: type) -> Any:
+    """Return a message; a `Range` without the last field, which Iron added, is named."""
+    try:
+        return deserialize_message(data, message_class)
+    except Exception:
+        if message_class is not Range:
+            raise
+        deserialize_message(data + bytes(VARIANCE_BYTES), message_class)
+        raise ValueError(
+            'sensor_msgs/msg/Range without variance, as ROS 2 published it before Iron: update '
+            'the driver, or convert the messages'
+        ) from None
 
 
 def add_reading(

@@ -61,6 +61,8 @@ RANGE_FIELDS = {
     'sigma_factor': 'sigma_factor',
     'expected_error': 'expected_error_m',
     'expected_error_relative': 'expected_error_relative',
+    'min_reading': 'min_reading_m',
+    'max_reading': 'max_reading_m',
 }
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
 STAMP_OFFSET = 'stamp_offset'

@@ -23,7 +23,7 @@ from dg_localization.fleet import Estimate
 from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
 from dg_localization.ros.interface.poses import (
-    BY_ENCLOSURE,
+    DEFAULT_COVARIANCE,
     PoseCovariance,
     feasible_poses,
     unique_pose,
@@ -43,7 +43,7 @@ LATCHED = QoSProfile(
 # Longest wait for subscribers, at the end of the node.
 ACKNOWLEDGE_S = 1.0
 
-DECIMAL = re.compile(r'\d+\.\d+')
+DECIMAL = re.compile(r'\d+\.\d+|\d+ of \d+')
 
 
 class Output(NamedTuple):
@@ -71,7 +71,7 @@ def estimate_messages(
     estimate: Estimate,
     fixed_frame: str,
     lifetime_s: float,
-    covariance: PoseCovariance = BY_ENCLOSURE,
+    covariance: PoseCovariance = DEFAULT_COVARIANCE,
 ) -> Iterator[tuple[str, bytes]]:
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
@@ -171,7 +171,7 @@ class DiagnosticsPublisher:
 
 
 def outline(diagnostics: Diagnostics) -> tuple[tuple[str, int, str], ...]:
-    """Return names, levels and messages without decimals: ages change all the time."""
+    """Return names, levels and messages without numbers that change all the time."""
     return tuple(
         (status.name, status.level, DECIMAL.sub('#', status.message))
         for status in diagnostics.statuses

@@ -47,11 +47,11 @@ class PoseCovariance:
 
     """
 
-    kind: CovarianceKind = CovarianceKind.ENCLOSURE
-    floor_m: float = 0.0
+    kind: CovarianceKind = CovarianceKind.ESTIMATE
+    floor_m: float = 0.05
 
 
-BY_ENCLOSURE = PoseCovariance()
+DEFAULT_COVARIANCE = PoseCovariance()
 
 
 def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
@@ -75,7 +75,7 @@ def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
 
 
 def unique_pose(
-    estimate: Estimate, robot: int, frame_id: str, covariance: PoseCovariance = BY_ENCLOSURE
+    estimate: Estimate, robot: int, frame_id: str, covariance: PoseCovariance = DEFAULT_COVARIANCE
 ) -> UncertainPose | None:
     """
     Return the pose of a robot while exactly one hypothesis is left, else None.

@@ -121,7 +121,7 @@ class OdometryPoses:
 
 def _name_of(frame_id: Any) -> str:
     """Return the name of a frame as tf2 has it; an adapter of somebody else may give anything."""
-    return usable_frame_id(str(frame_id)).removeprefix('/')
+    return usable_frame_id(str(frame_id))
 
 
 def transforms(

@@ -3,12 +3,17 @@
 
 """The time of a node, which may be simulated: it may jump back, and it may stand still."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 import math
+from statistics import median
 import time
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
+
+MOST_STEPS = 9
+"""So many steps of the time are looked at."""
 
 LEAST_SET_BACK_S = 0.001
 """A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
@@ -41,6 +46,7 @@ class NodeTime:
         self._last_s = read_s()
         self._moved_at_s = self._read_at_s = steady_s()
         self._begun_at_s = -math.inf
+        self._steps_s: deque[float] = deque(maxlen=MOST_STEPS)
 
     def now(self) -> tuple[float, float]:
         """Return the time in s, and by how many seconds it has jumped back since the last call."""
@@ -54,6 +60,8 @@ class NodeTime:
             back_s = missing_s
         if back_s > 0.0:
             self.begin_anew()
+        if now_s > self._last_s > 0.0:
+            self._steps_s.append(now_s - self._last_s)
         if now_s != self._last_s:
             self._moved_at_s = self._read_at_s
         self._last_s = now_s
@@ -78,6 +86,10 @@ class NodeTime:
         if self._steady_s() - waited_s < self._begun_at_s:
             return None
         return self._last_s if self._is_simulated else self._last_s - waited_s
+
+    def step_s(self) -> float:
+        """Return the usual step of the time between calls of `now` that found it moved."""
+        return median(self._steps_s) if len(self._steps_s) == MOST_STEPS else 0.0
 
     def stands_still_s(self) -> float:
         """Return for how long, as far as the calls of `now` show, the time has stood still."""

@@ -10,9 +10,10 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
+from dg_localization.fleet import LinkKind
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.settings import Settings
@@ -25,7 +26,16 @@ from msg_adapters import adapter_for
 # sensors at 10 Hz that must be less than the default `max_age`, or no message would be of use.
 # A topic that several robots share has such a queue for each of them.
 QUEUE_DEPTH = 8
-SENSOR_DATA = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+SENSOR_DATA = QoSProfile(
+    depth=QUEUE_DEPTH,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+LATCHED = QoSProfile(
+    depth=QUEUE_DEPTH,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 
 # A message waits for up to this long.
 POLL_PERIOD_S = 0.01
@@ -101,6 +111,8 @@ class Inputs:
         known = self._finder.wrong_types
         for link in self._finder.find(self._node.get_topic_names_and_types()):
             self._subscribe(link)
+        for link in [link for link in self.links if link.key.kind is LinkKind.CAMERA]:
+            self._follow_durability(link)
         for link in self._finder.passed_over:
             self._node.get_logger().warning(
                 f'{link.topic}: not read: a link replaces what templates give for {link.key}; '
@@ -162,14 +174,31 @@ class Inputs:
         self._take(link, data, max(0.0, 1e-9 * (time.time_ns() - received_ns)))
         return True
 
-    def _subscribe(self, link: Link) -> None:
+    def _follow_durability(self, link: Link) -> None:
+        """Receive the matrix that a camera published once, where all publishers keep it."""
+        publishers = self._node.get_publishers_info_by_topic(link.topic)
+        is_latched = bool(publishers) and all(
+            info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            and info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+            for info in publishers
+        )
+        wanted = LATCHED if is_latched else SENSOR_DATA
+        if publishers and self._subscriptions[link].qos_profile.durability != wanted.durability:
+            self._node.destroy_subscription(self._subscriptions[link])
+            self._subscribe(link, wanted)
+
+    def _subscribe(self, link: Link, qos: QoSProfile = SENSOR_DATA) -> None:
         n_observers = self._n_robots if link.key.observer == ANY_OBSERVER else 1
         # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
         self._subscriptions[link] = self._node.create_subscription(
             adapter_for(link.type_name).message_class(),
             link.topic,
             _never_called,
-            QoSProfile(depth=QUEUE_DEPTH * n_observers, reliability=SENSOR_DATA.reliability),
+            QoSProfile(
+                depth=QUEUE_DEPTH * n_observers,
+                reliability=qos.reliability,
+                durability=qos.durability,
+            ),
             callback_group=self._group,
             event_callbacks=NO_EVENTS,
             raw=True,

@@ -54,16 +54,21 @@ DISCOVERY_PERIOD_S = 0.25
 RESET = '~/reset'
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
+CLOCK = '/clock'
 SILENT_CLOCK_S = 3.0
+# Stamps are ahead of a simulated time by up to its step, which `max_future` is to hold.
+LONGEST_CLOCK_STEP_S = 0.3
 # For each message, the longest time that an estimate which is late gets the interpreter for.
 LONGEST_REST_S = 0.01
 
 
 class Answer(NamedTuple):
-    """An estimate, and the serialized messages of it by topic."""
+    """An estimate, the serialized messages of it by topic, and how long both took."""
 
     estimate: Estimate
     messages: tuple[tuple[str, bytes], ...]
+    estimate_s: float = 0.0
+    messages_s: float = 0.0
 
 
 class LocalizerNode(LifecycleNode):
@@ -109,6 +114,9 @@ class LocalizerNode(LifecycleNode):
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
         self._estimate: Estimate | None = None
+        self._frame_changes = 0
+        self._intake_s = 0.0
+        self._seconds: dict[str, float] = {}
         self._failure = ''
         self._has_namesake = False
         self._is_due = False
@@ -225,6 +233,7 @@ class LocalizerNode(LifecycleNode):
             return
         began_s = time.monotonic()
         rejection = self._intake.take(link, data, now_s, arrived_s)
+        self._intake_s += time.monotonic() - began_s
         if rejection is not None:
             text = shortened(f'{link.topic}: {rejection}')
             self.get_logger().warning(text, **at_most_every(REPEATED_WARNING_S))
@@ -245,7 +254,13 @@ class LocalizerNode(LifecycleNode):
 
     def _answer(self, snapshot: Snapshot, cancel: Event) -> Answer:
         """Answer a snapshot, and make the messages of it; in the thread of the worker."""
-        return self._with_messages(self._localizer.estimate(snapshot, cancel))
+        began_s = time.perf_counter()
+        estimate = self._localizer.estimate(snapshot, cancel)
+        ended_s = time.perf_counter()
+        answer = self._with_messages(estimate)
+        return answer._replace(
+            estimate_s=ended_s - began_s, messages_s=time.perf_counter() - ended_s
+        )
 
     def _with_messages(self, estimate: Estimate) -> Answer:
         settings = self.settings
@@ -288,10 +303,18 @@ class LocalizerNode(LifecycleNode):
     def _publish(self, answer: Answer) -> None:
         self._estimate = answer.estimate
         if answer.estimate.frame_change:
+            self._frame_changes += 1
             self.get_logger().warning(
                 answer.estimate.frame_change, **at_most_every(REPEATED_WARNING_S)
             )
+        began_s = time.perf_counter()
         self._outputs.publish(answer.messages)
+        self._seconds = {
+            'intake_s': self._intake_s,
+            'estimate_s': answer.estimate_s,
+            'publish_s': answer.messages_s + time.perf_counter() - began_s,
+        }
+        self._intake_s = 0.0
         if self._transforms is not None:
             links = self._inputs.links if self._inputs is not None else ()
             with_odometry = [link for link in links if link.key.kind is LinkKind.ODOMETRY]
@@ -348,6 +371,9 @@ class LocalizerNode(LifecycleNode):
             inputs=self._intake.states(now_s),
             malformed=self._intake.malformed,
             wrong_types=self._inputs.wrong_types if self._inputs else {},
+            rejecting=self._intake.rejecting(now_s),
+            frame_changes=self._frame_changes,
+            seconds=self._seconds,
         )
         return Diagnostics(now_s, statuses(report))
 
@@ -364,6 +390,14 @@ class LocalizerNode(LifecycleNode):
         still_s = self._time.stands_still_s()
         if self._state == 'active' and still_s > SILENT_CLOCK_S:
             yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'
+        if self._is_simulated and self.count_publishers(CLOCK) > 1:
+            yield f'{self.count_publishers(CLOCK)} publishers of /clock: time jumps between them'
+        step_s = self._time.step_s()
+        if self._is_simulated and step_s > LONGEST_CLOCK_STEP_S:
+            yield (
+                f'time moves in steps of {step_s:.1f} s: /clock comes too rarely, and readings '
+                'seem to be of the future'
+            )
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget('reset')
@@ -381,7 +415,7 @@ class LocalizerNode(LifecycleNode):
         self._localizer.reset()
         self._rate.clear()
         self._intake.forget()
-        self._failure = ''
+        self._failure, self._frame_changes = '', 0
         text = f'{reason}: all measurements are forgotten'
         self.get_logger().info(text, **at_most_every(1.0))
         self._publish(self._no_estimate(reason))

@@ -20,12 +20,13 @@ ANSWERS = Section(
         Spec(
             'covariance',
             STRING,
-            'enclosure',
+            'estimate',
             'what the covariance of a pose is made from',
             choices=('enclosure', 'estimate'),
-            details="'enclosure' takes the largest variance that the bounds allow. 'estimate' is "
-            'that of least squares, for readings whose errors are independent and anywhere in '
-            'their bounds; it holds no guarantee.',
+            details="'estimate' is that of least squares, for readings whose errors are "
+            'independent and anywhere in their bounds: the typical error, without a guarantee. '
+            "'enclosure' takes the largest variance that the bounds allow. The guaranteed bounds "
+            'are in the diagnostics and the markers in any case.',
         ),
         Spec(
             'covariance_floor',

@@ -4,6 +4,7 @@
 """The commented file of parameters and their documentation, both written from the table."""
 
 from collections.abc import Iterable, Iterator
+import math
 import textwrap
 from typing import Any
 
@@ -115,6 +116,8 @@ def _value(value: Any) -> str:
         return f"'{value}'"
     if value != value:
         return '.nan'
+    if value in (math.inf, -math.inf):
+        return '.inf' if value > 0.0 else '-.inf'
     return str(value)
 
 

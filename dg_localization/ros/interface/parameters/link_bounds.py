@@ -33,6 +33,8 @@ def range_error_from(values: Mapping[str, Any]) -> RangeErrorModel:
         beyond_max_is_far=values['range.beyond_max_is_far'],
         expected_error_m=None if math.isnan(expected_error) else expected_error,
         expected_error_relative=values['range.expected_error_relative'],
+        min_reading_m=values['range.min_reading'],
+        max_reading_m=values['range.max_reading'],
     )
 
 
@@ -117,6 +119,8 @@ def _widest_range(first: RangeErrorModel, second: RangeErrorModel) -> RangeError
         min_error_relative=min(shares),
         max_error_relative=max(shares),
         sigma_factor=max(first.sigma_factor, second.sigma_factor),
+        min_reading_m=min(first.min_reading_m, second.min_reading_m),
+        max_reading_m=max(first.max_reading_m, second.max_reading_m),
         expected_error_m=first.expected_error_m if agree else None,
         expected_error_relative=first.expected_error_relative if agree else 0.0,
     )

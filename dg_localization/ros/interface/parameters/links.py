@@ -21,7 +21,8 @@ LINKS = Section(
             "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
             'each replaces what the templates give for the same measurement',
             details='NAME overrides min_error, max_error, min_error_relative, max_error_relative, '
-            'sigma_factor, expected_error or expected_error_relative of a range, half_width or '
+            'sigma_factor, expected_error, expected_error_relative, min_reading or max_reading of '
+            'a range, half_width or '
             'expected_error of a bearing, min_error or max_error of an elevation, any of the '
             'bounds for all that peers measure, and gives roll, pitch and yaw (rad) of a sensor '
             'of peers in the body frame of its robot; stamp_offset (s) is added to stamps. '

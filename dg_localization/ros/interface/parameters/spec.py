@@ -45,7 +45,9 @@ def by_parameters(text: str) -> str:
     Settings have units in their names, and those of one robot or point stand in brackets.
     """
     text = re.sub(r'\[(\w+)\](?=[.:[])', r'.\1', text)
-    return re.sub(r'\b(min_error|max_error|position|elevations)_m\b', r'\1', text)
+    return re.sub(
+        r'\b(min_error|max_error|min_reading|max_reading|position|elevations)_m\b', r'\1', text
+    )
 
 
 @dataclass(frozen=True)

@@ -243,6 +243,24 @@ RANGES = Section(
             'what is added to it as a fraction of the reading',
             details='Some radios read a few percent too long.',
         ),
+        Spec(
+            'range.min_reading',
+            DOUBLE,
+            0.0,
+            'a reading of this or less is none',
+            'm',
+            details='By default 0.0 is none; a negative number takes it for a distance.',
+        ),
+        Spec(
+            'range.max_reading',
+            DOUBLE,
+            math.inf,
+            'a reading of this or more is none',
+            'm',
+            finite=False,
+            details='Many radios report the largest number that they have, such as 65.535, where '
+            'nothing was measured.',
+        ),
     ),
 )
 
