@@ -15,7 +15,7 @@ from dg_localization.calibration.answers import FleetTruth  # noqa: E402
 from dg_localization.calibration.truth import TrueTrack  # noqa: E402
 from dg_localization.fleet import FleetConfig, Localizer  # noqa: E402
 from dg_localization.ros.bags import picture as picture_module  # noqa: E402
-from dg_localization.ros.bags.picture import HEADING, AnswerPicture  # noqa: E402
+from dg_localization.ros.bags.picture import ERROR, HEADING, AnswerPicture  # noqa: E402
 
 
 class Answers:
@@ -68,7 +68,8 @@ def test_bounds_points_and_truth_of_every_robot_are_drawn():
     answers = Answers(TRIANGLE, *SIDES)
     answers.add(5)
     the_map, panels = answers.panels()
-    assert panels.shape == (3, 3) and answers.picture.columns == ('x [m]', 'y [m]', HEADING)
+    assert panels.shape == (3, 4)
+    assert answers.picture.columns == ('x [m]', 'y [m]', HEADING, ERROR)
     points, true = panels[2, 1].lines
     # Two hypotheses, mirror images of each other.
     assert sorted(np.round(points.get_ydata(), 6)) == pytest.approx([-4.0] * 5 + [4.0] * 5)
@@ -137,7 +138,8 @@ def test_in_space_there_are_three_coordinates():
     answers = Answers(places, *pairs)
     answers.add(2)
     _, panels = answers.panels()
-    assert panels.shape == (4, 3) and answers.picture.columns == ('x [m]', 'y [m]', 'z [m]')
+    assert panels.shape == (4, 4)
+    assert answers.picture.columns == ('x [m]', 'y [m]', 'z [m]', ERROR)
     points, _ = panels[3, 2].lines
     assert sorted(np.round(points.get_ydata(), 6)) == pytest.approx([-2.0, -2.0, 2.0, 2.0])
 

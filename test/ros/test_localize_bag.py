@@ -8,6 +8,7 @@ import json
 import math
 import os
 from pathlib import Path
+import re
 import shlex
 import signal
 import sqlite3
@@ -748,6 +749,23 @@ def test_a_bag_is_drawn(localize, triangle_bag, tmp_path, capsys):
     assert 'picture.png cannot be written' in capsys.readouterr().err
 
 
+def test_a_report_is_one_page(triangle_bag, tmp_path):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
+    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
+    params, page = tmp_path / 'params.yaml', tmp_path / 'answers.html'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    arguments = [triangle_bag, '-o', tmp_path / 'out', '--params', params, '--report', page]
+    assert localize_bag([str(one) for one in (*arguments, '--truth', table)]) == 0
+    text = page.read_text()
+    assert 'Of 10 answers 0 have one hypothesis' in text
+    assert 'the truth is inside in 10 of 10 answers compared.' in text
+    assert text.count('<svg') == 1 and '<td>range a-&gt;b</td>' in text
+    # Nothing is loaded from elsewhere.
+    assert not re.search(r'(src|href)="(?!#)', text.replace('xlink:href="#', ''))
+    assert [tag for tag in ('<script', '<link', '@import') if tag in text] == []
+
+
 def test_what_cannot_be_drawn_is_said_first(localize, triangle_bag, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         localize(triangle_bag, '--plot', tmp_path / 'picture.jpeg')
@@ -755,7 +773,7 @@ def test_what_cannot_be_drawn_is_said_first(localize, triangle_bag, tmp_path, mo
     monkeypatch.setattr(picture, 'find_spec', lambda name: None)
     code, report = localize(triangle_bag, '--plot', tmp_path / 'picture.png')
     assert code == 1 and report is None and not localize.output.exists()
-    assert '--plot needs matplotlib' in capsys.readouterr().err
+    assert '--report FILE.html need matplotlib' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('streams', ['closed', 'broken'])

@@ -16,6 +16,9 @@ from dg_localization.ros.terminal import number, path_ending_in
 REPORTS: dict[str, Callable[[BagReport], str]] = {'.json': as_json, '.md': as_markdown}
 """What writes a report, by the ending of its file."""
 
+PAGE = '.html'
+"""The ending of a report with pictures."""
+
 EXIT_CODES = (
     'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a parameter is '
     'wrong; 130 after SIGINT, SIGTERM or SIGHUP.'
@@ -93,9 +96,9 @@ def localize_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--report',
-        type=path_ending_in(REPORTS),
+        type=path_ending_in((*REPORTS, PAGE)),
         metavar='FILE',
-        help=f'write the report, as {", ".join(REPORTS)}',
+        help='write the report, as .json, .md or, of one bag and with its picture, .html',
     )
     parser.add_argument(
         '--plot',

@@ -19,7 +19,7 @@ from pathlib import Path
 import time
 
 from dg_localization.fleet import solver_warnings, warm_up
-from dg_localization.ros.bags.arguments import REPORTS, localize_parser
+from dg_localization.ros.bags.arguments import PAGE, REPORTS, localize_parser
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, open_bag
 from dg_localization.ros.bags.many_bags import localize_many
 from dg_localization.ros.bags.offline import (
@@ -32,13 +32,14 @@ from dg_localization.ros.bags.offline import (
     read_task,
     timeline,
 )
+from dg_localization.ros.bags.page import as_page
 from dg_localization.ros.bags.picture import AnswerPicture, check_can_draw
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import BagReport, Tally, as_markdown
 from dg_localization.ros.bags.truth import Truth, read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
 from dg_localization.ros.bags.writer import BagWriter, new_bag, write_text, writing
-from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED
+from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, UsageError
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import (
@@ -77,7 +78,7 @@ class BagRun:
         compared = truth.of_fleet(fleet) if options.truth else None
         tally = TruthTally(compared) if compared else None
         picture = None
-        if options.plot is not None:
+        if options.plot is not None or _wants_page(options):
             name, period_s = options.bag.resolve().name, 1.0 / task.settings.rate_hz
             picture = AnswerPicture(fleet, name, period_s, compared)
         return cls(options, task, bag, inputs, truth, Tally(fleet.robots), tally, picture)
@@ -237,6 +238,10 @@ def _get_solver_ready() -> None:
         print_line(warning)
 
 
+def _wants_page(options: argparse.Namespace) -> bool:
+    return options.report is not None and options.report.suffix == PAGE
+
+
 def _localize_one(options: argparse.Namespace, task: Task) -> int:
     """Localize a bag, print and write what came of it; return the exit code."""
     with open_bag(options.bag) as bag:
@@ -246,7 +251,10 @@ def _localize_one(options: argparse.Namespace, task: Task) -> int:
             began_s = time.perf_counter()
             report = run.localize(stop)
             took_s = time.perf_counter() - began_s
-            if options.report is not None:
+            if _wants_page(options) and run.picture is not None:
+                page = as_page(report, task.settings.fleet, run.picture)
+                write_text(options.report, page)
+            elif options.report is not None:
                 write_text(options.report, REPORTS[options.report.suffix](report))
             print_result(as_markdown(report))
             read_s = report.tally.last_s - report.start_s
@@ -254,7 +262,7 @@ def _localize_one(options: argparse.Namespace, task: Task) -> int:
                 f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real '
                 'time.'
             )
-            if run.picture is not None:
+            if run.picture is not None and options.plot is not None:
                 with told_while_waiting(f'drawing {options.plot}'), writing(options.plot):
                     run.picture.draw(Path(options.plot))
             if stop.is_set():
@@ -266,8 +274,10 @@ def main(args: Sequence[str]) -> int:
     """Localize a bag, or several, until their end or a signal; return the exit code."""
     options = localize_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
-    if options.plot is not None:
+    if options.plot is not None or _wants_page(options):
         check_can_draw()
+    if len(options.bags) > 1 and _wants_page(options):
+        raise UsageError('--report: of several bags it is .json or .md')
     try:
         if len(options.bags) > 1:
             _get_solver_ready()

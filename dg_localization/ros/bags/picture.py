@@ -49,6 +49,7 @@ LARGEST_M = 1e9
 
 COORDINATES = ('x', 'y', 'z')
 HEADING = 'heading [rad]'
+ERROR = 'off the truth [m]'
 
 
 def check_can_draw() -> None:
@@ -62,7 +63,9 @@ def check_can_draw() -> None:
 
     """
     if find_spec('matplotlib') is None:
-        raise ExecutableError(f'--plot needs matplotlib: {install_hint("matplotlib")}')
+        raise ExecutableError(
+            f'--plot and --report FILE.html need matplotlib: {install_hint("matplotlib")}'
+        )
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ class _Moment:
         NaN where it is not known.
     landmarks_m : ndarray, shape (m, q)
         The anchors that are not robots.
+    mirrored : ndarray of bool, shape (k,)
+        Which hypotheses are mirror images of those before them.
 
     """
 
@@ -92,6 +97,7 @@ class _Moment:
     high: FloatArray
     true: FloatArray
     landmarks_m: FloatArray
+    mirrored: NDArray[np.bool_]
 
 
 class AnswerPicture:
@@ -127,8 +133,9 @@ class AnswerPicture:
     @property
     def columns(self) -> tuple[str, ...]:
         """What the panels of a robot show."""
-        names = tuple(f'{name} [m]' for name in COORDINATES[: self._dimension])
-        return (*names, HEADING) if self._dimension == 2 else names
+        names = [f'{name} [m]' for name in COORDINATES[: self._dimension]]
+        names += [HEADING] if self._dimension == 2 else []
+        return (*names, ERROR) if self._truth is not None else tuple(names)
 
     def add(self, estimate: Estimate, snapshot: Snapshot | None, time_s: float) -> None:
         """Add the answer to a snapshot, for a time from the start of the bag."""
@@ -137,17 +144,23 @@ class AnswerPicture:
             return
         placements = estimate.placements
         shape = len(placements), len(self._labels), len(self.columns)
-        best, low, high = np.empty(shape), np.empty(shape), np.empty(shape)
+        best, low, high = (np.full(shape, np.nan) for _ in range(3))
+        n_of_pose = 3
         for row, placement in enumerate(placements):
-            best[row], low[row], high[row] = self._columns_of(placement)
+            columns = best[row], low[row], high[row]
+            for column, values in zip(columns, self._columns_of(placement), strict=True):
+                column[:, :n_of_pose] = values
         true = np.full(shape[1:], np.nan)
         if self._truth is not None and snapshot is not None and estimate.frame is not None:
-            true = self._true_columns(self._truth.beside(estimate.frame, snapshot))
+            true[:, :n_of_pose] = self._true_columns(self._truth.beside(estimate.frame, snapshot))
+            off_m = (best - true)[:, :, : self._dimension]
+            best[:, :, n_of_pose] = np.linalg.norm(off_m, axis=-1)
         landmarks_m = placements[0].landmarks_m if placements else np.empty((0, self._dimension))
         frame = str(estimate.frame or '')
         for values, beyond in ((best, np.nan), (true, np.nan), (low, -np.inf), (high, np.inf)):
             values[np.abs(values) > LARGEST_M] = beyond
-        self._moments.append(_Moment(time_s, frame, best, low, high, true, landmarks_m))
+        mirrored = np.array([placement.mirrored for placement in placements], dtype=bool)
+        self._moments.append(_Moment(time_s, frame, best, low, high, true, landmarks_m, mirrored))
         if len(self._moments) > MOST_MOMENTS:
             del self._moments[1::2]
             self._every *= 2
@@ -216,13 +229,19 @@ class AnswerPicture:
         shown = [moment for moment in self._moments if moment.frame == frame]
         for row in range(len(self._labels)):
             color = color_of(row)
-            points = np.concatenate([np.empty((0, 2)), *[m.best[:, row, :2] for m in shown]])
-            panel.plot(*points.T, '.', color=color, markersize=3, zorder=3)
+            for is_mirror, mark in ((False, '.'), (True, 'x')):
+                points = [m.best[m.mirrored == is_mirror, row, :2] for m in shown]
+                label = None if is_mirror else self._labels[row]
+                panel.plot(
+                    *np.concatenate([np.empty((0, 2)), *points]).T,
+                    mark,
+                    color=color,
+                    markersize=3,
+                    zorder=3,
+                    label=label,
+                )
             true = np.array([moment.true[row, :2] for moment in shown])
             panel.plot(*true.reshape(-1, 2).T, color='black', linewidth=0.8, zorder=4)
-            known = points[np.isfinite(points).all(axis=1)]
-            if len(known):
-                panel.annotate(self._labels[row], known[-1], color=color, zorder=5)
         if shown:
             panel.plot(*shown[-1].landmarks_m[:, :2].T, '^', color='0.4', zorder=2)
         panel.set_aspect('equal', adjustable='datalim')
@@ -231,6 +250,11 @@ class AnswerPicture:
         panel.grid(color='0.93')
         others = frames.total() - count
         left_out = f'; {others} answers have other frames' if others else ''
+        mirrored_s = [m.time_s for m in shown if m.mirrored.any()]
+        if mirrored_s:
+            left_out += f'; mirror images from {mirrored_s[0]:.1f} to {mirrored_s[-1]:.1f} s'
+        # Names beside the map: on it they would cover the paths.
+        panel.legend(loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=4, frameon=False)
         panel.set_title(f'frame: {frame}{left_out}', fontsize=10, wrap=True, parse_math=False)
 
     def _draw_panel(self, panel: Any, row: int, column: int) -> None:
@@ -307,6 +331,10 @@ class AnswerPicture:
             Line2D([], [], color=gray, marker='.', linestyle='', label='best point'),
             Patch(facecolor=gray, alpha=0.25, label='enclosure, darker where hypotheses overlap'),
         ]
+        if any(moment.mirrored.any() for moment in self._moments):
+            handles.append(
+                Line2D([], [], color=gray, marker='x', linestyle='', label='mirror image')
+            )
         if any(np.isfinite(moment.true).any() for moment in self._moments):
             handles.append(Line2D([], [], color='black', linewidth=0.9, label='truth'))
         if any(len(moment.landmarks_m) for moment in self._moments):
