@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.calibration.angles import without_turns
 from dg_localization.fleet.config import RangeErrorModel
 from dg_localization.fleet.error_models import distance_bounds_m
 
@@ -142,6 +143,46 @@ def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> Shap
         slope, reach = float(slopes[np.argmin(widths_m)]), 2.0 * reach / (SLOPES - 1)
     slope = round(slope, DECIMALS)
     return Shape(slope=slope) if min(widths_m) < WORTH_A_SLOPE * width_m else shape
+
+
+WINDOW_S = 1.0
+"""Readings of one pair within it differ by their errors alone, once the motion is taken out."""
+
+LEAST_NEIGHBORS = 2
+"""On each side of a reading."""
+
+
+def residuals(stamps_s: ArrayLike, values: ArrayLike, angles: bool = False) -> NDArray[np.float64]:
+    """
+    Return how far each reading is from what its neighbors in time let expect.
+
+    Parameters
+    ----------
+    stamps_s : array_like, shape (n,)
+        Increasing.
+    values : array_like, shape (n,)
+        Ranges in m, or angles in rad.
+    angles : bool, optional
+        Whether they are angles, which differ by less than half a turn.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        The reading minus the median of as many neighbors on either side, within half a second,
+        without itself: a steady motion cancels. NaN where there are fewer than two on a side.
+
+    """
+    stamps, readings = np.asarray(stamps_s, dtype=float), np.asarray(values, dtype=float)
+    first = np.searchsorted(stamps, stamps - WINDOW_S / 2.0, side='left')
+    last = np.searchsorted(stamps, stamps + WINDOW_S / 2.0, side='right') - 1
+    found = np.full(len(stamps), np.nan)
+    for i in range(len(stamps)):
+        reach = min(i - first[i], last[i] - i)
+        if reach >= LEAST_NEIGHBORS:
+            around = np.concatenate([readings[i - reach : i], readings[i + 1 : i + reach + 1]])
+            ahead = around - readings[i]
+            found[i] = -np.median(without_turns(ahead) if angles else ahead)
+    return found
 
 
 def missing_m(scatter_m: ArrayLike, half_widths_m: ArrayLike, choice: Choice) -> tuple[float, int]:

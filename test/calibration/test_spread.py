@@ -6,11 +6,7 @@
 import numpy as np
 import pytest
 
-from dg_localization.calibration.spread import (
-    direction_differences,
-    residuals,
-    triangle_contradictions,
-)
+from dg_localization.calibration.bounds import residuals
 
 STAMPS = np.arange(0.0, 30.0, 0.1)
 
@@ -43,36 +39,6 @@ def test_one_jump_stands_out_and_leaves_its_neighbors_alone():
 
 def test_lonely_readings_tell_nothing():
     assert np.isnan(residuals(np.arange(10.0), np.zeros(10))).all()
-
-
-def test_directions_differ_by_their_biases():
-    back = STAMPS + 0.03
-    there = 5.0 + 0.1 * STAMPS + 0.25
-    gaps = direction_differences(STAMPS, there, back, 5.0 + 0.1 * back)
-    np.testing.assert_allclose(gaps, 0.25, atol=1e-9)
-    assert len(gaps) == len(STAMPS) - 1
-    assert len(direction_differences(STAMPS, there, back[::20], back[::20])) == 0
-
-
-def test_sides_that_make_no_triangle_are_counted():
-    stamps = np.arange(10) * 0.5
-    sides = np.array([[3.0] * 10, [4.0] * 10, [5.0] * 10])
-    sides[2, 3] = 9.0
-    apart = [stamps, stamps + 0.05, stamps[:-1] + 0.02]
-    lower, upper = [*(sides[:2] - 0.1), sides[2, :-1] - 0.1], [*(sides[:2] + 0.1), sides[2, :-1]]
-    assert triangle_contradictions(apart, lower, upper, 0.0) == (1, 9)
-    # What the points may have moved in 0.05 s closes a gap of 1.7 m.
-    assert triangle_contradictions(apart, lower, upper, 30.0) == (0, 9)
-    # So do clocks that may differ by so much.
-    assert triangle_contradictions(apart, lower, upper, 15.0) == (1, 9)
-    assert triangle_contradictions(apart, lower, upper, 15.0, between_stamps_s=0.05) == (0, 9)
-    assert triangle_contradictions([stamps, stamps + 9.0, stamps], sides, sides, 0.0) == (0, 0)
-
-
-def test_one_reading_of_a_side_is_enough():
-    one = np.array([1.0])
-    found = triangle_contradictions([one, one, one], [one, one, 3 * one], [one, one, 3 * one], 0.0)
-    assert found == (1, 1)
 
 
 def test_angles_are_compared_the_short_way_round():

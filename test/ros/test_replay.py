@@ -223,7 +223,7 @@ def test_a_recorded_clock_is_not_played(tmp_path, listener):
             writer.write(clock, START_NS + k * STEP_NS, data)
             data = store.serialize_cdr(text, other.msgtype)
             writer.write(other, START_NS + k * STEP_NS, data)
-    process = start(path, '--wait', '1')
+    process = start(path, '--wait', '5')
     listener.spin_while(lambda: process.poll() is None)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 0 and '10 messages published' in told

@@ -3,9 +3,7 @@
 
 """What the readings of a bag tell of their errors without a ground truth."""
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import combinations
 import math
 from typing import Any
 
@@ -15,16 +13,11 @@ from dg_localization.calibration.bounds import (
     Choice,
     fit_half_width_rad,
     missing_m,
+    residuals,
     rounded_outward,
     shortest_band,
 )
-from dg_localization.calibration.spread import (
-    direction_differences,
-    residuals,
-    triangle_contradictions,
-)
-from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
-from dg_localization.fleet.error_models import distance_bounds_m
+from dg_localization.fleet import LinkKind, RangeErrorModel
 from dg_localization.ros.bags.bag import BagError
 from dg_localization.ros.bags.fitted import (
     Fit,
@@ -94,8 +87,6 @@ def fit_without_truth(
     if not (fit.ranges or fit.bearings):
         raise BagError('no input has five readings within a second: nothing can be learned')
     fit.notes += _limits_without_truth(samples, bias_m)
-    fit.notes += _directions(samples)
-    fit.notes += _triangles(samples, settings)
     return fit
 
 
@@ -163,67 +154,3 @@ def _limits_without_truth(samples: Samples, bias_m: Sequence[float] | None) -> I
         yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
     if samples.odometry:
         yield 'Without a ground truth scale and bounds of odometry cannot be learned.'
-
-
-def _directions(samples: Samples) -> Iterator[str]:
-    """Yield how the two directions of each pair differ."""
-    for key, rows in samples.ranges.items():
-        back = samples.ranges.get(LinkKey(LinkKind.RANGE, key.target, key.observer))
-        if not back or key.observer > key.target:
-            continue
-        gaps_m = direction_differences(*_in_order(rows), *_in_order(back))
-        if not len(gaps_m):
-            continue
-        yield (
-            f'{key.observer}->{key.target} reads {np.median(gaps_m):+.3f} m more than the other '
-            f'direction ({gaps_m.min():+.3f} to {gaps_m.max():+.3f}): their errors differ by that.'
-        )
-
-
-def _triangles(samples: Samples, settings: Settings) -> Iterator[str]:
-    """Yield which triangles contradict the stated bounds."""
-    fleet = settings.fleet
-    sides: dict[frozenset[str], list[tuple[float, float, float]]] = defaultdict(list)
-    for key, rows in samples.ranges.items():
-        model = fleet.range_error_of(key.observer, key.target)
-        if model.sigma_factor > 0.0:
-            # The bounds depend on the variance of each reading, which is not gathered.
-            continue
-        sides[frozenset((key.observer, key.target))] += [
-            (stamp_s, *distance_bounds_m(model, range_m)) for stamp_s, range_m in rows
-        ]
-    columns = {ends: np.array(sorted(rows)).T for ends, rows in sides.items()}
-    # A sensor away from the center of its robot swings as that turns.
-    arms_m = (math.hypot(*mount.position_m) + mount.bound_m for mount in fleet.sensors.values())
-    swing_m_s = fleet.max_turn_rate_rad_s * max(arms_m, default=0.0)
-    speed_m_s = 2.0 * (max(fleet.speed_m_s(robot) for robot in fleet.robots) + swing_m_s)
-    looked_at = 0
-    for corners in _triangles_of(columns):
-        triangle = (frozenset(pair) for pair in combinations(corners, 2))
-        stamps, lower, upper = zip(*(columns[side] for side in triangle), strict=True)
-        broken, count = triangle_contradictions(
-            stamps, lower, upper, speed_m_s, fleet.between_stamps_s
-        )
-        looked_at += count
-        if broken:
-            yield (
-                f'The ranges between {", ".join(corners)} contradict the stated bounds at '
-                f'{broken} of {count} moments: no triangle has such sides.'
-            )
-    yield f'{looked_at} triangles were checked against the stated bounds.'
-
-
-def _triangles_of(sides: Iterable[frozenset[str]]) -> Iterator[tuple[str, str, str]]:
-    """
-    Yield the corners of all triangles, in order.
-
-    They are the common neighbors of the ends of each side: in a large fleet few are near others.
-    """
-    neighbors: dict[str, set[str]] = defaultdict(set)
-    edges = sorted(tuple(sorted(side)) for side in sides)
-    for first, second in edges:
-        neighbors[first].add(second)
-    for first, second in edges:
-        yield from (
-            (first, second, third) for third in sorted(neighbors[first] & neighbors[second])
-        )
