@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 import math
 from threading import Lock
 
@@ -27,6 +27,15 @@ from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, Reje
 from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
+
+LIMITS = frozenset(
+    {
+        *('max_age_s', 'max_future_s', 'max_repeats', 'max_hypotheses', 'max_outliers'),
+        *('outlier_unit', 'solver', 'memory_max_seconds'),
+        *('max_conflict_solves', 'max_conflict_seconds'),
+    }
+)
+"""Settings that say how much is asked and computed, not what a measurement means."""
 
 
 class Localizer:
@@ -73,11 +82,41 @@ class Localizer:
         """The settings."""
         return self._config
 
+    @default_environment()
+    def configure(self, config: FleetConfig) -> bool:
+        """
+        Go on with other settings.
+
+        What was measured is kept where limits differ only. It is forgotten where bounds do, which
+        it was made with.
+
+        Parameters
+        ----------
+        config : FleetConfig
+            With the same robots, dimension, anchors and mounts.
+
+        Returns
+        -------
+        bool
+            Whether all measurements are kept.
+
+        """
+        require_kind('config', config, FleetConfig)
+        names = (each.name for each in fields(FleetConfig))
+        changed = {name for name in names if getattr(self._config, name) != getattr(config, name)}
+        self._config = config
+        if changed <= LIMITS:
+            self._store.configure(config)
+            return True
+        self.reset()
+        return False
+
     def reset(self) -> None:
         """Forget all measurements and counts."""
         self._store = MeasurementStore(self._config)
         with self._lock:
-            self._newest = self._follower = self._follower.started_anew()
+            follower = self._follower.started_anew(self._config.memory_s)
+            self._newest = self._follower = follower
             self._first = self._snapshots + 1
         self._answered_s = -math.inf
 

@@ -122,6 +122,11 @@ class MeasurementStore:
         self._elevations = Elevations(config)
         self.memory = Memory(config)
 
+    def configure(self, config: FleetConfig) -> None:
+        """Take over settings that change nothing of what was measured."""
+        self._config = self._clock_config = config
+        self._admission = Admission(config)
+
     def add_range(
         self,
         key: LinkKey,

@@ -384,7 +384,7 @@ def test_parameters_come_from_a_file(make_node):
     assert node.settings.fleet.range_error.max_error_m == 1.3
     described = node.describe_parameter('rate')
     assert described.description == 'how often the fleet is localized (Hz)'
-    assert described.read_only and described.floating_point_range[0].to_value == 1000.0
+    assert described.floating_point_range[0].to_value == 1000.0
     assert len(node.get_parameter('links').value) == 6
 
 
@@ -407,10 +407,49 @@ def test_empty_lists_in_a_file_are_empty_lists(make_node):
     assert list(node.get_parameter('links').value) == []
 
 
-def test_parameters_are_read_only(make_node):
+def test_bounds_and_rates_that_are_set_take_effect_at_once(bench, make_node):
     node = make_node()
-    (result,) = node.set_parameters([Parameter('rate', value=1.0)])
-    assert not result.successful
+    bench.play_triangle()
+    bench.until_placements(2)
+    results = node.set_parameters(
+        [Parameter('rate', value=20.0), Parameter('range.max_error', value=0.5)]
+    )
+    assert all(result.successful for result in results)
+    assert node.settings.rate_hz == 20.0 and node.settings.fleet.range_error.max_error_m == 0.5
+    bench.clear()
+    bench.until_placements(2)
+    lower_m = node._localizer.snapshot(bench.now_s()).distances[0].lower_m
+    assert lower_m < 2.5
+    assert node.set_parameters([Parameter('max_outliers', value=1)])[0].successful
+    assert node._localizer.config.max_outliers == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'wanted'),
+    [
+        ('range.max_error', -2.0, 'range.min_error: 0.0 is not allowed, it must be at most'),
+        ('max_age', -1.0, 'max_age'),
+        ('reference_robot', 'nobody', 'nobody'),
+        ('use_sim_time', True, 'only when the node starts'),
+    ],
+)
+def test_wrong_values_that_are_set_are_refused_as_at_start(make_node, name, value, wanted):
+    node = make_node()
+    before = node.settings
+    (result,) = node.set_parameters([Parameter(name, value=value)])
+    assert not result.successful and wanted in result.reason
+    assert node.settings is before
+
+
+def test_another_fleet_is_that_of_the_next_configuration(bench, make_node):
+    node = make_node()
+    assert node.set_parameters([Parameter('robots', value=['robot_1', 'robot_9'])])[0].successful
+    assert node.settings.fleet.robots == ('robot_1', 'robot_2', 'robot_3')
+    for name in ('deactivate', 'cleanup', 'configure', 'activate'):
+        assert bench.transition(name)
+    assert node.settings.fleet.robots == ('robot_1', 'robot_9')
+    assert node.has_parameter('robot_max_speed.robot_9')
+    bench.until_status('robot robot_9', Level.WARN, '')
 
 
 def test_robots_have_parameters_of_their_own(make_node):

@@ -91,7 +91,6 @@ def test_names_are_unique_and_described():
 def test_default_is_allowed_and_descriptor_can_be_made(spec):
     assert same(spec.check(spec.default), spec.default)
     descriptor = spec.descriptor()
-    assert descriptor.read_only
     assert spec.description in descriptor.description and spec.unit in descriptor.description
 
 

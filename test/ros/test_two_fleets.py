@@ -153,17 +153,17 @@ def test_parameters_can_be_listed_described_read_and_not_set(bench):
     rate, source = bench.call(
         f'{node}/describe_parameters', DescribeParameters, request
     ).descriptors
-    assert (rate.type, rate.read_only) == (ParameterType.PARAMETER_DOUBLE, True)
+    assert (rate.type, rate.read_only) == (ParameterType.PARAMETER_DOUBLE, False)
     assert rate.description and rate.floating_point_range[0].to_value == 1000.0
     assert "'header' or 'receive'" in source.additional_constraints
     read = bench.call(
         f'{node}/get_parameters', GetParameters, GetParameters.Request(names=['rate'])
     )
     assert read.values[0].double_value == 5.0
-    wanted = Parameter('rate', value=1.0).to_parameter_msg()
+    wanted = Parameter('rate', value=0.001).to_parameter_msg()
     request = SetParameters.Request(parameters=[wanted])
     (result,) = bench.call(f'{node}/set_parameters', SetParameters, request).results
-    assert not result.successful and 'read-only' in result.reason
+    assert not result.successful and 'rate' in result.reason
 
 
 @pytest.mark.usefixtures('both_answer')

@@ -84,9 +84,10 @@ class Follower:
         """Up to when observations do not count as measurements of the moment."""
         return self._left_out
 
-    def started_anew(self) -> Follower:
+    def started_anew(self, memory_s: float | None = None) -> Follower:
         """Return one that knows no hypothesis; numbers are not used again."""
-        return Follower(self._memory_s, self._numbers, self._frame)
+        kept_s = self._memory_s if memory_s is None else memory_s
+        return Follower(kept_s, self._numbers, self._frame)
 
     def copied(self) -> Follower:
         """Return one that knows the same; what changes one does not change the other."""

@@ -228,6 +228,10 @@ class Intake:
             self._bounds[link] = link.bounds_within(of_all)
         return self._bounds[link]
 
+    def configure(self) -> None:
+        """Read the settings of the localizer anew."""
+        self._bounds.clear()
+
     def forget(self) -> None:
         """Forget what could not be read, and odometry; the matrix of a camera stays."""
         self._counts.clear()

@@ -4,13 +4,10 @@
 """The time of a node, which may be simulated: it may jump back, and it may stand still."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import math
 from statistics import median
 import time
-
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter
 
 MOST_STEPS = 9
 """So many steps of the time are looked at."""
@@ -94,11 +91,3 @@ class NodeTime:
     def stands_still_s(self) -> float:
         """Return for how long, as far as the calls of `now` show, the time has stood still."""
         return self._steady_s() - self._moved_at_s
-
-
-def refuse_use_sim_time(parameters: Sequence[Parameter]) -> SetParametersResult:
-    """Refuse another clock while the node runs: all stamps so far would be wrong."""
-    if any(parameter.name == 'use_sim_time' for parameter in parameters):
-        reason = 'use_sim_time can be set only when the node starts'
-        return SetParametersResult(successful=False, reason=reason)
-    return SetParametersResult(successful=True)

@@ -36,12 +36,13 @@ from dg_localization.ros.interface.outputs import (
     EstimatePublishers,
     estimate_messages,
 )
-from dg_localization.ros.interface.parameters.settings import declare_settings
+from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.interface.rate import Pace, RateMeter
 from dg_localization.ros.node.bond import make_bond
-from dg_localization.ros.node.clock import NodeTime, refuse_use_sim_time
+from dg_localization.ros.node.clock import NodeTime
 from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
+from dg_localization.ros.node.live_parameters import LiveParameters
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
 from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
@@ -93,7 +94,6 @@ class LocalizerNode(LifecycleNode):
 
     _outputs: EstimatePublishers
     _worker: EstimateWorker[Answer]
-    _watchdog: Watchdog
     _warm_up_began_s: float
 
     def __init__(
@@ -105,15 +105,13 @@ class LocalizerNode(LifecycleNode):
         super().__init__('localizer', **kwargs)
         self._load = load
         refuse_impossible_transitions(self)
-        self.settings = declare_settings(self)
+        self._make_localizer = make_localizer
+        self._adopt(declare_settings(self))
         if self.settings.publish_tf:
             transform_message_class()
-        self._localizer = make_localizer(self.settings.fleet)
-        self._intake = Intake(self._localizer, self.settings.use_header_stamp, self.settings.ids)
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
-        self._estimate: Estimate | None = None
         self._frame_changes = 0
         self._intake_s = 0.0
         self._seconds: dict[str, float] = {}
@@ -122,15 +120,13 @@ class LocalizerNode(LifecycleNode):
         self._is_due = False
         self._inputs: Inputs | None = None
         self._transforms: TransformPublisher | None = None
-        self._rate = RateMeter(self.settings.rate_hz)
-        self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
         self._is_simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = NodeTime(self._clock_s, self._is_simulated)
         self._diagnostics = DiagnosticsPublisher(self)
         self._fleet_log = FleetLog(self.get_logger())
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_second, clock=STEADY)
-        self.add_on_set_parameters_callback(refuse_use_sim_time)
+        self._live = LiveParameters(self, self._apply)
         if self.settings.autostart:
             if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
                 self.trigger_activate()
@@ -139,6 +135,9 @@ class LocalizerNode(LifecycleNode):
     def on_configure(self) -> None:
         """Make the outputs, the reset service and the worker; receive nothing yet."""
         made = self._made_to_configure
+        settings = self._live.at_configure()
+        if settings is not None:
+            self._adopt(settings)
         self._outputs = EstimatePublishers(self, self.settings.fleet.robots)
         made.callback(self._outputs.destroy)
         if self.settings.publish_tf:
@@ -149,7 +148,6 @@ class LocalizerNode(LifecycleNode):
         self._warm_up_began_s = time.monotonic()
         is_warm = self._make_wake_up(self._on_warm)
         self._worker = EstimateWorker(self._answer, answer_ready, self._load, is_warm)
-        self._watchdog = Watchdog(longest_estimate_s(self.settings.fleet))
         made.callback(self._worker.close)
         for warning in solver_warnings():
             self.get_logger().warning(warning)
@@ -167,9 +165,9 @@ class LocalizerNode(LifecycleNode):
         self._inputs = Inputs(self, self.settings, self._on_message)
         made.callback(self._inputs.destroy)
         # The clock of a machine may be set back by hours, in which its timers would be silent.
-        clock = None if self._is_simulated else STEADY
-        ticker = self.create_timer(1.0 / self.settings.rate_hz, self._on_tick, clock=clock)
-        made.callback(self.destroy_timer, ticker)
+        self._ticker_clock = None if self._is_simulated else STEADY
+        self._start_ticker()
+        made.callback(lambda: self.destroy_timer(self._ticker))
         search = self._inputs.search
         searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=STEADY)
         made.callback(self.destroy_timer, searcher)
@@ -207,6 +205,35 @@ class LocalizerNode(LifecycleNode):
     def _dismantle(self) -> None:
         self._made_to_activate.close()
         self._made_to_configure.close()
+
+    def _start_ticker(self) -> None:
+        period_s = 1.0 / self.settings.rate_hz
+        self._ticker = self.create_timer(period_s, self._on_tick, clock=self._ticker_clock)
+
+    def _adopt(self, settings: Settings) -> None:
+        """Begin with a fleet."""
+        self.settings = settings
+        self._localizer = self._make_localizer(settings.fleet)
+        self._intake = Intake(self._localizer, settings.use_header_stamp, settings.ids)
+        self._estimate: Estimate | None = None
+        self._keep_pace()
+
+    def _keep_pace(self) -> None:
+        self._rate = RateMeter(self.settings.rate_hz)
+        self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
+        self._watchdog = Watchdog(longest_estimate_s(self.settings.fleet))
+
+    def _apply(self, settings: Settings) -> None:
+        """Go on with other settings of the same fleet."""
+        before, self.settings = self.settings, settings
+        self._keep_pace()
+        if self._state == 'active' and settings.rate_hz != before.rate_hz:
+            self.destroy_timer(self._ticker)
+            self._start_ticker()
+        is_kept = self._localizer.configure(settings.fleet)
+        self._intake.configure()
+        if not is_kept and self._state in ('inactive', 'active'):
+            self._forget('parameters have changed')
 
     def _make_wake_up(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Return a function that has the executor's thread call `callback`."""

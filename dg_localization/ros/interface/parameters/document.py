@@ -49,17 +49,17 @@ YAML_HEAD = """\
 PAGE_HEAD = """\
 # Parameters
 
-The parameters of the node `localizer`, which `localize_bag` takes too. All are read-only. They are
-set at start, by a file (`--ros-args --params-file FILE`) or one by one (`--ros-args -p
-NAME:=VALUE`). A wrong value or a misspelled name is refused with a message that names what is
-allowed. `config/localizer.yaml` holds all of them with their defaults.
+The parameters of the node `localizer`, which `localize_bag` takes too. They are set at start by a
+file (`--ros-args --params-file FILE`) or one by one (`-p NAME:=VALUE`), and while the node runs by
+`ros2 param set`. Rates, ages, bounds and limits take effect at once. What makes the fleet, its
+inputs and its outputs does so at the next `configure`. A wrong value is refused with a message
+that names what is allowed. `config/localizer.yaml` holds all parameters with their defaults.
 
 Where a parameter is given twice, by two files or by a file and `-p`, give it the same type both
 times: write `2.0`, not `2`, for a number. Of two values of different types ROS 2 may keep the
 first, without a message: after `max_speed: 2` in a file, `-p max_speed:=2.5` has no effect.
 
-This page is written from the table in `dg_localization/ros/interface/parameters/table.py` by
-`make parameters`; a test keeps it true.
+This page is written by `make parameters`; a test keeps it true.
 """
 
 

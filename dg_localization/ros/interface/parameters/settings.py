@@ -53,7 +53,7 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
     refuse_unknown,
 )
-from dg_localization.ros.interface.parameters.table import TABLE, named_specs
+from dg_localization.ros.interface.parameters.table import TABLE, named_specs, takes_effect_at_once
 from dg_localization.ros.interface.parameters.templates import templates_from
 from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
@@ -127,8 +127,31 @@ def declare_settings(node: Node) -> Settings:
     """
     values = check_values(given_values(node))
     settings = settings_from(values, node.resolve_topic_name)
-    declare(node, (*TABLE, *_named(values)), values)
+    declare_missing(node, values)
     return settings
+
+
+def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
+    """Declare the parameters that are not declared, with checked values."""
+    specs = (*TABLE, *_named(values))
+    missing = [spec for spec in specs if not node.has_parameter(spec.name)]
+    declare(node, missing, values, read_only=False)
+
+
+def changed_values(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values after some are set, without those of names that are gone."""
+    wanted = {**values, **changes}
+    known = {spec.name: spec.check(wanted.get(spec.name, spec.default)) for spec in TABLE}
+    known |= {spec.name: wanted[spec.name] for spec in _named(known) if spec.name in wanted}
+    return check_values(known)
+
+
+def without_fleet_changes(values: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the wanted values of what takes effect at once, and the present ones of the rest."""
+    return {
+        name: wanted.get(name, value) if takes_effect_at_once(name) else value
+        for name, value in values.items()
+    }
 
 
 def check_values(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -177,13 +177,13 @@ class Spec:
             return True
         return self.at_least <= number <= self.at_most
 
-    def descriptor(self) -> ParameterDescriptor:
-        """Return the descriptor that `ros2 param describe` shows; all are read-only."""
+    def descriptor(self, read_only: bool = True) -> ParameterDescriptor:
+        """Return the descriptor that `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(
             description=' '.join(filter(None, [self.description, self._in_unit()])),
             additional_constraints=self.limits() if self.choices else '',
             type=self.type.value,
-            read_only=True,
+            read_only=read_only,
         )
         bounded = math.isfinite(self.at_least) or math.isfinite(self.at_most)
         # ROS takes .nan to be out of every range; `check` knows better.
@@ -238,14 +238,16 @@ def refuse_unknown(
             raise WrongParameterError(f"parameter '{name}' is unknown{hint(name, known)}")
 
 
-def declare(node: Node, specs: Iterable[Spec], values: Mapping[str, Any]) -> None:
+def declare(
+    node: Node, specs: Iterable[Spec], values: Mapping[str, Any], read_only: bool = True
+) -> None:
     """Declare parameters on a node, with checked values."""
     for spec in specs:
         # rclpy infers the type from the value, and takes an empty list for a list of bytes. A
         # type of its own can be given only to a parameter without value, which is set after.
         node.declare_parameter(spec.name, spec.type, ignore_override=True)
         node.set_parameters([Parameter(spec.name, spec.type, values[spec.name])])
-        node.set_descriptor(spec.name, spec.descriptor())
+        node.set_descriptor(spec.name, spec.descriptor(read_only))
 
 
 @dataclass(frozen=True)

@@ -330,6 +330,18 @@ SECTIONS = (
     SOLVER,
 )
 
+# What makes the fleet, its inputs and its outputs; the rest changes while the node runs.
+OF_FLEET = (FLEET, PEERS, LINKS, MOUNTS, ELEVATIONS, ANCHORS)
+AT_CONFIGURE = {spec.name for section in OF_FLEET for spec in section.specs}
+AT_CONFIGURE |= {'autostart', 'publish_tf', 'stamp_source'}
+
+
+def takes_effect_at_once(name: str) -> bool:
+    """Return whether a change counts at once, not when the node is configured next."""
+    of_names = name.startswith(('anchors.', 'mounts.', 'elevations.'))
+    return not (of_names or name in AT_CONFIGURE or name.endswith(('.topic', '.stamp_offset')))
+
+
 TABLE = tuple(spec for section in SECTIONS for spec in section.specs)
 
 
