@@ -48,9 +48,6 @@ MOST_SEAM_BOXES = 40
 MOST_REVIEW_BOXES = 12
 """One patch may take so many boxes; those that come later are given up where they take more."""
 
-SMALL_POINTS, MOST_SMALL_BOXES = 5, 4000
-"""Points and boxes of a patch instead of one that took too many boxes."""
-
 REVIEW_POINTS = 14
 """Most points of a patch that looks again at what another one leaves open."""
 
@@ -120,9 +117,6 @@ class PatchSolver:
         patches = list(self._solved(chosen, None, MOST_PATCH_BOXES))
         n_unsolved += len(chosen) - len(patches)
         known, empty = self._narrowed(patches)
-        if empty is None and any(patch.pending for patch in patches):
-            patches = [new for patch in patches for new in self._redone(patch, known)]
-            known, empty = self._narrowed(patches)
         bodies = self._bodies(patches)
         while empty is None and not self._is_over():
             new = list(self._further(known, patches, bodies))
@@ -152,18 +146,6 @@ class PatchSolver:
         for points, found in zip(chosen, solved, strict=False):
             pending = {box[: UPPER + 1].tobytes() for box in found.cover.pending}
             yield Patch(points, list(found.hypotheses), pending)
-
-    def _redone(self, patch: Patch, known: KnownPairs) -> list[Patch]:
-        """Solve a patch that took too many boxes again, as several smaller ones."""
-        if not patch.pending:
-            return [patch]
-        pairs = self._measured.pairs_among(patch.points)
-        graph = Neighborhoods(self._problem.n_points, pairs, self._problem.dimension)
-        smaller = covering_patches(graph, pairs, (), SMALL_POINTS, self._is_over)
-        if self._is_over():
-            return [patch]
-        new = list(self._solved(smaller, known, MOST_SMALL_BOXES))
-        return new if len(new) == len(smaller) else [patch]
 
     def _part(self, points: Points, known: KnownPairs | None) -> Subproblem:
         """Return the problem of a patch, within what is known of its pairs."""
