@@ -9,7 +9,9 @@ numpy arrays already. The encoding is that of all ROS 2 middlewares (OMG CDR, li
 padding of zeros: equal values give equal bytes.
 """
 
+from importlib import import_module
 import struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,3 +66,11 @@ class CdrWriter:
         if values.size:
             self._align(values.itemsize)
             self._data += values.tobytes()
+
+
+def message_from_cdr(type_name: str, data: bytes) -> Any:
+    """Return the message of a type such as 'geometry_msgs/msg/PoseArray' that the bytes hold."""
+    from rclpy.serialization import deserialize_message
+
+    package, kind, name = type_name.split('/')
+    return deserialize_message(data, getattr(import_module(f'{package}.{kind}'), name))

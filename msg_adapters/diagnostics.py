@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from msg_adapters.cdr import CdrWriter
-from msg_adapters.headers import header_to_message, stamp_from_message, write_header
+from msg_adapters.cdr import CdrWriter, message_from_cdr
+from msg_adapters.headers import stamp_from_message, write_header
 
 TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
 
@@ -78,12 +78,7 @@ def diagnostics_from_message(message: Any) -> Diagnostics:
 
 def diagnostics_to_message(diagnostics: Diagnostics) -> Any:
     """Write a `diagnostic_msgs/DiagnosticArray`."""
-    from diagnostic_msgs.msg import DiagnosticArray
-
-    return DiagnosticArray(
-        header=header_to_message(diagnostics.stamp_s, ''),
-        status=[_status_to_message(status) for status in diagnostics.statuses],
-    )
+    return message_from_cdr(TYPE_NAME, diagnostics_to_cdr(diagnostics))
 
 
 def diagnostics_to_cdr(diagnostics: Diagnostics) -> bytes:
@@ -110,17 +105,4 @@ def _status_from_message(status: Any) -> Status:
         message=status.message,
         hardware_id=status.hardware_id,
         values={entry.key: entry.value for entry in status.values},
-    )
-
-
-def _status_to_message(status: Status) -> Any:
-    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-
-    return DiagnosticStatus(
-        # rclpy sends an int given for this byte field as 0xff.
-        level=bytes([status.level]),
-        name=status.name,
-        message=status.message,
-        hardware_id=status.hardware_id,
-        values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
     )

@@ -57,22 +57,6 @@ def stamp_to_message(stamp_s: float) -> Any:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def duration_to_message(duration_s: float) -> Any:
-    """
-    Return seconds as a `builtin_interfaces/Duration`, rounded to the nearest nanosecond.
-
-    Raises
-    ------
-    ValueError
-        If the duration is not finite.
-
-    """
-    from builtin_interfaces.msg import Duration
-
-    sec, nanosec = _split('duration', duration_s)
-    return Duration(sec=sec, nanosec=nanosec)
-
-
 def _split(name: str, time_s: float) -> tuple[int, int]:
     """Return whole seconds and the nanoseconds that remain."""
     if not abs(time_s) < float('inf'):

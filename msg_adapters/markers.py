@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.cdr import CdrWriter
-from msg_adapters.geometry import point_to_message, vector_to_message, xyz_from_message
+from msg_adapters.cdr import CdrWriter, message_from_cdr
+from msg_adapters.geometry import xyz_from_message
 from msg_adapters.headers import (
-    duration_to_message,
-    header_to_message,
     stamp_from_message,
     write_header,
     write_time,
@@ -101,13 +99,7 @@ def marker_scene_to_message(scene: MarkerScene) -> Any:
         If a marker has not as many colors as points.
 
     """
-    from visualization_msgs import msg as visualization
-
-    header = header_to_message(scene.stamp_s, scene.frame_id)
-    clear = visualization.Marker(header=header, action=visualization.Marker.DELETEALL)
-    lifetime = duration_to_message(scene.lifetime_s)
-    drawn = [_to_message(marker, header, lifetime) for marker in scene.markers]
-    return visualization.MarkerArray(markers=[clear, *drawn])
+    return message_from_cdr(TYPE_NAME, marker_scene_to_cdr(scene))
 
 
 def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
@@ -198,30 +190,6 @@ def marker_scene_from_message(message: Any) -> MarkerScene:
     )
 
 
-def _to_message(marker: Marker, header: Any, lifetime: Any) -> Any:
-    from visualization_msgs import msg as visualization
-
-    _check_colors(marker)
-    message = visualization.Marker(
-        header=header,
-        ns=marker.namespace,
-        id=marker.identifier,
-        type=int(marker.shape),
-        action=visualization.Marker.ADD,
-        lifetime=lifetime,
-        scale=vector_to_message(np.full(3, marker.size_m)),
-        text=marker.text,
-    )
-    message.pose.orientation.w = 1.0
-    if marker.shape is Shape.TEXT:
-        message.pose.position = point_to_message(marker.points_m[0])
-        message.color = _color_to_message(marker.colors_rgba[0])
-    else:
-        message.points = [point_to_message(point) for point in marker.points_m]
-        message.colors = [_color_to_message(color) for color in marker.colors_rgba]
-    return message
-
-
 def _from_message(message: Any) -> Marker:
     is_text = message.type == Shape.TEXT
     points = [message.pose.position] if is_text else message.points
@@ -235,10 +203,3 @@ def _from_message(message: Any) -> Marker:
         size_m=message.scale.z,
         text=message.text,
     )
-
-
-def _color_to_message(rgba: NDArray[np.float64]) -> Any:
-    from std_msgs.msg import ColorRGBA
-
-    red, green, blue, alpha = rgba
-    return ColorRGBA(r=float(red), g=float(green), b=float(blue), a=float(alpha))

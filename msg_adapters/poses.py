@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.cdr import CdrWriter
-from msg_adapters.geometry import pose_to_message, xyz_from_message, xyzw_from_message
-from msg_adapters.headers import header_to_message, stamp_from_message, write_header
+from msg_adapters.cdr import CdrWriter, message_from_cdr
+from msg_adapters.geometry import xyz_from_message, xyzw_from_message
+from msg_adapters.headers import stamp_from_message, write_header
 
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 POSE_WITH_COVARIANCE_STAMPED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
@@ -90,13 +90,7 @@ def pose_array_to_message(poses: PoseList) -> Any:
         If there are not as many orientations as positions.
 
     """
-    from geometry_msgs.msg import PoseArray
-
-    pairs = zip(poses.positions_m, poses.orientations_xyzw, strict=True)
-    return PoseArray(
-        header=header_to_message(poses.stamp_s, poses.frame_id),
-        poses=[pose_to_message(position, orientation) for position, orientation in pairs],
-    )
+    return message_from_cdr(POSE_ARRAY, pose_array_to_cdr(poses))
 
 
 def pose_array_to_cdr(poses: PoseList) -> bytes:
@@ -127,18 +121,14 @@ def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
         If the covariance is not of shape (6, 6).
 
     """
-    _check_covariance(estimate)
+    if np.shape(estimate.covariance) != (6, 6):
+        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
     writer = CdrWriter()
     write_header(writer, estimate.stamp_s, estimate.frame_id)
     writer.float64s(estimate.position_xyz)
     writer.float64s(estimate.orientation_xyzw)
     writer.float64s(estimate.covariance)
     return writer.to_bytes()
-
-
-def _check_covariance(estimate: UncertainPose) -> None:
-    if np.shape(estimate.covariance) != (6, 6):
-        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
 
 
 def uncertain_pose_from_message(message: Any) -> UncertainPose:
@@ -163,13 +153,4 @@ def uncertain_pose_to_message(estimate: UncertainPose) -> Any:
         If the covariance is not of shape (6, 6).
 
     """
-    from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
-
-    _check_covariance(estimate)
-    return PoseWithCovarianceStamped(
-        header=header_to_message(estimate.stamp_s, estimate.frame_id),
-        pose=PoseWithCovariance(
-            pose=pose_to_message(estimate.position_xyz, estimate.orientation_xyzw),
-            covariance=np.asarray(estimate.covariance, dtype=float).ravel(),
-        ),
-    )
+    return message_from_cdr(POSE_WITH_COVARIANCE_STAMPED, uncertain_pose_to_cdr(estimate))

@@ -10,6 +10,8 @@ Each line of a definition is a type and the name of a field, as in a .msg file.
 import sys
 from types import ModuleType, SimpleNamespace
 
+import numpy as np
+
 ROLE_AND_ID = 'uint8 role', 'uint8 id'
 DISTANCES = 'float32 dis', 'float32 fp_rssi', 'float32 rx_rssi'
 TIMES = 'uint32 local_time', 'uint32 system_time', 'float32 voltage'
@@ -126,3 +128,19 @@ def install(monkeypatch):
                 setattr(messages, message_class.__name__, message_class)
         monkeypatch.setitem(sys.modules, package, ModuleType(package))
         monkeypatch.setitem(sys.modules, f'{package}.msg', messages)
+
+
+def assert_same(actual, expected):
+    """Compare two plain values field by field, arrays by value and shape."""
+    assert type(actual) is type(expected)
+    for name, value in vars(expected).items():
+        other = getattr(actual, name)
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(other, value)
+            assert other.shape == value.shape
+        elif name == 'markers':
+            assert len(other) == len(value)
+            for ours, theirs in zip(other, value, strict=True):
+                assert_same(ours, theirs)
+        else:
+            assert other == value, name

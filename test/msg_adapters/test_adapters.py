@@ -8,7 +8,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-from message_stand_ins import DEFINITIONS
+from message_stand_ins import DEFINITIONS, assert_same
 import numpy as np
 import pytest
 
@@ -103,22 +103,6 @@ VALUES = [
     (DIAGNOSTICS, DIAGNOSTICS_VALUE),
     (MARKERS, SCENE),
 ]
-
-
-def assert_same(actual, expected):
-    """Compare two plain values field by field, arrays by value and shape."""
-    assert type(actual) is type(expected)
-    for name, value in vars(expected).items():
-        other = getattr(actual, name)
-        if isinstance(value, np.ndarray):
-            np.testing.assert_array_equal(other, value)
-            assert other.shape == value.shape
-        elif name == 'markers':
-            assert len(other) == len(value)
-            for ours, theirs in zip(other, value, strict=True):
-                assert_same(ours, theirs)
-        else:
-            assert other == value, name
 
 
 @pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])

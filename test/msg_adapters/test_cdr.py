@@ -1,20 +1,18 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages serialized without being made: the bytes hold what `to_message` would."""
+"""Messages serialized without being made: the middleware reads what was written."""
 
 from dataclasses import replace
 import math
 
+from message_stand_ins import assert_same
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped  # noqa: E402
-from rclpy.serialization import deserialize_message  # noqa: E402
-from visualization_msgs.msg import MarkerArray  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
 
 from msg_adapters import (  # noqa: E402
     Diagnostics,
@@ -25,37 +23,41 @@ from msg_adapters import (  # noqa: E402
     Shape,
     Status,
     UncertainPose,
+    adapter_for,
 )
-from msg_adapters.diagnostics import (  # noqa: E402
-    diagnostics_to_cdr,
-    diagnostics_to_message,
-)
-from msg_adapters.markers import marker_scene_to_cdr, marker_scene_to_message  # noqa: E402
-from msg_adapters.poses import (  # noqa: E402
-    pose_array_to_cdr,
-    pose_array_to_message,
-    uncertain_pose_to_cdr,
-    uncertain_pose_to_message,
-)
+from msg_adapters.cdr import message_from_cdr  # noqa: E402
+from msg_adapters.diagnostics import diagnostics_to_cdr  # noqa: E402
+from msg_adapters.markers import marker_scene_to_cdr  # noqa: E402
+from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr  # noqa: E402
 
+POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
+POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+MARKERS = 'visualization_msgs/msg/MarkerArray'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 # Names of every length, so that every alignment comes up.
 FRAMES = ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'abcdef', 'abcdefg', 'Halle Süd']
+
+
+def assert_holds(type_name, data, value):
+    """Check what the middleware reads from the bytes, and that it reads all of them."""
+    message = message_from_cdr(type_name, data)
+    assert_same(adapter_for(type_name).from_message(message), value)
+    assert len(serialize_message(message)) == len(data)
 
 
 @pytest.mark.parametrize('frame', FRAMES)
 @pytest.mark.parametrize('count', [0, 1, 5])
 def test_pose_array(frame, count):
     numbers = np.random.default_rng(count).normal(size=(count, 7))
-    poses = PoseList(1_700_000_000.25, frame, numbers[:, :3], numbers[:, 3:])
-    assert deserialize_message(pose_array_to_cdr(poses), PoseArray) == pose_array_to_message(poses)
+    poses = PoseList(1_700_000_000.0, frame, numbers[:, :3], numbers[:, 3:])
+    assert_holds(POSE_ARRAY, pose_array_to_cdr(poses), poses)
 
 
 @pytest.mark.parametrize('frame', FRAMES)
 def test_pose_with_covariance(frame):
     numbers = np.random.default_rng(0).normal(size=43)
     pose = UncertainPose(-1.5, frame, numbers[:3], numbers[3:7], numbers[7:].reshape(6, 6))
-    found = deserialize_message(uncertain_pose_to_cdr(pose), PoseWithCovarianceStamped)
-    assert found == uncertain_pose_to_message(pose)
+    assert_holds(POSE, uncertain_pose_to_cdr(pose), pose)
 
 
 @pytest.mark.parametrize('frame', FRAMES)
@@ -72,9 +74,8 @@ def test_markers(frame, text):
         ),
         lifetime_s=1.5,
     )
-    for shown in (scene, replace(scene, markers=())):
-        found = deserialize_message(marker_scene_to_cdr(shown), MarkerArray)
-        assert found == marker_scene_to_message(shown)
+    for shown in (scene, replace(scene, markers=(), lifetime_s=0.0)):
+        assert_holds(MARKERS, marker_scene_to_cdr(shown), shown)
 
 
 @pytest.mark.parametrize('text', FRAMES)
@@ -84,8 +85,7 @@ def test_diagnostics(text):
         Status(Level.OK, 'name', text),
     )
     for diagnostics in (Diagnostics(2.5, statuses), Diagnostics(2.5, ())):
-        found = deserialize_message(diagnostics_to_cdr(diagnostics), DiagnosticArray)
-        assert found == diagnostics_to_message(diagnostics)
+        assert_holds(DIAGNOSTICS, diagnostics_to_cdr(diagnostics), diagnostics)
 
 
 def test_equal_values_give_equal_bytes():
@@ -95,7 +95,7 @@ def test_equal_values_give_equal_bytes():
 
 def test_unknown_position_survives():
     poses = PoseList(1.0, 'm', np.full((1, 3), math.nan), np.zeros((1, 4)))
-    (pose,) = deserialize_message(pose_array_to_cdr(poses), PoseArray).poses
+    (pose,) = message_from_cdr(POSE_ARRAY, pose_array_to_cdr(poses)).poses
     assert math.isnan(pose.position.x)
 
 
