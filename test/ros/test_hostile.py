@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
 from dg_localization.ros import spinning
-from dg_localization.ros.node import watchdog
+from dg_localization.ros.node import worker
 from msg_adapters import Level
 
 DEADLINE_S = 60.0
@@ -33,8 +33,8 @@ DEADLINE_S = 60.0
 @pytest.fixture
 def quick_watchdog(monkeypatch):
     # Long enough for several diagnostics that say that the answer is late.
-    monkeypatch.setattr(watchdog, 'LEAST_PATIENCE_S', 4.0)
-    monkeypatch.setattr(watchdog, 'PATIENCE', 0.0)
+    monkeypatch.setattr(worker, 'LEAST_PATIENCE_S', 4.0)
+    monkeypatch.setattr(worker, 'PATIENCE', 0.0)
 
 
 def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_watchdog):

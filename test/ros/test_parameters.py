@@ -18,13 +18,13 @@ from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
 from dg_localization.fleet.rotations import rotation_of_quaternion  # noqa: E402
 from dg_localization.ros.interface.links import parse_link  # noqa: E402
 from dg_localization.ros.interface.parameters.document import as_markdown, as_yaml  # noqa: E402
+from dg_localization.ros.interface.parameters.inputs import TEMPLATE_TYPES  # noqa: E402
 from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
     check_values,
     settings_from,
 )
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs  # noqa: E402
-from dg_localization.ros.interface.parameters.templates import TEMPLATE_TYPES  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 CONFIG = REPOSITORY / 'config'

@@ -16,11 +16,12 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from dg_localization import SolverOptions  # noqa: E402
 from dg_localization.fleet import FleetConfig  # noqa: E402
-from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s  # noqa: E402
-from dg_localization.ros.node.worker import (  # noqa: E402
+from dg_localization.ros.node.worker import (  # noqa: E402  # noqa: E402
     MOST_STUCK,
     NICENESS,
     EstimateWorker,
+    Watchdog,
+    longest_estimate_s,
 )
 
 DEADLINE_S = 60.0

@@ -38,15 +38,13 @@ from dg_localization.ros.interface.outputs import (
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.interface.rate import Pace, RateMeter
-from dg_localization.ros.node.bond import make_bond
 from dg_localization.ros.node.clock import NodeTime
 from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
+from dg_localization.ros.node.lifecycle import make_bond, refuse_impossible_transitions, transition
 from dg_localization.ros.node.live_parameters import LiveParameters
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
-from dg_localization.ros.node.transitions import refuse_impossible_transitions, transition
-from dg_localization.ros.node.watchdog import Watchdog, longest_estimate_s
-from dg_localization.ros.node.worker import EstimateWorker
+from dg_localization.ros.node.worker import EstimateWorker, Watchdog, longest_estimate_s
 from dg_localization.ros.spinning import STEADY, at_most_every
 from msg_adapters import Diagnostics
 

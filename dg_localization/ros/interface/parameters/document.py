@@ -8,10 +8,12 @@ import math
 import textwrap
 from typing import Any
 
-from dg_localization.ros.interface.parameters.anchors import anchor_specs
-from dg_localization.ros.interface.parameters.elevations import elevation_spec
-from dg_localization.ros.interface.parameters.mounts import mount_specs
 from dg_localization.ros.interface.parameters.odometry import robot_odometry_specs
+from dg_localization.ros.interface.parameters.points import (
+    anchor_specs,
+    elevation_spec,
+    mount_specs,
+)
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,

@@ -11,7 +11,7 @@ from typing import Any
 from dg_localization.fleet import LinkKind, OdometryErrorModel
 from dg_localization.fleet.config import LEAST_MEMORY_S
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
-from dg_localization.ros.interface.parameters.links import stamp_offset_spec
+from dg_localization.ros.interface.parameters.inputs import stamp_offset_spec
 from dg_localization.ros.interface.parameters.spec import DOUBLE, INTEGER, STRING, Section, Spec
 
 ODOMETRY = Section(

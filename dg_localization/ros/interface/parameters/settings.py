@@ -25,24 +25,26 @@ from dg_localization.ros.interface.links import (
     Template,
     parse_link,
 )
-from dg_localization.ros.interface.parameters.anchors import anchors_from
-from dg_localization.ros.interface.parameters.elevations import (
-    elevation_error_from,
-    elevation_errors_from,
-    elevations_from,
-    specs_of_elevations,
-)
-from dg_localization.ros.interface.parameters.link_bounds import (
+from dg_localization.ros.interface.parameters.inputs import (
     ends_of,
     overrides_from,
     range_error_from,
+    stamp_offset,
+    templates_from,
 )
-from dg_localization.ros.interface.parameters.links import stamp_offset
-from dg_localization.ros.interface.parameters.mounts import mounts_from, specs_of_mounts
 from dg_localization.ros.interface.parameters.odometry import (
     REPLACED,
     odometry_error,
     robot_odometry_errors,
+)
+from dg_localization.ros.interface.parameters.points import (
+    anchors_from,
+    elevation_error_from,
+    elevation_errors_from,
+    elevations_from,
+    mounts_from,
+    specs_of_elevations,
+    specs_of_mounts,
 )
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
@@ -54,7 +56,6 @@ from dg_localization.ros.interface.parameters.spec import (
     refuse_unknown,
 )
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs, takes_effect_at_once
-from dg_localization.ros.interface.parameters.templates import templates_from
 from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
 

@@ -7,17 +7,19 @@ from collections.abc import Iterable, Iterator
 import math
 
 from dg_localization.fleet import LinkKind
-from dg_localization.ros.interface.parameters.anchors import ANCHORS, anchor_specs
-from dg_localization.ros.interface.parameters.answers import ANSWERS, SOLVER
-from dg_localization.ros.interface.parameters.contradictions import CONTRADICTIONS
-from dg_localization.ros.interface.parameters.elevations import ELEVATIONS
-from dg_localization.ros.interface.parameters.links import LINKS, stamp_offset_spec
-from dg_localization.ros.interface.parameters.mounts import MOUNTS
+from dg_localization.ros.interface.parameters.inputs import LINKS, stamp_offset_spec
 from dg_localization.ros.interface.parameters.odometry import (
     MEMORY,
     ODOMETRY,
     robot_odometry_specs,
 )
+from dg_localization.ros.interface.parameters.points import (
+    ANCHORS,
+    ELEVATIONS,
+    MOUNTS,
+    anchor_specs,
+)
+from dg_localization.ros.interface.parameters.results import ANSWERS, CONTRADICTIONS, SOLVER
 from dg_localization.ros.interface.parameters.spec import (
     BOOL,
     DOUBLE,

@@ -1,15 +1,18 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Transitions of a managed node: methods become callbacks, and every request is answered."""
+"""A managed node: its transitions, and the heartbeat for a lifecycle manager."""
 
 from collections.abc import Callable
 from functools import wraps
+from importlib import import_module
+from importlib.util import find_spec
 import traceback
 from typing import Any, TypeVar
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 
 ManagedNode = TypeVar('ManagedNode', bound=LifecycleNode)
 
@@ -55,3 +58,33 @@ def _refusing(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
             return response
 
     return change_state
+
+
+BOND_TOPIC = 'bond'
+
+
+def make_bond(node: Node) -> Callable[[], None] | None:
+    """
+    Form a bond with the manager of a node, where the package bondpy is installed.
+
+    Parameters
+    ----------
+    node : Node
+        Its name identifies the bond.
+
+    Returns
+    -------
+    callable or None
+        Breaks the bond; None without bondpy.
+
+    """
+    if find_spec('bondpy') is None:
+        return None
+    bond = import_module('bondpy.bondpy').Bond(BOND_TOPIC, node.get_name(), node)
+    bond.start()
+
+    def end() -> None:
+        bond.break_bond()
+        bond.shutdown()
+
+    return end
