@@ -14,7 +14,7 @@ EXTRAS = {
     # A machine where ROS 2 Jazzy is sourced has these already.
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
     'bags': ['rosbags>=0.11', 'mcap>=1.2'],
-    # Large fleets and many bags on the workers of a cluster.
+    # Large fleets on the workers of a cluster.
     'dask': ['distributed>=2024.5'],
     'plots': ['matplotlib>=3.6'],
     'speed': ['numba>=0.58.1'],

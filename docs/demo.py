@@ -64,6 +64,8 @@ ODOMETRY = {
     'odometry.constant_translation': 0.002,
     'odometry.constant_rotation': 0.002,
     'rate': 2.0,
+    # Sixteen hypotheses share the time for what is remembered.
+    'memory.max_seconds': 1.0,
 }
 
 
@@ -86,10 +88,15 @@ PHASES = (
 
 @dataclass
 class Answer:
-    """Every feasible placement at one time: (k, n, 2) in m, boxes (k, n, 2, 2), and the truth."""
+    """
+    Every feasible placement at one time, and the truth.
+
+    Positions (k, n, 2) in m, headings (k, n) in rad, NaN where unknown, boxes (k, n, 2, 2) in m.
+    """
 
     stamp_s: float
     positions_m: np.ndarray
+    yaws_rad: np.ndarray
     boxes_m: np.ndarray
     truth: TruePlacement
 
@@ -182,18 +189,22 @@ class Spectator(Node):
             )
             for row, name in enumerate(ROBOTS)
         }
+        turns = poses.orientations_xyzw
+        known = np.any(turns != 0.0, axis=1)
+        yaws_rad = np.where(known, 2.0 * np.arctan2(turns[:, 2], turns[:, 3]), np.nan)
         boxes_m = corners[:, :2].reshape(-1, len(ROBOTS), 8, 2)
         found = [
             Answer(
                 stamp_s,
                 poses.positions_m[:, :2].reshape(-1, len(ROBOTS), 2),
+                yaws_rad.reshape(-1, len(ROBOTS)),
                 np.stack([boxes_m.min(axis=2), boxes_m.max(axis=2)], axis=2),
                 true_placement(frame, ROBOTS, tracks, stamp_s, 2, newest),
             )
             for newest in odometry
         ]
-        known = [answer for answer in found if np.isfinite(answer.truth.positions_m).all()]
-        yield from ([answer for answer in known if answer.holding] or known)[-1:]
+        true = [answer for answer in found if np.isfinite(answer.truth.positions_m).all()]
+        yield from ([answer for answer in true if answer.holding] or true)[-1:]
 
 
 @contextmanager
@@ -260,7 +271,10 @@ def draw(phases: dict[str, list[Answer]], path: Path) -> None:
             for low, high in best.boxes_m[:, robot]:
                 box = Rectangle(low, *(high - low), facecolor=color, edgecolor=color, alpha=0.15)
                 panel.add_patch(box)
-            panel.plot(*best.positions_m[:, robot].T, 'o', color=color, label=ROBOTS[robot])
+            places_m, yaws_rad = best.positions_m[:, robot], best.yaws_rad[:, robot]
+            panel.plot(*places_m.T, 'o', color=color, label=ROBOTS[robot])
+            ways_m = np.stack([np.cos(yaws_rad), np.sin(yaws_rad)])
+            panel.quiver(*places_m.T, *ways_m, color=color, scale=12.0, width=0.006, zorder=5)
         panel.plot(*true_m.T, 'o', color='black', markersize=12, fillstyle='none', label='truth')
         after = f' after {best.stamp_s - answers[0].stamp_s:.0f} s' if count == 1 else ''
         panel.set_title(f'{title}: {count} hypothes{"i" if count == 1 else "e"}s{after}')

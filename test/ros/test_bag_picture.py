@@ -106,13 +106,6 @@ def test_a_name_is_no_formula(tmp_path):
     answers.picture.draw(tmp_path / 'picture.svg')
 
 
-def test_of_a_long_name_the_middle_is_left_out():
-    long = 'r' + 148 * '_' + '1'
-    answers = Answers({long: (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}, (long, 'b'))
-    _, panels = answers.panels()
-    assert [row[0].get_ylabel() for row in panels] == ['r__________…___________1', 'b', 'c']
-
-
 def test_times_without_an_answer_are_empty():
     answers = Answers(TRIANGLE)
     answers.add(3)

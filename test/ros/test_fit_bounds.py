@@ -4,7 +4,6 @@
 """The executable `fit_bounds`: recordings of the simulated fleet, and the real UWB recording."""
 
 from collections import defaultdict
-import csv
 import json
 import math
 import os
@@ -662,12 +661,6 @@ def test_without_truth_readings_that_no_bias_explains_are_excluded(tmp_path, lea
     assert re.search(r'robot_1->robot_3: [^;]*; 0.00 % excluded', text)
 
 
-def test_odometry_that_was_read_is_not_called_unreadable(tmp_path, learn):
-    bag = record(tmp_path / 'bag', seconds=5.0, odometry=True, cameras=False)
-    learn(bag, '--truth', TRUTH)
-    assert 'could not be read' not in learn.errors + learn.output
-
-
 def test_odometry_that_is_no_pose_is_passed_over(tmp_path, learn):
     """The node rejects it; here it must not hide what comes after it."""
     count = 0
@@ -693,26 +686,6 @@ def test_links_of_elevations_keep_their_bounds(tmp_path, learn):
     code, found = learn(record(tmp_path / 'bag', seconds=5.0, cameras=False), '--truth', TRUTH)
     assert code == 0
     assert link in found['links']
-
-
-def test_the_truth_may_be_a_table(tmp_path, learn):
-    bag = record(tmp_path / 'bag', cameras=False)
-    learn(bag, '--truth', TRUTH)
-    expected = [line for line in learn.output.splitlines() if line.startswith('#   robot_1->')]
-    fleet = simulated_fleet({**{s.name: s.default for s in PARAMETERS}, 'path': 'loops'})
-    table = tmp_path / 'truth.csv'
-    with table.open('w', newline='') as file:
-        rows = csv.writer(file)
-        rows.writerow(['stamp', 'robot', 'x', 'y', 'yaw'])
-        for step in range(200):
-            state = fleet.motion.state(step / 10)
-            for robot, place, yaw in zip(ROBOTS, state.positions_m, state.yaws_rad, strict=True):
-                rows.writerow(
-                    [repr(START_S + step / 10), robot, *map(repr, map(float, place)), yaw]
-                )
-    learn(bag, '--truth', table)
-    found = [line for line in learn.output.splitlines() if line.startswith('#   robot_1->')]
-    assert found == expected
 
 
 def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, learn):
@@ -790,13 +763,6 @@ def test_what_is_no_table_is_a_sentence(tmp_path, table, wanted):
     path.write_bytes(table)
     with pytest.raises(UsageError, match=wanted):
         read_truth_file(path, ['a'], 2)
-
-
-def test_a_table_of_a_spreadsheet_is_read(tmp_path):
-    table = tmp_path / 'truth.csv'
-    table.write_bytes('stamp,robot,x,y\r\n1.0,a,2.0,nan\r\n'.encode('utf-8-sig'))
-    ((stamp_s, position_m, _),) = read_truth_file(table, ['a'], 2)['a']
-    assert stamp_s == 1.0 and position_m[0] == 2.0 and np.isnan(position_m[1])
 
 
 def test_a_table_of_truth_in_space_has_heights(tmp_path):

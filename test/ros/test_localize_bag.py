@@ -271,12 +271,6 @@ def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
     assert report['contradictions'], 'the bag is to contradict itself'
 
 
-def test_the_storage_is_chosen(localize, triangle_bag):
-    for storage, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
-        assert localize(triangle_bag, '--storage', storage)[0] == 0
-        assert {path.suffix for path in localize.output.iterdir()} == {suffix, '.yaml'}
-
-
 def test_outputs_are_offered_as_the_node_does(localize, triangle_bag):
     localize(triangle_bag)
     with AnyReader([localize.output]) as reader:
@@ -335,13 +329,8 @@ def test_rejected_measurements_are_counted_by_reason(localize, recorder, capsys)
     assert by_name['range c->a']['topics'] == ['/c/range/a']
     assert by_name['range c->a']['rejected'] == {'negative': 11}
     assert '-1' in by_name['range c->a']['last_rejection']
-    told = [line for line in capsys.readouterr().out.splitlines() if line.startswith('| range ')]
-    assert [line.split('|')[1].strip() for line in told] == [
-        'range b->a',
-        'range c->a',
-        'range c->stranger',
-    ]
-    assert 'range -1.0 m is negative' in told[1] and "'stranger' is not one of" in told[2]
+    told = capsys.readouterr().out
+    assert 'range -1.0 m is negative' in told and "'stranger' is not one of" in told
 
 
 def test_all_peers_of_a_robot_in_one_message_are_counted_once(localize, recorder):
@@ -435,16 +424,6 @@ def test_a_bag_without_inputs_is_refused(localize, triangle_bag, capsys):
     assert not localize.output.exists()
 
 
-def test_a_damaged_message_is_counted(localize, recorder):
-    recorder.write_triangle(range(11))
-    recorder.write('/b/range/a', 2, range_message(START_NS + 2 * PERIOD_NS, 3.0))
-    recorder.write('/b/range/a', 3, range_message(START_NS + 3 * PERIOD_NS, 3.0)[:12])
-    code, report = localize(recorder.close())
-    assert code == 0 and report['accepted'] == 34
-    assert report['rejected'] == {'malformed': 1}
-    assert report['malformed_by_topic'] == {'/b/range/a': 1}
-
-
 def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, capsys):
     recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
     recorder.write_triangle(range(21))
@@ -461,12 +440,6 @@ def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, ca
     assert report['ticks'] == counts(localize.output)['/localizer/feasible_poses'] == 10
     assert any('what follows is not read' in text for text in report['damage'])
     assert 'The bag is damaged' in capsys.readouterr().out
-
-
-def test_what_is_no_bag_is_refused(localize, tmp_path, capsys):
-    assert localize(tmp_path / 'nothing') == (1, None)
-    assert 'there is no such bag' in capsys.readouterr().err
-    assert not localize.output.exists()
 
 
 @pytest.mark.parametrize('arguments', [('--start', '2.0'), ('--duration', '0.1')])
@@ -581,14 +554,6 @@ def test_compiling_is_shown_and_a_signal_ends_it(localize, triangle_bag, monkeyp
     assert 'interrupted; nothing is written' in told
 
 
-def test_a_bag_of_no_use_is_refused_before_minutes_of_compiling(localize, tmp_path, monkeypatch):
-    def compile_for_minutes(report):
-        raise AssertionError('it compiles first')
-
-    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
-    assert localize(tmp_path / 'nowhere') == (1, None)
-
-
 def test_a_full_disk_is_named_with_what_was_written(localize, triangle_bag, monkeypatch, capsys):
     def full(writer, connection, time_ns, data):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -610,13 +575,6 @@ def test_what_is_no_bag_is_told_what_one_is(localize, tmp_path, kind, capsys):
     told = capsys.readouterr().err
     assert 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file' in told
     assert 'reindex' not in told
-
-
-def test_a_slow_solver_is_said_to_be_slow(localize, triangle_bag, monkeypatch, capsys):
-    warnings = ('the solver runs in Python',)
-    monkeypatch.setattr(localize_bag_module, 'solver_warnings', lambda: warnings)
-    assert localize(triangle_bag)[0] == 0
-    assert 'the solver runs in Python' in capsys.readouterr().err
 
 
 def wait_for(condition, deadline_s=60.0):
@@ -708,14 +666,6 @@ def test_what_cannot_be_compared_is_said(localize, triangle_bag, tmp_path, capsy
     assert code == 1
     assert 'no topic /nowhere/a or /nowhere/b or /nowhere/c' in capsys.readouterr().err
     assert not localize.output.exists()
-
-
-def test_a_bag_that_is_too_short_is_told_so(localize, recorder, capsys):
-    recorder.write_triangle([0])
-    path = recorder.close()
-    assert localize(path) == (1, None)
-    told = capsys.readouterr().err
-    assert 'the bag has 0.0 s; there must be 0.2 s' in told and '--start' not in told
 
 
 def test_hypotheses_that_are_not_listed_are_not_called_wrong(localize, recorder, tmp_path, capsys):
@@ -861,17 +811,6 @@ def test_a_bag_without_messages_is_refused_with_a_sentence(localize, tmp_path, p
         writer.add_connection('/a/range/b', RANGE, typestore=STORE)
     assert localize(tmp_path / 'bag') == (1, None)
     assert 'it has no messages' in capsys.readouterr().err
-
-
-def test_a_text_for_a_time_is_damage(localize, tmp_path):
-    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
-    recorder.write_triangle(range(11))
-    (storage,) = recorder.close().glob('*.db3')
-    with sqlite3.connect(storage) as base:
-        base.execute("UPDATE messages SET timestamp = 'noon' WHERE id = 5")
-    code, report = localize(recorder.path)
-    assert code == 1 and report['ticks'] == 5
-    assert any('1 rows of the table messages are no' in text for text in report['damage'])
 
 
 @pytest.mark.parametrize('time_ns', [-1, START_NS + 10**18, 2**63 - 1])

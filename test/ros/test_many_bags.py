@@ -81,24 +81,6 @@ def test_each_bag_is_drawn(bags, localize, tmp_path):
         assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_a_bag_is_drawn_with_arguments_of_ros(bags, localize, tmp_path):
-    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
-    path = tmp_path / 'picture.png'
-    code, text = localize(*bags, '--plot', path, '--ros-args', '-p', 'rate:=1.0')
-    assert code == 0 and '"exit_code": 0' in text
-    assert (tmp_path / 'out/first/picture.png').exists()
-
-
-def test_what_fails_after_the_report_is_told(bags, localize, tmp_path, monkeypatch):
-    """The picture has the name of the bag with the answers."""
-    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
-    monkeypatch.setattr(many_bags, 'ANSWERS', 'answers.svg')
-    code, text = localize(*bags, '--plot', tmp_path / 'answers.svg', report='all.md')
-    assert code == 1
-    for row in text.splitlines()[-2:]:
-        assert 'answers.svg cannot be written' in row and 'at its end' not in row
-
-
 def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
     """A terminal sends its signal to all processes of the group."""
     bags = []
@@ -172,13 +154,6 @@ def test_two_bags_of_one_name_are_refused(bags, localize, tmp_path, capsys):
     code, text = localize(bags[0], bags[0])
     assert code == 2 and text is None and not (tmp_path / 'out').exists()
     assert "two bags are called 'first'" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('jobs', ['0', '-1', 'two'])
-def test_wrong_jobs_are_refused(bags, localize, capsys, jobs):
-    with pytest.raises(SystemExit):
-        localize(*bags, '--jobs', jobs)
-    assert f"'{jobs}' must be an integer of at least 1" in capsys.readouterr().err
 
 
 def test_one_process_and_four_give_the_same_bytes(bags, localize, tmp_path):

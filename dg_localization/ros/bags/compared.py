@@ -10,7 +10,7 @@ import numpy as np
 
 from dg_localization.calibration.bounds import range_holds
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
-from dg_localization.fleet import FleetConfig, LinkKey
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind
 from dg_localization.ros.bags.fitted import LEAST_READINGS, BoolArray, FloatArray
 from dg_localization.ros.bags.samples import Samples
 
@@ -45,34 +45,20 @@ DEVIATIONS = 4.0
 """A delay is told that is this many of its standard deviations."""
 
 
-def compared_ranges(
-    samples: Samples, tracks: Mapping[str, TrueTrack], dimension: int
+def compared(
+    kind: LinkKind, samples: Samples, tracks: Mapping[str, TrueTrack], dimension: int
 ) -> dict[LinkKey, Compared]:
-    """Return the ranges of a bag beside the truth."""
-    found = {}
-    for key, rows in samples.ranges.items():
+    """Return the ranges or the rays of a bag beside the truth."""
+    is_range, found = kind is LinkKind.RANGE, {}
+    errors_of = range_errors_m if is_range else ray_errors_rad
+    for key, rows in (samples.ranges if is_range else samples.rays).items():
         if {key.observer, key.target} <= tracks.keys():
-            stamps_s, values = np.array(rows).T
+            stamps_s, read = (np.array(column) for column in zip(*rows, strict=True))
             ends = tracks[key.observer], tracks[key.target]
-            errors = range_errors_m(*ends, stamps_s, values, dimension)
+            errors = errors_of(*ends, stamps_s, read, dimension)
             known = np.isfinite(errors)
+            values = read if is_range else np.full(len(stamps_s), np.nan)
             found[key] = Compared(stamps_s[known], values[known], errors[known])
-    return found
-
-
-def compared_rays(
-    samples: Samples, tracks: Mapping[str, TrueTrack], dimension: int
-) -> dict[LinkKey, Compared]:
-    """Return the rays of a bag beside the truth."""
-    found = {}
-    for key, rows in samples.rays.items():
-        if {key.observer, key.target} <= tracks.keys():
-            stamps_s, rays = (np.array(column) for column in zip(*rows, strict=True))
-            ends = tracks[key.observer], tracks[key.target]
-            errors = ray_errors_rad(*ends, stamps_s, rays, dimension)
-            known = np.isfinite(errors)
-            nothing = np.full(int(known.sum()), np.nan)
-            found[key] = Compared(stamps_s[known], nothing, errors[known])
     return found
 
 

@@ -86,15 +86,7 @@ def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> 
 
 
 def fit(options: argparse.Namespace, task: Task, samples: Samples, truth: Truth) -> Fit:
-    """
-    Learn the bounds that the command line asks for.
-
-    Raises
-    ------
-    BagError
-        If no reading could be compared.
-
-    """
+    """Learn the bounds that the command line asks for."""
     choice = Choice(options.keep, options.margin)
     with told_while_waiting('learning the bounds'):
         if options.truth:
@@ -153,25 +145,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def main(args: Sequence[str]) -> int:
-    """
-    Learn bounds from a bag.
-
-    Parameters
-    ----------
-    args : sequence of str
-        Command line.
-
-    Returns
-    -------
-    int
-        Exit code, see `fit_bounds --help`.
-
-    Raises
-    ------
-    ExecutableError
-        If the bag cannot be read, or an argument or a parameter is wrong.
-
-    """
+    """Learn bounds from a bag."""
     options = make_parser().parse_args(own_arguments(args))
     if options.bias and options.truth:
         raise UsageError('--bias is for recordings without --truth, which shows the bias')

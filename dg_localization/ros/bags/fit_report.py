@@ -36,20 +36,7 @@ BOUNDS = {
 
 
 def as_yaml(fit: Fit, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
-    """
-    Return the file.
-
-    Parameters
-    ----------
-    fit : Fit
-    links : sequence of Link
-        The inputs: those named one by one, and those found by the templates.
-    bag : str
-        Name of the bag.
-    fleet : FleetConfig
-        What was stated.
-
-    """
+    """Return the file."""
     lines = [
         *_comment(f'Error bounds learned from {bag} by fit_bounds.'),
         *_comment(

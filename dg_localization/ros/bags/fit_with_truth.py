@@ -28,8 +28,7 @@ from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.bag import BagError
 from dg_localization.ros.bags.compared import (
     broken_bounds,
-    compared_ranges,
-    compared_rays,
+    compared,
     delay_texts,
     gross_text,
 )
@@ -70,27 +69,11 @@ for are zero. A latency, a gap and a tilt are not seen.
 def fit_with_truth(
     samples: Samples, truth: Truth, settings: Settings, per: str, choice: Choice
 ) -> Fit:
-    """
-    Learn bounds from readings and a ground truth.
-
-    Parameters
-    ----------
-    samples : Samples
-    settings : Settings
-    per : {'link', 'sensor', 'all'}
-        What has bounds of its own.
-    choice : Choice
-
-    Raises
-    ------
-    BagError
-        If no reading has a truth at its time.
-
-    """
+    """Learn bounds from readings and a ground truth."""
     of_fleet, dimension = truth.of_fleet(settings.fleet), settings.fleet.dimension
     tracks = of_fleet.tracks
-    ranges = compared_ranges(samples, tracks, dimension)
-    bearings = compared_rays(samples, tracks, dimension)
+    ranges = compared(LinkKind.RANGE, samples, tracks, dimension)
+    bearings = compared(LinkKind.BEARING, samples, tracks, dimension)
     by_link = {key: (one.stamps_s, one.values, one.errors) for key, one in ranges.items()}
     rays_by_link = {key: (one.stamps_s, one.errors) for key, one in bearings.items()}
     by_group = gathered(by_link, per)
@@ -213,15 +196,7 @@ def _add_odometry(
     per: str,
     choice: Choice,
 ) -> frozenset[str]:
-    """
-    Add the bounds of odometry, those of all robots and of each, and a sentence on each.
-
-    Returns
-    -------
-    frozenset of str
-        The robots that they were learned of.
-
-    """
+    """Add the bounds of odometry, those of all robots and of each, and a sentence on each."""
     found: dict[str, OdometryWindows] = {}
     for robot in filter(tracks.__contains__, sorted(samples.odometry)):
         windows = _windows_of(robot, samples.odometry[robot], tracks[robot], fleet)

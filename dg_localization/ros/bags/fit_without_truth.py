@@ -38,25 +38,7 @@ def fit_without_truth(
     choice: Choice,
     bias_m: Sequence[float] | None,
 ) -> Fit:
-    """
-    Learn what readings tell of themselves.
-
-    Parameters
-    ----------
-    samples : Samples
-    settings : Settings
-        Its bounds are kept where nothing better is known.
-    per : {'link', 'sensor', 'all'}
-    choice : Choice
-    bias_m : sequence of float or None
-        Least and greatest bias of the ranges of a pair, where it is known from elsewhere.
-
-    Raises
-    ------
-    BagError
-        If no input has five readings within a second.
-
-    """
+    """Learn what readings tell of themselves."""
     ranges, bearings = {}, {}
     for key, rows in samples.ranges.items():
         stamps, values = _in_order(rows)

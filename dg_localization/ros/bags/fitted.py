@@ -131,17 +131,7 @@ def _groups(pair: Pair, per: str) -> tuple[Pair, ...]:
 def gathered(
     columns: Mapping[LinkKey, Sequence[FloatArray]], per: str
 ) -> dict[Pair, list[FloatArray]]:
-    """
-    Join the columns of all members of each group that is large enough.
-
-    Parameters
-    ----------
-    columns : mapping of LinkKey to sequence of ndarray, shape (n,)
-        By input, what belongs to each of its n readings.
-    per : {'link', 'sensor', 'all'}
-        The smallest groups.
-
-    """
+    """Join the columns of all members of each group that is large enough."""
     members: dict[Pair, list[Sequence[FloatArray]]] = defaultdict(list)
     for key, arrays in columns.items():
         for group in _groups((key.observer, key.target), per):

@@ -102,15 +102,7 @@ class BagRun:
         return start_ns, end_ns
 
     def localize(self, stop: StopRequest) -> BagReport:
-        """
-        Localize, write the answers, and return the report.
-
-        Raises
-        ------
-        InterruptedRun
-            If it was stopped before the first answer; no bag is written.
-
-        """
+        """Localize, write the answers, and return the report."""
         settings, span_ns = self.task.settings, self.span_ns()
         reading = Reading(self.bag, self.inputs.topics)
         with new_bag(self.options.output, self.options.storage) as writer:

@@ -112,15 +112,7 @@ class Inputs:
 
 
 def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> Inputs:
-    """
-    Find the inputs of a fleet among recorded topics, each with the types of its messages.
-
-    Raises
-    ------
-    BagError
-        If there are none.
-
-    """
+    """Find the inputs of a fleet among recorded topics, each with the types of its messages."""
     finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
     found = finder.find(sorted((topic, list(kinds)) for topic, kinds in recorded.items()))
     links = (*settings.links, *found)

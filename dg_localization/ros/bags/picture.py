@@ -53,15 +53,7 @@ ERROR = 'off the truth [m]'
 
 
 def check_can_draw() -> None:
-    """
-    Check that pictures can be drawn, before the work begins.
-
-    Raises
-    ------
-    ExecutableError
-        If matplotlib is missing.
-
-    """
+    """Check that pictures can be drawn, before the work begins."""
     if find_spec('matplotlib') is None:
         raise ExecutableError(
             f'--plot and --report FILE.html need matplotlib: {install_hint("matplotlib")}'

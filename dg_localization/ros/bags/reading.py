@@ -105,14 +105,6 @@ class Reading:
         Yield the messages in the order of their receive times.
 
         What was latched before the start comes at the start, as a late subscriber gets it.
-
-        Parameters
-        ----------
-        start_s : float
-            Where to begin, from the start of the bag.
-        duration_s : float or None
-            How much to read; to the end by default.
-
         """
         start_ns = self.bag.start_ns + round(start_s * NS_PER_S)
         stop_ns = END_OF_ROS_TIME_NS

@@ -61,20 +61,7 @@ class Replayer:
         self._clock = node.create_publisher(Clock, CLOCK, _qos(latched=False))
 
     def wait_for_subscribers(self, timeout_s: float) -> int:
-        """
-        Wait until somebody listens and nobody new comes.
-
-        Parameters
-        ----------
-        timeout_s : float
-            Longest time to wait.
-
-        Returns
-        -------
-        int
-            The number of subscriptions to the replayed topics.
-
-        """
+        """Wait until somebody listens and nobody new comes."""
         deadline_s = time.monotonic() + timeout_s
         count, since_s = 0, time.monotonic()
         while time.monotonic() < deadline_s:
@@ -87,24 +74,7 @@ class Replayer:
         return count
 
     def play(self, messages: Iterator[BagMessage], start_ns: int, progress: Progress) -> int:
-        """
-        Publish messages, each after the time of it on `/clock`.
-
-        Parameters
-        ----------
-        messages : iterator of BagMessage
-            In the order of their times.
-        start_ns : int
-            The bag time at which the replay begins.
-        progress : Progress
-            Shows the bag time that has passed.
-
-        Returns
-        -------
-        int
-            The number of messages published.
-
-        """
+        """Publish messages, each after the time of it on `/clock`."""
         wall_start_s = time.monotonic()
         clock_ns = start_ns
         count = 0
@@ -182,22 +152,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def replay(node: Node, options: argparse.Namespace) -> None:
-    """
-    Do what the command line asks for.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that owns the publishers.
-    options : argparse.Namespace
-        What `make_parser` returned.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be replayed.
-
-    """
+    """Do what the command line asks for."""
     with open_bag(options.bag) as bag:
         reading = Reading(bag, options.topics)
         for notice in (*bag.damage, *bag.notices, *reading.notices):
@@ -234,25 +189,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
 
 
 def main(args: Sequence[str]) -> int:
-    """
-    Replay a bag until its end or a signal.
-
-    Parameters
-    ----------
-    args : sequence of str
-        Command line.
-
-    Returns
-    -------
-    int
-        The exit code, 0.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be replayed.
-
-    """
+    """Replay a bag until its end or a signal."""
     options = make_parser().parse_args(own_arguments(args))
     with rclpy_running(args):
         node = Node('replay')

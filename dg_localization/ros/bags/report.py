@@ -189,15 +189,6 @@ class BagReport:
         return +rejected
 
     @property
-    def useless(self) -> dict[str, str]:
-        """Why the last measurement was not taken, by the inputs of which none was."""
-        return {
-            str(state.key): state.last_reason_text
-            for state in self._delivered
-            if state.rejected and not state.accepted
-        }
-
-    @property
     def accepted(self) -> int:
         """Measurements that were taken."""
         return sum(state.accepted for state in self._delivered)
@@ -302,7 +293,6 @@ def as_markdown(report: BagReport) -> str:
         *(truth_paragraphs(report.truth) if report.truth else ()),
         f'{report.accepted} measurements were taken, {report.rejected.total()} rejected.',
         table('rejected because', 'measurements', sorted(report.rejected.items())),
-        table('nothing accepted of', 'last rejected because', report.useless.items()),
         table('could not be read', 'because', _malformed_rows(report.malformed)),
         *_contradictions(tally.contradictions),
         table('forgotten because', 'at', tally.forgotten.merged().items()),

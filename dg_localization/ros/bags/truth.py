@@ -103,17 +103,7 @@ class Truth:
 
 
 def choose_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
-    """
-    Read the tables that a command line names, or find its topics.
-
-    Raises
-    ------
-    UsageError
-        If a file is no table of poses, or files are named beside topics.
-    BagError
-        If a topic is not there or of a type that has no poses.
-
-    """
+    """Read the tables that a command line names, or find its topics."""
     fleet, truth = settings.fleet, Truth(settings)
     files = [name for name in names if is_table(name)]
     if not files:

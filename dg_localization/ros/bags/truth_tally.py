@@ -146,33 +146,13 @@ class TruthTally:
                 self._nees.append(float(error_m @ np.linalg.pinv(stated) @ error_m) / dimension)
 
     def consistency(self) -> tuple[float, float] | None:
-        """
-        Return how well errors agree with stated covariances; None where there are none.
-
-        Returns
-        -------
-        beyond : float
-            The share of coordinates that are off by more than three stated deviations.
-        nees : float
-            The median of the normalised squared errors per coordinate, about 0.5 to 1.3 where the
-            covariances are right.
-
-        """
+        """Return how well errors agree with stated covariances; None where there are none."""
         if not self._nees:
             return None
         return self._beyond / self._n_deviations, float(np.median(self._nees))
 
     def errors(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """
-        Return how far best points and headings are off the truth in the nearest hypothesis.
-
-        Returns
-        -------
-        dict
-            By robot, under 'point_m' and 'heading_rad' as far as they are known, the median and
-            what 95 % are below.
-
-        """
+        """Return how far best points and headings are off the truth in the nearest hypothesis."""
         found: dict[str, dict[str, tuple[float, float]]] = {}
         for robot in self._robots:
             kinds = {'point_m': self._errors_m[robot], 'heading_rad': self._errors_rad[robot]}

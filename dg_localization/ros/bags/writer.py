@@ -78,27 +78,7 @@ class BagWriter:
 
 @contextmanager
 def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
-    """
-    Make a bag; whatever ends the block, the answers that were written are kept.
-
-    Parameters
-    ----------
-    path : Path
-        A folder that does not exist; it is removed again where no answer was written.
-    storage : {'mcap', 'sqlite3'}
-        How the messages are kept.
-
-    Yields
-    ------
-    BagWriter
-        Closed at the end of the block.
-
-    Raises
-    ------
-    ExecutableError
-        If the bag cannot be written, as on a full disk.
-
-    """
+    """Make a bag; whatever ends the block, the answers that were written are kept."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     # Version 9 is Jazzy's.
@@ -122,15 +102,7 @@ def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """
-    Write a file, such as a report.
-
-    Raises
-    ------
-    ExecutableError
-        If it cannot be written.
-
-    """
+    """Write a file, such as a report."""
     with writing(path):
         path.write_text(text, encoding='utf-8')
 

@@ -57,22 +57,7 @@ class SimulatedFleet:
     odometry: FleetOdometry | None = None
 
     def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
-        """
-        Range and see once.
-
-        Parameters
-        ----------
-        time_s : float
-            Time since the start of the motion.
-        stamp_s : float
-            Stamp of the messages.
-
-        Yields
-        ------
-        tuple of str and message
-            Topic, and what to publish on it.
-
-        """
+        """Range and see once."""
         state = self.motion.state(time_s)
         ranges = list(self.sensors.ranges(state)) if self.ranges else []
         bearings = list(self.sensors.bearings(state)) if self.cameras else []
@@ -83,20 +68,7 @@ class SimulatedFleet:
             yield from _pair_messages(ranges, bearings, stamp_s)
 
     def odometry_messages(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
-        """
-        Sample the odometry of every robot.
-
-        Parameters
-        ----------
-        time_s, stamp_s : float
-            As for `measurements`.
-
-        Yields
-        ------
-        tuple of str and message
-            Topic, and what to publish on it.
-
-        """
+        """Sample the odometry of every robot."""
         for sample in self.odometry.samples(time_s) if self.odometry else ():
             yield (
                 f'{sample.robot}/odom',
@@ -112,15 +84,7 @@ class SimulatedFleet:
             )
 
     def ground_truth(self, time_s: float, stamp_s: float) -> PoseArray:
-        """
-        Return the true poses in the order of the robots.
-
-        Parameters
-        ----------
-        time_s, stamp_s : float
-            As for `measurements`.
-
-        """
+        """Return the true poses in the order of the robots."""
         state = self.motion.state(time_s)
         positions_m = np.column_stack([state.positions_m, np.zeros(len(simulation.ROBOTS))])
         message: PoseArray = pose_array_to_message(
@@ -134,12 +98,6 @@ class SimulatedFleet:
 
         With odometry, a robot is where that says in its odometry frame, which drifts in the
         world; otherwise its body is placed in the world.
-
-        Parameters
-        ----------
-        time_s, stamp_s : float
-            As for `measurements`.
-
         """
         state = self.motion.state(time_s)
         truth = _rigid_poses(state.positions_m, state.yaws_rad)
@@ -221,20 +179,7 @@ def _peers_messages(
 
 
 def quaternions(yaws_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """
-    Return turns about z as quaternions, scalar last.
-
-    Parameters
-    ----------
-    yaws_rad : sequence of float, length n
-        Angles of the turns.
-
-    Returns
-    -------
-    ndarray, shape (n, 4)
-        The quaternions x, y, z, w.
-
-    """
+    """Return turns about z as quaternions, scalar last."""
     half_rad = np.asarray(yaws_rad) / 2.0
     zeros = np.zeros_like(half_rad)
     return np.column_stack([zeros, zeros, np.sin(half_rad), np.cos(half_rad)])

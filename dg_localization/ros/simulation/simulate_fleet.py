@@ -72,20 +72,7 @@ PARAMETERS = (
 
 
 def simulated_fleet(values: Mapping[str, Any]) -> SimulatedFleet:
-    """
-    Return the fleet that parameters stand for.
-
-    Parameters
-    ----------
-    values : mapping of str to object
-        A checked value for each of `PARAMETERS`.
-
-    Raises
-    ------
-    WrongParameterError
-        If nothing would be measured.
-
-    """
+    """Return the fleet that parameters stand for."""
     if not (values['ranges'] or values['cameras']):
         raise WrongParameterError(
             "parameters 'ranges' and 'cameras' are both false; one of them must be true"
@@ -207,24 +194,6 @@ class FleetSimulator(Node):
 
 
 def main(args: Sequence[str]) -> int:
-    """
-    Run the node until a signal.
-
-    Parameters
-    ----------
-    args : sequence of str
-        Command line.
-
-    Returns
-    -------
-    int
-        The exit code, 0.
-
-    Raises
-    ------
-    UsageError
-        If an argument or a parameter is wrong.
-
-    """
+    """Run the node until a signal."""
     spin(FleetSimulator, args, usage())
     return 0
