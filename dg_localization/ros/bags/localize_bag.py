@@ -39,7 +39,12 @@ from dg_localization.ros.bags.report import BagReport, Tally, as_markdown
 from dg_localization.ros.bags.truth import Truth, read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
 from dg_localization.ros.bags.writer import BagWriter, new_bag, write_text, writing
-from dg_localization.ros.executables import EXIT_FAILED, EXIT_INTERRUPTED, UsageError
+from dg_localization.ros.executables import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    ExecutableError,
+    UsageError,
+)
 from dg_localization.ros.signals import StopRequest, stop_request
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import (
@@ -276,6 +281,8 @@ def main(args: Sequence[str]) -> int:
             return localize_many(options, args)
         options.bag = options.bags[0]
         return _localize_one(options, task)
+    except OSError as error:  # of the report that is printed, as on a full disk
+        raise ExecutableError(str(error)) from error
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')
