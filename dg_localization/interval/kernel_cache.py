@@ -2,26 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The folder in which compiled kernels are kept between processes.
+The folder in which numba keeps compiled kernels between processes.
 
 It is ``dg_localization/<digest>`` in ``$NUMBA_CACHE_DIR``, else in ``$XDG_CACHE_HOME``, else in
-``~/.cache``. Numba keeps compiled functions too, but dates each by the file that it is written in:
-an edited comment compiles anew, and an edited kernel does not recompile its callers, although it
-was compiled into them. Here the digest is that of the code of all kernels, without comments and
-docstrings, and of the versions of Python, numba, llvmlite and NumPy.
+``~/.cache``. Numba compiles a function anew when its own file changes, but not when a function or
+a constant of another file changes that was compiled into it. So the digest is that of the sources
+of all kernels and of what these import, and of the versions of Python, numba and NumPy.
 
-What is loaded from the folder is run. So nobody but the user may be able to write to it; another
-folder is refused, and nothing is kept. An entry that cannot be read is compiled anew. Several
-processes may use one folder: each holds its lock ``in_use`` in common as long as it lives, which
-keeps the folder from being pruned, and the lock ``writing`` alone while it adds an entry.
-
-`numba_cache` does this with private parts of numba. Where they are gone, numba's own cache is
-used, in the folder of the digest.
+What is loaded from the folder is run. A folder that another user could write to is refused.
 """
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 import hashlib
@@ -38,19 +30,16 @@ try:
     import fcntl
 except ImportError:  # not a POSIX system
     fcntl = None  # type: ignore[assignment]
+try:
+    from numba import config
+    from numba.core.caching import FunctionCache
+except Exception:  # no numba, or one that cannot be imported here; `kernels` says which
+    FunctionCache = object
 
 PACKAGE = Path(__file__).parents[1]
-DECORATOR = Path(__file__).with_name('kernels.py')
-DECORATOR_NAME = 'dg_localization.interval.kernels'
-KEEPING = {Path(__file__), Path(__file__).with_name('numba_cache.py')}
-
+IMPORT = re.compile(r'^from (dg_localization[\w.]*) import (?:\(([^)]*)\)|(.*))', re.MULTILINE)
 KEPT_FOLDERS = 8
-"""So many folders, the one in use included, are kept for other states of the sources."""
-
-DIGEST = re.compile(r'[0-9a-f]{16}\Z')
-
-Keeper = Callable[[Any, Callable[..., Any]], None]
-"""Makes a dispatcher of numba keep what it compiles of a function."""
+"""The folders of this many states of the sources are kept, the one in use included."""
 
 
 class CacheRefusedError(Exception):
@@ -58,43 +47,21 @@ class CacheRefusedError(Exception):
 
 
 def open_folder() -> Path:
-    """
-    Return the folder for kernels compiled from exactly this code; make it where it is missing.
-
-    A new one takes the place of the oldest that no process uses, if there are many.
-
-    Raises
-    ------
-    CacheRefusedError
-        If there can be no such folder, or if others may write to it.
-
-    """
+    """Return the folder for these sources, made where it is missing, or `CacheRefusedError`."""
     try:
-        root = _root()
+        base = os.environ.get('NUMBA_CACHE_DIR') or os.environ.get('XDG_CACHE_HOME')
+        root = (Path(base) if base else Path.home() / '.cache').resolve() / 'dg_localization'
         folder = root / _digest()
-        is_new = not folder.exists()
-        make_private(folder)
+        for place in (*reversed(folder.parents), folder):
+            place.mkdir(mode=0o700, exist_ok=True)
         _check_ownership(folder)
-        if fcntl is not None:
-            _hold(folder / 'in_use')
-    except (OSError, RuntimeError, SyntaxError) as error:
+        os.utime(folder)
+    except (OSError, RuntimeError) as error:
         raise CacheRefusedError(f'compiled kernels cannot be kept: {error}') from error
-    if is_new and fcntl is not None:
-        _prune(root, folder)
+    old = [place for place in root.iterdir() if re.fullmatch('[0-9a-f]{16}', place.name)]
+    for place in sorted(old, key=lambda place: place.stat().st_mtime)[:-KEPT_FOLDERS]:
+        shutil.rmtree(place, ignore_errors=True)
     return folder
-
-
-def _root() -> Path:
-    """Return where the folders of all states of the sources are."""
-    base = os.environ.get('NUMBA_CACHE_DIR') or os.environ.get('XDG_CACHE_HOME')
-    return (Path(base) if base else Path.home() / '.cache').resolve() / 'dg_localization'
-
-
-def make_private(folder: Path) -> None:
-    """Make a folder and those above it; what is made belongs to the user alone."""
-    for place in (*reversed(folder.parents), folder):
-        with suppress(FileExistsError):
-            place.mkdir(mode=0o700)
 
 
 def _check_ownership(folder: Path) -> None:
@@ -121,129 +88,88 @@ def _check_ownership(folder: Path) -> None:
             )
 
 
-def _hold(lock: Path) -> None:
-    """Hold a lock in common with other processes for the life of this one."""
-    while True:
-        descriptor = _open_lock(lock)
-        fcntl.flock(descriptor, fcntl.LOCK_SH)
-        # Whoever pruned the folder may have removed the file before it was locked.
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(descriptor), lock.stat()):
-                break
-        os.close(descriptor)
-        make_private(lock.parent)
-    # `_prune` asks when a folder was last used.
-    with suppress(OSError):
-        os.utime(lock)
-
-
-def _open_lock(lock: Path) -> int:
-    """Open a lock; one on a read-only file system only has to exist."""
-    try:
-        return os.open(lock, os.O_RDWR | os.O_CREAT, 0o600)
-    except OSError:
-        return os.open(lock, os.O_RDONLY)
-
-
-@contextmanager
-def alone(lock: Path, wait: bool = True) -> Iterator[None]:
-    """Hold a lock alone; raise `BlockingIOError` where it is taken and we do not `wait`."""
-    descriptor = _open_lock(lock)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def _prune(root: Path, in_use: Path) -> None:
-    """Remove the folders that were not used for longest and are not in use."""
-    others = [path for path in root.iterdir() if DIGEST.match(path.name) and path != in_use]
-    for folder in sorted(others, key=_last_used_s, reverse=True)[KEPT_FOLDERS - 1 :]:
-        # Taken, or not ours to remove: it stays.
-        with suppress(OSError), alone(folder / 'in_use', wait=False):
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _last_used_s(folder: Path) -> float:
-    """Return when a process last opened a folder, 0 where nobody knows."""
-    for path in (folder / 'in_use', folder):
-        with suppress(OSError):
-            return path.stat().st_mtime
-    return 0.0
-
-
 def _digest() -> str:
-    """Return the name of the folder: a digest of all that a compiled kernel depends on."""
-    digest = hashlib.sha256(repr((platform.python_implementation(), _versions())).encode())
-    for path, code in sorted(_kernel_code().items()):
-        digest.update(str(path.relative_to(PACKAGE)).encode())
-        digest.update(code)
+    """Return the digest of all that a compiled kernel depends on."""
+    digest = hashlib.sha256(
+        f'{platform.python_implementation()} {platform.python_version()}'.encode()
+    )
+    for name in ('numba', 'llvmlite', 'numpy'):
+        try:
+            digest.update(version(name).encode())
+        except PackageNotFoundError:
+            digest.update(b'none')
+    for path, text in sorted(kernel_sources().items()):
+        digest.update(f'{path.relative_to(PACKAGE)}\n{text}'.encode())
     return digest.hexdigest()[:16]
 
 
-def _versions() -> list[str]:
-    """Return the versions of what compiles the kernels, and of what they are compiled for."""
-    versions = [platform.python_version()]
-    for name in ('numba', 'llvmlite', 'numpy'):
-        try:
-            versions.append(version(name))
-        except PackageNotFoundError:
-            versions.append('')
-    return versions
-
-
-def _kernel_code() -> dict[Path, bytes]:
-    """
-    Return the digests of the sources that hold kernels, and of those that these import.
-
-    A kernel may use a constant of any module that its own imports.
-    """
-    # How kernels are kept has no part in what they are.
-    sources = set(PACKAGE.rglob('*.py')) - KEEPING
-    if DECORATOR not in sources:
+def kernel_sources() -> dict[Path, str]:
+    """Return the sources that hold kernels, and those that these import, constants included."""
+    sources = {path: path.read_text(encoding='utf-8') for path in PACKAGE.rglob('*.py')}
+    imports = {
+        path: [(module, re.findall(r'\w+', names + more)) for module, names, more in found]
+        for path, found in ((path, IMPORT.findall(text)) for path, text in sources.items())
+    }
+    waiting = [
+        path
+        for path, found in imports.items()
+        if any(
+            module.endswith('interval.kernels') and 'kernel' in names for module, names in found
+        )
+    ]
+    if not waiting:
         raise OSError(f'the sources in {PACKAGE} cannot be read')
-    candidates = [path for path in sources if DECORATOR_NAME.encode() in path.read_bytes()]
-    read = {path: read_code(path) for path in (*candidates, DECORATOR)}
-    waiting = [path for path, (_, names) in read.items() if f'{DECORATOR_NAME}.kernel' in names]
-    waiting.append(DECORATOR)
-    found: dict[Path, bytes] = {}
+    reached: dict[Path, str] = {}
     while waiting:
         path = waiting.pop()
-        if path not in found:
-            found[path], names = read.get(path) or read_code(path)
-            waiting.extend(_files_of(names) & sources)
-    return found
+        if path in sources and path not in reached:
+            reached[path] = sources[path]
+            for module, names in imports[path]:
+                place = PACKAGE.parent.joinpath(*module.split('.'))
+                for named in (place, *(place / name for name in names)):
+                    waiting += [named.with_name(f'{named.name}.py'), named / '__init__.py']
+    return reached
 
 
-def read_code(path: Path) -> tuple[bytes, set[str]]:
-    """
-    Return a digest of a source and the names of the modules that it may import.
+class KernelCache(FunctionCache):
+    """Numba's cache of one function; an entry that is damaged or not written costs time only."""
 
-    Comments, docstrings and layout do not change the digest.
-    """
-    tree = ast.parse(path.read_bytes())
-    names: set[str] = set()
-    for node in ast.walk(tree):
-        statements = getattr(node, 'body', None)
-        if isinstance(statements, list):
-            node.body = [one for one in statements if not _is_text(one)]  # type: ignore[attr-defined]
-        elif isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module)
-            names.update(f'{node.module}.{alias.name}' for alias in node.names)
-    return hashlib.sha256(ast.dump(tree).encode()).digest(), names
+    def __init__(
+        self, function: Callable[..., Any], folder: Path, not_kept: Callable[[OSError], None]
+    ) -> None:
+        self._folder, self._not_kept = folder, not_kept
+        previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+        try:
+            super().__init__(function)
+        finally:
+            config.CACHE_DIR = previous
+        if not Path(self.cache_path).is_relative_to(folder):
+            raise OSError('numba keeps machine code where no digest dates it')
 
+    def load_overload(self, *args: Any) -> Any:
+        """Return machine code that is kept, None where there is none or where it is damaged."""
+        try:
+            return super().load_overload(*args)
+        except Exception:  # unpickling damaged data raises almost anything
+            with suppress(OSError), self._alone():
+                self.flush()
+            return None
 
-def _is_text(statement: ast.stmt) -> bool:
-    """Return whether a statement is a docstring, or another constant that does nothing."""
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+    def save_overload(self, *args: Any) -> None:
+        """Keep machine code."""
+        # Numba reads the index, adds to it and writes it. Two processes at once would give one
+        # name to the machine code of two signatures.
+        try:
+            # Under load numba was seen to have no machine code left to write: RuntimeError.
+            with self._alone(), suppress(RuntimeError):
+                super().save_overload(*args)
+        except OSError as error:
+            self._not_kept(error)
 
-
-def _files_of(names: set[str]) -> set[Path]:
-    """Return where modules would be if they were of this package."""
-    places = [PACKAGE.parent.joinpath(*name.split('.')) for name in names]
-    return {place.with_name(f'{place.name}.py') for place in places} | {
-        place / '__init__.py' for place in places
-    }
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Hold the lock of the folder."""
+        with open(self._folder / 'lock', 'w') as lock:
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            yield

@@ -12,7 +12,7 @@ unless told to, and it is not told to.
 Two options are used that numba does not document: ``_nrt``, without which kernels are slower (see
 `kernel`), and ``no_cfunc_wrapper``, without which they take an eighth longer to compile: nothing
 calls them through pointers of C. Where a version of numba does not have them, they are compiled
-without. `kernel_cache` uses private parts of numba.
+without.
 """
 
 from __future__ import annotations
@@ -26,11 +26,7 @@ import threading
 from typing import Any, TypeVar, overload
 import warnings
 
-from dg_localization.interval.kernel_cache import (
-    CacheRefusedError,
-    Keeper,
-    open_folder,
-)
+from dg_localization.interval.kernel_cache import CacheRefusedError, KernelCache, open_folder
 from dg_localization.optional import install_hint
 
 _import_error: Exception | None = None
@@ -180,22 +176,13 @@ def _compile(function: Function, borrows: bool, inlined: bool) -> Function:
     undocumented = {'_nrt': not borrows, 'no_cfunc_wrapper': True}
     options |= {name: value for name, value in undocumented.items() if _has_option(name)}
     dispatcher = numba.njit(**options)(function)
-    # No writable folder, or no source file: the kernel is compiled anew in every process.
-    with suppress(OSError, RuntimeError):
-        _keep(dispatcher, function)
+    # Without a source file or a folder the kernel is compiled anew in every process.
+    if _folder is not None:
+        with suppress(AttributeError, OSError, RuntimeError):
+            dispatcher._cache = KernelCache(function, _folder, _not_kept)
     _dispatchers.append(dispatcher)
     compiled: Function = dispatcher
     return compiled
-
-
-def _keep_as_numba_does(dispatcher: Any, _: Callable[..., Any]) -> None:
-    """Have numba keep a kernel in our folder."""
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_folder)
-    try:
-        dispatcher.enable_caching()
-    finally:
-        numba.config.CACHE_DIR = previous
 
 
 def _not_kept(error: OSError) -> None:
@@ -205,23 +192,6 @@ def _not_kept(error: OSError) -> None:
         f'compiled kernels cannot all be kept in {_folder}: {error}. {COMPILED_ANEW}; make room '
         'there, or set NUMBA_CACHE_DIR to another folder'
     )
-
-
-def _keep_nothing(_: Any, __: Callable[..., Any]) -> None:
-    """Let a kernel be compiled anew in every process."""
-
-
-def _make_keeper() -> Keeper:
-    """Return what keeps compiled kernels in our folder."""
-    if _folder is None:
-        return _keep_nothing
-    try:
-        # It uses private parts of numba, and cannot be imported where they are gone.
-        from dg_localization.interval.numba_cache import make_keeper
-
-        return make_keeper(_folder, _not_kept)
-    except (AttributeError, ImportError):
-        return _keep_as_numba_does
 
 
 def _has_option(name: str) -> bool:
@@ -292,4 +262,3 @@ if COMPILED:
     except CacheRefusedError as error:
         _cache_refusal = f'{error}. {COMPILED_ANEW}'
         warnings.warn(_cache_refusal, RuntimeWarning, stacklevel=2)
-    _keep = _make_keeper()
