@@ -20,7 +20,13 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.sensors import Anchor
 from dg_localization.fleet.window.pose_filters import LEAST_FOLLOWED_S
-from dg_localization.interval.kernels import COMPILED, compile_progress, why_not_kept, why_slow
+from dg_localization.interval.kernels import (
+    COMPILED,
+    compile_progress,
+    compiled_soon,
+    why_not_kept,
+    why_slow,
+)
 from dg_localization.solver.solve import load_kernels
 
 STAMP_S = 1.0
@@ -43,7 +49,7 @@ def warm_up(report: Callable[[str], object] | None = None) -> None:
     """
     if not COMPILED:
         return
-    with nullcontext() if report is None else _reporting(report):
+    with compiled_soon(), nullcontext() if report is None else _reporting(report):
         _load_all()
 
 
