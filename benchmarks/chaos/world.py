@@ -47,6 +47,7 @@ def parameters() -> list[str]:
     given = {
         'use_sim_time': 'true',
         'robots': str(list(ROBOTS)),
+        'covariance': 'enclosure',
         'anchors.names': str(list(ANCHORS_M)),
         'range.min_error_relative': '-0.01',
         'range.max_error_relative': '0.01',

@@ -79,6 +79,7 @@ def test_readings_without_a_stated_elevation_are_refused():
 def test_a_robot_in_the_air_is_found_by_its_altimeter(bench, make_node):
     beacons = {f'anchors.{name}.position': list(place) for name, place in BEACONS.items()}
     make_node(
+        covariance='enclosure',
         **beacons,
         **{
             'robots': ['robot_1'],

@@ -20,6 +20,7 @@ from msg_adapters import Level, adapter_for
 CONFIG = 'config/paper_fleet.yaml'
 # Ranges known to 1 %, so that the eight solutions are far apart.
 SHARP = (
+    *('-p', 'covariance:=enclosure'),
     *('-p', 'range.min_error_relative:=-0.01'),
     *('-p', 'range.max_error_relative:=0.01'),
     *('-p', 'bearing.half_width:=0.02'),

@@ -30,6 +30,7 @@ def test_two_tags_give_a_pose_by_template_link_and_peers(bench, make_node):
         f'mounts.robot_1.{tag}.position': [float(x) for x in place] for tag, place in TAGS.items()
     }
     make_node(
+        covariance='enclosure',
         **parameters,
         **{
             'robots': ['robot_1'],

@@ -77,6 +77,7 @@ class Circling:
 
 def test_robots_that_move_end_with_one_hypothesis_and_headings(bench, make_node):
     make_node(
+        covariance='enclosure',
         robots=list(ROBOTS),
         use_sim_time=True,
         max_future=0.5,
@@ -165,6 +166,7 @@ class Flying:
 def test_a_robot_that_flies_among_anchors_is_placed_and_has_an_orientation(bench, make_node):
     """Each moment has one range or two: all that is known comes from what is remembered."""
     make_node(
+        covariance='enclosure',
         robots=['robot_1'],
         dimension=3,
         use_sim_time=True,
