@@ -31,10 +31,15 @@ from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
-from dg_localization.solver.place.hypotheses import hulls_of, never, place_problem
+from dg_localization.solver.place.hypotheses import (
+    MOST_SOUGHT,
+    hulls_of,
+    never,
+    place_problem,
+)
 from dg_localization.solver.place.placements import MARGIN, MOST_STEPS, refine
 from dg_localization.solver.place.proofs import with_known_chirality
-from dg_localization.solver.place.sparse_placements import refined
+from dg_localization.solver.place.sparse_placements import refined, sought
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -285,7 +290,7 @@ class Product:
         """Return a placement of a combination, and whether it is proved to agree, in a box."""
         problem = self._assembly.with_sides(combination)
         first = None
-        for positions in self._attempts(problem, combination, bounds):
+        for positions in self._attempts(problem, combination, bounds, stopped):
             placed = with_known_chirality(problem, positions)
             placed, proved = settled(problem, placed, boxes)
             if proved:
@@ -297,7 +302,11 @@ class Product:
         return first, False
 
     def _attempts(
-        self, problem: Problem, combination: Combination, bounds: FloatArray
+        self,
+        problem: Problem,
+        combination: Combination,
+        bounds: FloatArray,
+        stopped: Callable[[], bool],
     ) -> Iterator[FloatArray]:
         """Yield placements that may agree: of all points together, and of pieces laid out."""
         begins_at_once = problem.n_points <= MOST_AT_ONCE and not self._turns
@@ -310,6 +319,11 @@ class Product:
                 yield refine(positions, bounds, MOST_STEPS)
         if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
             yield place_problem(problem, as_box((bounds[0], bounds[1])))
+        if problem.n_points <= MOST_SOUGHT:
+            known = problem.pairs.pairs
+            lower, upper = bounds[:, known[:, 0], known[:, 1]]
+            for positions in self._assembly.placements(combination, least_m, 1):
+                yield sought(positions, known, lower, upper, stopped)
 
 
 def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:

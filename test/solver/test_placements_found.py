@@ -1,0 +1,71 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A placement is found, and proved, where the truth is well inside all bounds."""
+
+from itertools import combinations
+import json
+
+import numpy as np
+import pytest
+from solver_cases import bounds, squared_distances
+
+from dg_localization import Problem, SolverOptions, solve
+
+NETWORKS = {2: 200, 3: 50}
+LEAST_SHARE = {2: 0.99, 3: 0.96}
+"""By dimension: in space some searches end at their most boxes."""
+
+
+def drawn_network(seed, dimension):
+    """Draw a network whose bounds are as wide as those of UWB, the truth a tenth inside them."""
+    rng = np.random.default_rng(seed)
+    n_points = int(rng.integers(6, 13))
+    positions_m = rng.random((n_points, dimension)) * rng.choice([4.0, 8.0, 15.0, 30.0])
+    if seed % 4 == 0:
+        positions_m[:, -1] *= 0.3
+    pairs = list(combinations(range(n_points), 2))
+    rigid = dimension * n_points - dimension * (dimension + 1) // 2
+    count = min(len(pairs), int(rng.integers(rigid + 1, rigid + n_points)))
+    width_m = rng.choice([0.3, 1.35, 2.0])
+    ranges = {}
+    for number in rng.permutation(len(pairs))[:count]:
+        i, j = pairs[number]
+        true_m = np.linalg.norm(positions_m[i] - positions_m[j])
+        below_m = rng.uniform(0.1, 0.9) * width_m
+        ranges[i, j] = max(true_m - below_m, 0.0) ** 2, (true_m + width_m - below_m) ** 2
+    return Problem(*bounds(n_points, ranges), dimension=dimension), positions_m
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_the_hypothesis_with_the_truth_has_a_proved_placement(dimension):
+    options = SolverOptions(max_boxes=300)
+    n_proved = 0
+    for seed in range(NETWORKS[dimension]):
+        problem, positions_m = drawn_network(seed, dimension)
+        squared = squared_distances(positions_m)
+        slack = 1e-9 * squared.max()
+        holding = [
+            h
+            for h in solve(problem, options).hypotheses
+            if (h.lower <= squared + slack).all() and (squared <= h.upper + slack).all()
+        ]
+        assert holding
+        n_proved += any(hypothesis.proved for hypothesis in holding)
+    assert n_proved >= LEAST_SHARE[dimension] * NETWORKS[dimension]
+
+
+@pytest.mark.parametrize('name', ['campus_sport_poor_samples', 'campus_sport_rich_samples'])
+def test_the_placement_of_a_real_network_is_proved(name, shared):
+    network = json.loads((shared / f'data/dwm1001/{name}_medians.json').read_text())
+    number = {name: x for x, name in enumerate(network['names'])}
+    places_m = np.array(network['places_m'])
+    readings = [(*sorted((number[a], number[b])), read_m) for a, b, read_m in network['readings']]
+    errors_m = [r - np.linalg.norm(places_m[i] - places_m[j]) for i, j, r in readings]
+    ranges = {}
+    for i, j, read_m in readings:
+        low_m, high_m = max(read_m - max(errors_m), 0.0), read_m - min(errors_m)
+        known = ranges.get((i, j), (0.0, np.inf))
+        ranges[i, j] = max(low_m**2, known[0]), min(high_m**2, known[1])
+    (found,) = solve(Problem(*bounds(len(places_m), ranges))).hypotheses
+    assert found.proved
