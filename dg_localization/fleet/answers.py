@@ -184,12 +184,15 @@ def _answer_group(
     # To build one takes the solver long.
     options = replace(options, max_hypotheses=math.ceil(most_placements / placer.most_images))
     result = solve(placer.problem, options, cancel)
+    all_listed = result.n_hypotheses <= options.max_hypotheses
     placements: list[Placement] = []
     n_seen = 0
     for hypothesis in result.hypotheses:
         if len(placements) >= most_placements:
             break
-        placements += placer.placements(hypothesis, alone=result.n_hypotheses == 1)
+        placements += placer.placements(
+            hypothesis, alone=result.n_hypotheses == 1, apart=all_listed
+        )
         n_seen += 1
     else:
         # The list is complete where it has fewer than it may; what is empty is left out.
@@ -204,6 +207,5 @@ def _answer_group(
     measured = None
     if snapshot.mounts.distances:
         measured = constraints.measured[np.ix_(placer.points, placer.points)]
-    all_listed = result.n_hypotheses <= options.max_hypotheses
     rigidity = rigidity_of(names, result, snapshot.config.dimension, all_listed, measured)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

@@ -81,8 +81,10 @@ def screen(
 
 def _summary(values: Mapping[str, str]) -> str:
     """Return how many hypotheses, inputs and answers there are."""
+    count = values.get('hypotheses', '0')
+    hypotheses = 'hypothesis' if count == '1' else 'hypotheses'
     parts = [
-        f'{values.get("hypotheses", "0")} hypotheses in frame {values.get("frame") or "-"}',
+        f'{count} {hypotheses} in frame {values.get("frame") or "-"}',
         f'{values.get("inputs_in_use", "0")} of {values.get("inputs", "0")} inputs in use',
     ]
     if 'rate_hz' in values:

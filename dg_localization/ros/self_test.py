@@ -30,7 +30,7 @@ RATE_HZ, SENSOR_RATE_HZ = 5.0, 10.0
 START_S, MEASURE_S = 30.0, 10.0
 """How long to wait for the first answer, and how long to count answers after it."""
 
-LEAST_RATE, LEAST_HEARD = 0.9, 0.95
+PASSING_RATE, PASSING_HEARD = 0.9, 0.95
 """Smallest passing fractions of the answers and of the messages that should come."""
 
 OLDEST_ANSWER_S, CLOCK_STEP_S = 0.5, 0.05
@@ -167,14 +167,14 @@ def _checks(found: Observed, step_s: float, memory_mb: float) -> Iterator[Check]
     """Yield the checks of what was observed."""
     rate_hz = found.rate_hz()
     yield Check(
-        rate_hz >= LEAST_RATE * RATE_HZ,
+        rate_hz >= PASSING_RATE * RATE_HZ,
         'answers',
         f'{rate_hz:.1f} a second of {RATE_HZ:g}; {found.fleet}',
     )
     age_s = sorted(found.ages_s)[len(found.ages_s) // 2] if found.ages_s else float('inf')
     yield Check(age_s <= OLDEST_ANSWER_S, 'delay', f'{age_s:.3f} s from measurement to answer')
     heard = found.fraction_heard()
-    yield Check(heard >= LEAST_HEARD, 'messages', f'{100.0 * heard:.1f} % received')
+    yield Check(heard >= PASSING_HEARD, 'messages', f'{100.0 * heard:.1f} % received')
     yield Check(
         abs(step_s) <= CLOCK_STEP_S, 'clock', f'moved by {step_s:.3f} s against the steady clock'
     )

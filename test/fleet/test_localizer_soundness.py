@@ -153,6 +153,8 @@ def make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options):
             max_error_m=3 * high,
             min_error_relative=low,
             max_error_relative=high,
+            # Robots may be at one place, and read 0.
+            min_reading_m=-1.0,
         ),
         bearing_half_width_rad=options['bearing_error'],
         anchors=anchors,

@@ -28,7 +28,8 @@ whole = Cancel(10**9)
 found = solve(problem, cancel=whole)
 assert found.verdict is Verdict.COVERED and found.statistics.processed == 1
 assert whole.looks > 45, whole.looks
-for at in range(1, whole.looks, whole.looks // 5):
+# The last few looks come after the search.
+for at in range(1, whole.looks - 5, whole.looks // 5):
     part = Cancel(at)
     left = solve(problem, cancel=part)
     assert left.verdict is Verdict.OUT_OF_BUDGET and left.statistics.processed == 0, at

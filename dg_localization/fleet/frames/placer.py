@@ -96,19 +96,21 @@ class Placer:
         self._encloser = Encloser(self._solved, self._registration, self._rows)
         self._body_poses = BodyPoses(snapshot, self._solved, plan.held)
 
-    def placements(self, hypothesis: Hypothesis, *, alone: bool) -> list[Placement]:
+    def placements(
+        self, hypothesis: Hypothesis, *, alone: bool, apart: bool = True
+    ) -> list[Placement]:
         """
         Return the placements a hypothesis stands for: one, or two that mirror each other.
 
         There are none when the rays rule out every heading of some robot. `alone` says that there
-        is no other hypothesis.
+        is no other hypothesis, `apart` that parts which do not touch are placements of their own.
         """
         placements: list[Placement] = []
         anchors = self._registration.anchors
         hypothesis = completed(hypothesis, self._rows, self._solved, anchors)
         images = self._mirror_images(hypothesis)
         among = None if alone and len(images) == 1 else (hypothesis.lower, hypothesis.upper)
-        for choice, region in self._regions(hypothesis, images):
+        for choice, region in self._regions(hypothesis, images) if apart else images:
             narrowed = self._body_poses.narrow(hypothesis, region)
             if narrowed is None:
                 continue

@@ -32,7 +32,7 @@ from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import (
-    MOST_SOUGHT,
+    MOST_SMALL,
     hulls_of,
     never,
     place_problem,
@@ -319,7 +319,7 @@ class Product:
                 yield refine(positions, bounds, MOST_STEPS)
         if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
             yield place_problem(problem, as_box((bounds[0], bounds[1])))
-        if problem.n_points <= MOST_SOUGHT:
+        if problem.n_points <= MOST_SMALL:
             known = problem.pairs.pairs
             lower, upper = bounds[:, known[:, 0], known[:, 1]]
             for positions in self._assembly.placements(combination, least_m, 1):

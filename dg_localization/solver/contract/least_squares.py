@@ -109,7 +109,7 @@ def set_inverse(widths: FloatArray, linear: Linearization, inverse: FloatArray) 
     return True
 
 
-@kernel(inlined=True)
+@kernel
 def _set_weights(widths: FloatArray, linear: Linearization, weights: FloatArray) -> None:
     """Write the weight of each measured pair: the narrower it is, the greater."""
     scale_m2 = 0.0
