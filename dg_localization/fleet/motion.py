@@ -139,9 +139,10 @@ class OdometryTrack:
         That is a pose near the identity after a pause, where the pose before was not near it. To
         forget a robot that truly came back during a pause loses no truth.
         """
+        if _is_near_zero(last) or not _is_near_zero(reading):
+            return False
         periods_s = [b.stamp_s - a.stamp_s for a, b in pairwise(self._readings[-PERIODS - 1 :])]
-        paused = not periods_s or reading.stamp_s - last.stamp_s > PAUSE * median(periods_s)
-        return paused and _is_near_zero(reading) and not _is_near_zero(last)
+        return not periods_s or reading.stamp_s - last.stamp_s > PAUSE * median(periods_s)
 
     def _turn_up_rad(self, before: np.ndarray, after: np.ndarray) -> float:
         """Return an upper bound of the angle between two rotations."""

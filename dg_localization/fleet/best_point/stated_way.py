@@ -60,8 +60,8 @@ class StatedWay:
         steps_m = np.linalg.norm(np.diff(self._positions_m, axis=0), axis=1)
         self._way_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         self._turned_rad = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self._yaws_rad)))])
-        steps_s = np.diff([reading.stamp_s for reading in track[first:]])
         stamps_s = np.array([reading.stamp_s for reading in track[first:]])
+        steps_s = np.diff(stamps_s)
         silent_s = np.where(steps_s > error.max_gap_s, steps_s, 0.0)
         self._sampled_s = stamps_s, np.concatenate([[0.0], np.cumsum(silent_s)])
 
