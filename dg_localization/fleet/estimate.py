@@ -14,7 +14,7 @@ import numpy as np
 
 from dg_localization.fleet.contradictions.offenders import Offender
 from dg_localization.fleet.contradictions.suspects import Suspect
-from dg_localization.fleet.rotations import yaw_of
+from dg_localization.fleet.rotations import quaternion_of_yaw, yaw_of
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.interval.angles import angle_up
@@ -175,8 +175,7 @@ class Placement:
             middle_rad, half_rad = yaw_of(orientations[robot]), float(half_widths[robot])
             off_rad = math.remainder(float(self.fitted_yaws_rad[robot]) - middle_rad, math.tau)
             off_rad = min(max(off_rad, -half_rad), half_rad)
-            half_yaw = 0.5 * (middle_rad + off_rad)
-            orientations[robot] = [0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)]
+            orientations[robot] = quaternion_of_yaw(middle_rad + off_rad)
             half_widths[robot] = min(math.pi, angle_up(angle_up(half_rad + abs(off_rad))))
         return orientations, half_widths
 

@@ -78,6 +78,11 @@ def yaw_of(xyzw: FloatArray) -> float:
     return 2.0 * math.atan2(float(xyzw[2]), float(xyzw[3]))
 
 
+def quaternion_of_yaw(yaw_rad: float) -> FloatArray:
+    """Return the unit quaternion xyzw of a rotation about z."""
+    return np.array([0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad)])
+
+
 def quaternion_of(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion xyzw of a rotation matrix."""
     m = rotation

@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet.frames.body_poses import heading_within
-from dg_localization.fleet.frames.headings import estimate_heading
+from dg_localization.fleet.frames.headings import estimate_heading, heading_within
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.arrays import Interval

@@ -4,13 +4,16 @@
 """
 Enclosures: the coordinates in the fixed frame that the boxes of a hypothesis allow.
 
-Interval arithmetic, rounded outward, from the distances to the coordinates: the true placement
-cannot get lost.
+Coordinates are first enclosed in the frame of some points of the fleet: a core of q points, of
+which the first is the origin, and an apex, whose last coordinate is not negative. Such a frame
+needs nothing but distances. What is known of the core moves them into the fixed frame. All bounds
+are rounded outward: the true placement cannot get lost.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache, reduce
 
 import numpy as np
@@ -18,16 +21,20 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind
-from dg_localization.fleet.frames.local import best_apexes, enclose_locally, mirrored
-from dg_localization.fleet.frames.mirror_images import ChiralityChoice
 from dg_localization.fleet.frames.registration import Registration
 from dg_localization.interval.arrays import Interval, determinant
 from dg_localization.solver.contract.angles import ANGLE_SWEEPS, contract_by_angles
 from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
+from dg_localization.solver.contract.coordinates import enclose_coordinates
+from dg_localization.solver.decompose.decomposition import pieces_of
+from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
 Core = tuple[int, ...]
+
+MAX_APEXES = 4
+"""How many apexes are tried for each core."""
 
 MAX_BOXES = 16
 """Up to how many boxes of a hypothesis are enclosed one by one instead of by their hull."""
@@ -36,83 +43,87 @@ SWEEPS = 20
 """Most passes of the contraction of coordinate boxes."""
 
 
-class _Box:
-    """
-    One box of squared distances.
+@dataclass(frozen=True)
+class MirrorImage:
+    """One of two mirror images: the sign of the last coordinate of an apex in a core's frame."""
 
-    Attributes
-    ----------
-    lower, upper : numpy.ndarray, shape (n, n)
-    locally : callable
-        Returns the coordinates in the frame of some points; mirror images share them.
+    core: Core
+    apex: int
+    sign: int
 
-    """
 
-    def __init__(self, lower: FloatArray, upper: FloatArray, dimension: int) -> None:
-        self.lower, self.upper = lower, upper
-        self.locally = cache(lambda frame: enclose_locally(lower, upper, frame, dimension))
+Placed = tuple[MirrorImage | None, Interval]
+"""A mirror image, None where there is only one, and its coordinates, shape (n, q), in m."""
 
 
 class Encloser:
-    """
-    Encloses the solved points of a plan in the fixed frame.
+    """Encloses the solved points in the fixed frame."""
 
-    Parameters
-    ----------
-    solved : Constraints
-        Of the solved points.
-    registration : Registration
-    rows : sequence of int
-        Those that frames are made of.
-
-    """
-
-    def __init__(
-        self, solved: Constraints, registration: Registration, rows: Sequence[int]
-    ) -> None:
+    def __init__(self, solved: Constraints, registration: Registration) -> None:
         self._solved = solved
-        self._rows = rows
         self._cosines = solved.angles.cosines()
         self._registration = registration
         self._poses = registration.poses()
+        self._core = registration.cores[0]
+        self._rigid = _rigid_with(self._core, solved)
 
-    def enclose(
-        self, hypothesis: Hypothesis, choices: Sequence[ChiralityChoice | None]
-    ) -> list[tuple[ChiralityChoice | None, Interval]]:
-        """
-        Return the coordinates of mirror images of a hypothesis.
+    @property
+    def most_images(self) -> int:
+        """How many mirror images a hypothesis has at most."""
+        short = len(self._core) < self._solved.dimension
+        return 1 if self._solved.chiralities or short or not self._rigid else 2
 
-        Parameters
-        ----------
-        hypothesis : Hypothesis
-        choices : sequence of ChiralityChoice or None
-            Which of them; None when there is only one.
-
-        Returns
-        -------
-        list of tuple of ChiralityChoice or None, and Interval, shape (n, q)
-            A choice without such coordinates is left out.
-
-        """
+    def enclose(self, hypothesis: Hypothesis) -> list[Placed]:
+        """Return the mirror images of a hypothesis that differ, with their coordinates."""
         boxes = hypothesis.boxes
         if len(boxes) > MAX_BOXES:
             boxes = np.stack([hypothesis.lower, hypothesis.upper])[None]
 
         @cache
         def apexes_of(core: Core) -> list[int]:
-            others = [row for row in self._rows if row not in core]
-            return best_apexes(hypothesis, core, others)
+            others = [row for row in range(len(self._solved.points)) if row not in core]
+            return _best_apexes(hypothesis, core, others)
 
         contracted = [self._contracted_by_angles(lower, upper) for lower, upper in boxes]
-        images = []
-        for choice in choices:
+        found: list[Placed] = []
+        for image in self._images(hypothesis):
             parts = [
-                self._enclose_box(box, choice, apexes_of) for box in contracted if box is not None
+                self._enclose_box(box, image, apexes_of) for box in contracted if box is not None
             ]
             enclosures = [part for part in parts if part is not None]
             if enclosures:
-                images.append((choice, reduce(Interval.hull, enclosures)))
-        return images
+                found.append((image, reduce(Interval.hull, enclosures)))
+        if len(found) < 2:
+            return found
+        (_, first), (_, second) = found
+        if self._solved.chiralities:
+            # Only one is true, but which one depends on where in the hypothesis the truth is.
+            return [(None, first.hull(second))]
+        equal = np.array_equal(first.lower, second.lower) and np.array_equal(
+            first.upper, second.upper
+        )
+        return found[:1] if equal else found
+
+    def _images(self, hypothesis: Hypothesis) -> list[MirrorImage | None]:
+        """
+        Return the mirror images that the known chiralities allow.
+
+        A single None stands for no choice: every point can turn into its mirror image or lies in
+        the hyperplane of the core.
+        """
+        core, known = self._core, {}
+        if len(core) < self._solved.dimension:
+            return [None]
+        for chirality in self._solved.chiralities:
+            apexes = set(chirality.points) - set(core)
+            if len(apexes) == 1 and set(core) < set(chirality.points):
+                apex = apexes.pop()
+                known[apex] = chirality.sign_of((*core, apex))
+        if not (known or self._rigid):
+            return [None]
+        apex = _best_apexes(hypothesis, core, list(known) or sorted(self._rigid))[0]
+        signs = [known[apex]] if known else [1, -1]
+        return [MirrorImage(core, apex, sign) for sign in signs]
 
     def _contracted_by_angles(self, lower: FloatArray, upper: FloatArray) -> _Box | None:
         """Return what the angles leave of a box of squared distances."""
@@ -124,52 +135,30 @@ class Encloser:
         return _Box(lower, upper, self._solved.dimension)
 
     def _enclose_box(
-        self, box: _Box, choice: ChiralityChoice | None, apexes_of: Callable[[Core], list[int]]
+        self, box: _Box, image: MirrorImage | None, apexes_of: Callable[[Core], list[int]]
     ) -> Interval | None:
         """Return the coordinates that one box of squared distances allows."""
-        fixed = self._enclose_by_core(box, choice)
-        if fixed is None or choice is None:
-            return fixed
-        fixed = self._intersect_cores(fixed, box, choice, apexes_of)
-        if fixed is None:
-            return None
-        fixed = self._contract(fixed, box)
-        if fixed is None or self._contradicts_chirality(fixed):
-            return None
-        return fixed
-
-    def _enclose_by_core(self, box: _Box, choice: ChiralityChoice | None) -> Interval | None:
-        """Return the coordinates by the first core."""
-        core = self._registration.cores[0]
-        frame, sign = (core, 1) if choice is None else ((*core, choice.apex), choice.sign)
+        frame, sign = (self._core, 1) if image is None else ((*image.core, image.apex), image.sign)
         local = box.locally(frame)
         if local is None:
             return None
-        fixed = self._poses[core].to_fixed(mirrored(local, sign))
-        return self._contract(fixed, box)
-
-    def _intersect_cores(
-        self,
-        fixed: Interval,
-        box: _Box,
-        choice: ChiralityChoice,
-        apexes_of: Callable[[Core], list[int]],
-    ) -> Interval | None:
-        """Return the part of an enclosure that all cores and apexes of certain sign allow."""
+        fixed = self._contract(self._poses[self._core].to_fixed(_mirrored(local, sign)), box)
+        if fixed is None or image is None:
+            return fixed
         for core, pose in self._poses.items():
             for apex in apexes_of(core):
-                if (core, apex) == (choice.core, choice.apex):
-                    continue
-                sign = _chirality_of(fixed, (*core, apex))
-                if sign == 0:
+                corner = fixed[[*core, apex]]
+                sign = determinant(corner[1:] - corner[:1]).sign()
+                if sign == 0 or (core, apex) == (image.core, image.apex):
                     continue
                 local = box.locally((*core, apex))
                 if local is None:
                     return None
-                fixed = fixed.intersect(pose.to_fixed(mirrored(local, sign)))
+                fixed = fixed.intersect(pose.to_fixed(_mirrored(local, sign)))
                 if fixed.empty():
                     return None
-        return fixed
+        fixed = self._contract(fixed, box)
+        return None if fixed is None or self._contradicts_chirality(fixed) else fixed
 
     def _contract(self, fixed: Interval, box: _Box) -> Interval | None:
         """Return the part that the distances and the coordinates of the anchors allow."""
@@ -195,7 +184,87 @@ class Encloser:
         return bool(np.where(signs > 0, volumes.upper < 0.0, volumes.lower > 0.0).any())
 
 
-def _chirality_of(coordinates: Interval, points: tuple[int, ...]) -> int:
-    """Return the sign of the chirality of q + 1 points, or 0 when in doubt."""
-    chosen = coordinates[list(points)]
-    return determinant(chosen[1:] - chosen[:1]).sign()
+class _Box:
+    """One box of squared distances; `locally` remembers coordinates for its mirror image."""
+
+    def __init__(self, lower: FloatArray, upper: FloatArray, dimension: int) -> None:
+        self.lower, self.upper = lower, upper
+        self.locally = cache(lambda frame: _enclose_locally(lower, upper, frame, dimension))
+
+
+def _rigid_with(core: Core, solved: Constraints) -> frozenset[int]:
+    """
+    Return the points that have a chirality with a core: those that cannot turn against it.
+
+    They are those of all pieces that reflections join to the piece of the core; none where the
+    core is not in one piece.
+    """
+    measured = np.argwhere(np.triu(np.isfinite(solved.upper), 1))
+    parts = pieces_of(len(solved.upper), measured, solved.dimension)
+    clusters = [set(points) for points in parts.pieces]
+    for joint in parts.joints:
+        if joint.kind is JointKind.REFLECTION:
+            joined = set.union(*(clusters[number] for number in joint.pieces))
+            clusters = [joined if cluster & joined == cluster else cluster for cluster in clusters]
+    found = next((cluster for cluster in clusters if cluster.issuperset(core)), core)
+    return frozenset(found) - set(core)
+
+
+def _enclose_locally(
+    lower: FloatArray, upper: FloatArray, frame: Sequence[int], dimension: int
+) -> Interval | None:
+    """
+    Return coordinates (n, q) in the frame of some points, or None when there is no placement.
+
+    A frame of fewer than q + 1 points is padded with unmeasured points: they take the free places
+    in the frame and bound nothing.
+    """
+    n_points, n_pads = len(lower), dimension + 1 - len(frame)
+    padded_lower = np.zeros((n_points + n_pads, n_points + n_pads))
+    padded_upper = np.full(padded_lower.shape, np.inf)
+    np.fill_diagonal(padded_upper, 0.0)
+    padded_lower[:n_points, :n_points] = lower
+    padded_upper[:n_points, :n_points] = upper
+    pads = range(n_points, n_points + n_pads)
+    enclosure = enclose_coordinates(padded_lower, padded_upper, (*frame, *pads))
+    if enclosure is None:
+        return None
+    # By definition of the frame, whether or not a pad hides it from the solver.
+    for place, point in enumerate(frame):
+        enclosure[point, :, place:] = 0.0
+    return Interval(enclosure[:n_points, 0], enclosure[:n_points, 1])
+
+
+def _mirrored(local: Interval, sign: int) -> Interval:
+    """Return the coordinates, the last one negated when the sign is -1."""
+    if sign > 0:
+        return local
+    low, high = np.array(local.lower), np.array(local.upper)
+    low[:, -1], high[:, -1] = -local.upper[:, -1], -local.lower[:, -1]
+    return Interval(low, high)
+
+
+def _best_apexes(hypothesis: Hypothesis, core: Core, candidates: Sequence[int]) -> list[int]:
+    """Return the candidates that are farthest from the hyperplane of the core, best first."""
+    if len(candidates) < 2:
+        return list(candidates)
+    spans = dict.fromkeys(candidates, 0.0)
+    if hypothesis.positions is not None:
+        edges = hypothesis.positions - hypothesis.positions[core[0]]
+        corners = edges[[(*core[1:], apex) for apex in candidates]]
+        volumes = np.abs(np.linalg.det(corners)).tolist()
+        by_span = sorted(zip(candidates, volumes, strict=True), key=lambda pair: -pair[1])
+        # The placement tells which are likely far: the heights of these are bounded.
+        spans = dict(by_span[: 2 * MAX_APEXES])
+    heights = {}
+    for apex, span in spans.items():
+        # The height of the apex depends on nothing else.
+        frame = (*core, apex)
+        among = np.ix_(frame, frame)
+        lower, upper = hypothesis.lower[among], hypothesis.upper[among]
+        local = _enclose_locally(lower, upper, range(len(frame)), len(core))
+        if local is not None:
+            # Certainly far ones first; those that may lie in the hyperplane by the placement.
+            heights[apex] = (local.lower[-1, -1], span)
+    ranked = sorted(heights, key=lambda apex: heights[apex], reverse=True)
+    return ranked[:MAX_APEXES] or list(candidates[:1])

@@ -36,23 +36,7 @@ def finder_of(
     dropped: frozenset[LinkKey] = frozenset(),
     yaws_rad: Mapping[int, float] = MappingProxyType({}),
 ) -> BestPointFinder:
-    """
-    Return what finds the best points of the placements of a plan, by all readings.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    solved : Constraints
-        Of the points of the plan.
-    plan : FramePlan
-    past : Past, optional
-        What is remembered.
-    dropped : frozenset of LinkKey
-        What does not count.
-    yaws_rad : mapping of int to float
-        By row, headings that a window has told.
-
-    """
+    """Return what finds the best points of the placements of a plan, by all readings."""
     rows, by_anchors = solved.rows, plan.frame.kind is FrameKind.ANCHORS
     anchors = plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
     terms = list(terms_of(snapshot, solved, dropped, anchors))
@@ -96,21 +80,6 @@ def fit_headed(
 
     The heading of a robot without cameras is not known when it is placed. With it, what the robot
     measured before counts, too.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        In the plane.
-    constraints : Constraints
-        Of all points of the fleet.
-    plan : FramePlan
-    placement : Placement
-
-    Returns
-    -------
-    FittedPlacement
-        The placement as it is where what is remembered tells nothing of such robots.
-
     """
     solved, points = constraints.of(plan.points), list(plan.points)
     robots, n_robots = snapshot.config.robots, len(snapshot.config.robots)

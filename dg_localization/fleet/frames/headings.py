@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.directions import angles_rad, best_rotation, unit_vectors
-from dg_localization.fleet.rotations import quaternion_of
+from dg_localization.fleet.rotations import quaternion_of, quaternion_of_yaw
 from dg_localization.fleet.vocabulary import RayReading
 from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
 from dg_localization.interval.arrays import Interval, up
@@ -82,31 +82,7 @@ def estimate_heading(
     positions: FloatArray,
     enclosure: Interval,
 ) -> Heading | None:
-    """
-    Return how a robot is turned.
-
-    Parameters
-    ----------
-    rows : mapping of str to int
-        The row of each point.
-    rays : sequence of RayReading
-        All rays of the robot and of its sensors, in its body frame now.
-    positions : numpy.ndarray, shape (n, q)
-        One placement; the heading is made to fit it.
-    enclosure : Interval, shape (n, q)
-        Coordinates of all placements; the half width allows for every one of them.
-
-    Returns
-    -------
-    Heading or None
-        None when the rays do not fix it.
-
-    Raises
-    ------
-    NoHeadingError
-        If no heading agrees with all rays.
-
-    """
+    """Return how a robot is turned."""
     if not rays:
         return None
     sights = _sights(rows, rays, positions, enclosure)
@@ -114,6 +90,26 @@ def estimate_heading(
     if positions.shape[1] == 2:
         return _planar_heading(sights)
     return _spatial_heading(sights)
+
+
+def heading_within(
+    heading: Heading | None, arc_rad: tuple[float, float], rotation: FloatArray
+) -> Heading | None:
+    """
+    Return the narrower of a heading and an arc, as near to the best fit as the arc allows.
+
+    The arc goes counterclockwise from the first to the second.
+    """
+    half_arc_rad = 0.5 * (arc_rad[1] - arc_rad[0])
+    if half_arc_rad >= math.pi or (heading and heading.half_width_rad <= half_arc_rad):
+        return heading
+    middle_rad = 0.5 * (arc_rad[0] + arc_rad[1])
+    fitted_rad = math.atan2(rotation[1, 0], rotation[0, 0])
+    offset_rad = math.remainder(fitted_rad - middle_rad, 2.0 * math.pi)
+    offset_rad = min(max(offset_rad, -half_arc_rad), half_arc_rad)
+    half_width_rad = angle_up(angle_up(half_arc_rad + abs(offset_rad)))
+    orientation = quaternion_of_yaw(middle_rad + offset_rad)
+    return Heading(orientation, min(math.pi, half_width_rad))
 
 
 def _sights(
@@ -168,12 +164,12 @@ def _planar_heading(sights: _Sights) -> Heading | None:
     high = float(angle_up(offsets + widths)[useful].min())
     if low > high:
         raise NoHeadingError('the rays leave no common heading')
-    fitted = _fitted_yaw(sights)
+    placed = _yaws(sights.placed, sights.rays)
+    weights = 1.0 / (widths + 1e-6)
+    fitted = math.atan2(float(weights @ np.sin(placed)), float(weights @ np.cos(placed)))
     yaw = min(max(math.remainder(fitted - yaws[0], 2.0 * math.pi), low), high)
     half_width_rad = angle_up(max(yaw - low, high - yaw))
-    half_yaw = (yaws[0] + yaw) / 2.0
-    orientation = np.array([0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)])
-    return Heading(orientation, min(half_width_rad, math.pi))
+    return Heading(quaternion_of_yaw(yaws[0] + yaw), min(half_width_rad, math.pi))
 
 
 def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
@@ -181,13 +177,6 @@ def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
     return np.asarray(
         np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(rays[:, 1], rays[:, 0])
     )
-
-
-def _fitted_yaw(sights: _Sights) -> float:
-    """Return the yaw that fits the placement best."""
-    yaws = _yaws(sights.placed, sights.rays)
-    weights = 1.0 / (sights.half_widths_rad + 1e-6)
-    return math.atan2(float(weights @ np.sin(yaws)), float(weights @ np.cos(yaws)))
 
 
 def _spatial_heading(sights: _Sights) -> Heading | None:

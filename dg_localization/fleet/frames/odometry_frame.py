@@ -79,20 +79,7 @@ class FrameTurn:
 
 
 def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
-    """
-    Return the pose of a robot in its odometry frame at the time of a snapshot.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    robot : str
-
-    Returns
-    -------
-    BodyPose or None
-        None where its odometry is too old, has no name for its frame, or does not fit the plane.
-
-    """
+    """Return the pose of a robot in its odometry frame at the time of a snapshot."""
     config, now_s = snapshot.config, snapshot.stamp_s
     last = snapshot.motion.newest(robot, now_s)
     if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s:
@@ -119,22 +106,7 @@ def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
 
 
 def frame_turn(placement: Placement, row: int, pose: BodyPose) -> FrameTurn | None:
-    """
-    Return how the frame of a placement is turned to the odometry frame of a robot.
-
-    Parameters
-    ----------
-    placement : Placement
-    row : int
-        That of the robot, which is in the origin.
-    pose : BodyPose
-
-    Returns
-    -------
-    FrameTurn or None
-        None where the heading of the robot is not known.
-
-    """
+    """Return how the frame of a placement is turned to the odometry frame of a robot."""
     if not placement.heading_known[row]:
         return None
     own = rotation_of_quaternion(placement.orientations_xyzw[row])
@@ -152,26 +124,7 @@ def frame_turn(placement: Placement, row: int, pose: BodyPose) -> FrameTurn | No
 def in_odometry_frame(
     placement: Placement, row: int, pose: BodyPose, turn: FrameTurn
 ) -> Placement:
-    """
-    Return a placement in the odometry frame of a robot.
-
-    Parameters
-    ----------
-    placement : Placement
-    row : int
-        That of the robot, which is in the origin.
-    pose : BodyPose
-        Of the robot in its odometry frame.
-    turn : FrameTurn
-        Of the frame of the placement; less than a half turn wide.
-
-    Returns
-    -------
-    Placement
-        Bounds are rounded outward. The best point is turned as a whole, so that its distances stay
-        as they are, and clipping takes away rounding errors only.
-
-    """
+    """Return a placement in the odometry frame of a robot."""
     q = len(pose.position_m)
     best_axes = turn.best_rotation[:q, :q]
     enclosure_m = _moved(placement.enclosure_m, pose, turn)

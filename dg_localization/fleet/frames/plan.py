@@ -76,23 +76,7 @@ class Plans:
 def plan_frames(
     snapshot: Snapshot, constraints: Constraints, alternatives: Sequence[Constraints]
 ) -> list[Plans]:
-    """
-    Choose one fixed frame for all alternatives, and frames for what is not connected to it.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    constraints : Constraints
-        What all links of a snapshot say, contradictions included.
-    alternatives : sequence of Constraints
-        What they say when some are left out.
-
-    Returns
-    -------
-    list of Plans
-        One for each alternative.
-
-    """
+    """Choose one fixed frame for all alternatives, and frames for what is not connected to it."""
     reason = ''
     if snapshot.anchors.cores:
         plans = _plans_from_anchors(snapshot, alternatives)
@@ -143,17 +127,7 @@ def _plans_from_anchors(
 def _plans_from_reference(
     config: FleetConfig, constraints: Constraints, alternatives: Sequence[Constraints]
 ) -> tuple[list[FramePlan], str]:
-    """
-    Return plans in the frame of the reference robot, or of the next one that is connected.
-
-    Returns
-    -------
-    list of FramePlan
-        Empty when no robot is connected to any other point.
-    str
-        A sentence on why it is not the frame of the reference robot; empty if it is.
-
-    """
+    """Return plans in the frame of the reference robot, or of the next one that is connected."""
     reference = config.robots.index(config.reference_robot)
     for robot in (*range(reference, len(config.robots)), *range(reference)):
         if any(_joins_others(config, other.component_of(robot)) for other in alternatives):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.graph import components_of
+from dg_localization.fleet.frames.enclosure import SWEEPS
 from dg_localization.interval.arrays import Interval, determinant
 from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
 
@@ -29,9 +30,6 @@ twice as long; the tests of anchors in line and of ceilings hold with either."""
 
 MOST_OTHERS = 12
 """How many points are asked whether they tell all places of a point apart."""
-
-SWEEPS = 20
-"""Most passes of the contraction of coordinate boxes."""
 
 
 def regions_of(

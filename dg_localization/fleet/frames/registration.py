@@ -50,20 +50,7 @@ class CorePose:
 
 
 class Registration:
-    """
-    The fixed frame as the solved points know it.
-
-    Parameters
-    ----------
-    kind : FrameKind
-    solved : Constraints
-        Of the solved points.
-    cores : tuple of tuple of int
-        The cores of the plan by the rows of `solved`, best first.
-    anchors : mapping of int to Interval
-        Coordinates of the anchors by the rows of `solved`.
-
-    """
+    """The fixed frame as the solved points know it."""
 
     def __init__(
         self,
@@ -105,19 +92,7 @@ class Registration:
         return CorePose(_axes_along(edges))
 
     def moved(self, positions: FloatArray) -> FloatArray:
-        """
-        Return positions of the solved points in the fixed frame, by the best fit.
-
-        Parameters
-        ----------
-        positions : numpy.ndarray, shape (n, q)
-            In any frame of the right chirality, in m.
-
-        Returns
-        -------
-        numpy.ndarray, shape (n, q)
-
-        """
+        """Return positions of the solved points in the fixed frame, by the best fit."""
         if self.kind == FrameKind.ANCHORS:
             return self._moved_to_anchors(positions)
         core = self.cores[0]

@@ -43,20 +43,7 @@ class StandingFrame:
 
     @default_environment()
     def turn(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
-        """
-        Return an estimate in the odometry frame of its origin, or as it is.
-
-        Parameters
-        ----------
-        snapshot : Snapshot
-        estimate : Estimate
-            Of the snapshot. Groups keep frames of their own.
-
-        Returns
-        -------
-        Estimate
-
-        """
+        """Return an estimate in the odometry frame of its origin, or as it is."""
         if estimate.frame is None or not estimate.placements:
             return estimate
         turned = self._turned(snapshot, estimate)
