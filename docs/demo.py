@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-import os
 from pathlib import Path
 import re
 import subprocess
@@ -292,12 +291,7 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=8.0, help='length of the first phase')
     parser.add_argument('--picture', type=Path, default='demo.png', help='file to write')
     options = parser.parse_args()
-    claim = claim_domain()
-    os.environ |= {
-        'ROS_DOMAIN_ID': str(claim.domain_id),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-    print(f'Six robots measure nine ranges to +-3 % (ROS_DOMAIN_ID={claim.domain_id}).')
+    print(f'Six robots measure nine ranges to +-3 % (ROS_DOMAIN_ID={claim_domain()}).')
     rclpy.init()
     phases = {phase.title: run(phase, options.seconds) for phase in PHASES}
     rclpy.shutdown()

@@ -57,12 +57,10 @@ def pytest_configure(config):
     # rclpy checks the type of every message field only where this is set at its import.
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
     os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='dg_localization_log_'))
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     # By its file: a package that does not import must be a failed test, not no tests at all.
-    domain = runpy.run_path(str(REPOSITORY / 'dg_localization/ros/domain.py'))
     # Kept for the life of the process: the claim ends with it.
-    config.ros_domain = domain['claim_domain']()
-    os.environ['ROS_DOMAIN_ID'] = str(config.ros_domain.domain_id)
+    config.ros_domain = runpy.run_path(str(REPOSITORY / 'dg_localization/ros/domain.py'))
+    config.ros_domain['claim_domain']()
 
 
 @pytest.fixture(scope='session')

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-import os
 import random
 import sys
 import time
@@ -100,9 +99,7 @@ def main() -> None:
     parser.add_argument('--picture', metavar='FILE', help='where to draw the timeline')
     options = parser.parse_args()
     warm_up()
-    claim = claim_domain()
-    os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    claim_domain()
     if options.minutes:
         day = live_through(for_minutes(options.minutes, options.seed))
     else:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 from fnmatch import fnmatch
 import json
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -169,9 +168,7 @@ def main() -> None:
     parser.add_argument('--soak', type=float, metavar='MINUTES', help='the soak test instead')
     options = parser.parse_args()
     warm_up()
-    claim = claim_domain()
-    os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    claim_domain()
     print(f'{machine()}\n', flush=True)
     with tempfile.TemporaryDirectory() as folder:
         if options.soak:

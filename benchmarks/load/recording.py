@@ -94,9 +94,7 @@ def main() -> None:
     parser.add_argument('--cores', type=int, default=1, help='for the node (1)')
     options, ros_arguments = parser.parse_known_args()
     warm_up()
-    claim = claim_domain()
-    os.environ['ROS_DOMAIN_ID'] = str(claim.domain_id)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    claim_domain()
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / 'result.npz'
         run(options, ros_arguments, result)

@@ -14,23 +14,17 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.calibration.angles import without_turns
 from dg_localization.fleet.config import RangeErrorModel
 from dg_localization.fleet.error_models import distance_bounds_m
 
 DECIMALS = 4
 """Of the bounds in m, in rad, and as a fraction; they are rounded outward to these."""
 
-CONFIDENCE = 0.95
-
 SLOPES, STEPS = 21, 5
 """Errors per m that are tried at a time, and how often the best one is refined."""
 
 WORTH_A_SLOPE = 0.9
 """Bounds with a slope have to be narrower than others by this factor."""
-
-MIDDLES = 101
-"""Of a scatter, from end to end, that are tried; an odd number has the middle of both."""
 
 
 @dataclass(frozen=True)
@@ -189,35 +183,17 @@ def missing_m(scatter_m: ArrayLike, half_widths_m: ArrayLike, choice: Choice) ->
     """
     Return by how much bounds are too narrow at each end for a scatter about an unknown bias.
 
-    Parameters
-    ----------
-    scatter_m : array_like, shape (n,)
-        Readings beside what their neighbors let expect.
-    half_widths_m : array_like, shape (n,)
-        Of the bounds at each reading: those of a short range may be narrower.
-    choice : Choice
-
-    Returns
-    -------
-    missing_m : float
-        Not negative.
-    excluded : int
-        The readings that no bias brings between the wider bounds together with those kept.
-
+    The bias is taken to be in the middle of what is kept of the scatter. The half widths are those
+    of the bounds at each reading: at a short range they may be narrower. The second value is how
+    many readings no bias brings between the wider bounds together with those kept.
     """
     scatter, halves = np.asarray(scatter_m, dtype=float), np.asarray(half_widths_m, dtype=float)
-    widened, kept = 1.0 + 2.0 * choice.margin, n_kept(len(scatter), choice.keep)
-    middles = np.linspace(*shortest_band(scatter, choice.keep), MIDDLES)
-    lacking = [
-        np.partition(widened * np.abs(scatter - m) - halves, kept - 1)[kept - 1] for m in middles
-    ]
-    best = int(np.argmin(lacking))
-    missing = max(0.0, float(lacking[best]))
-    held = np.argsort(widened * np.abs(scatter - middles[best]) - halves)[:kept]
-    reach = halves + missing
-    beyond = (scatter - reach > (scatter + reach)[held].min()) | (
-        scatter + reach < (scatter - reach)[held].max()
-    )
+    sizes = np.abs(scatter - np.mean(shortest_band(scatter, choice.keep)))
+    lacking = (1.0 + 2.0 * choice.margin) * sizes - halves
+    held = np.argsort(lacking)[: n_kept(len(scatter), choice.keep)]
+    missing = max(0.0, float(lacking[held[-1]]))
+    low, high = scatter - halves - missing, scatter + halves + missing
+    beyond = (low > high[held].min()) | (high < low[held].max())
     beyond[held] = False
     return missing, int(np.count_nonzero(beyond))
 
@@ -255,29 +231,9 @@ def range_holds(model: RangeErrorModel, reading_m: float, distance_m: float) -> 
     return low_m <= distance_m <= high_m
 
 
-def vouched_share(count: int) -> float:
-    """
-    Return the share of all readings that the extremes of a sample hold with 95 % confidence.
-
-    Parameters
-    ----------
-    count : int
-        How many readings the sample has. They are taken as independent, which readings in
-        sequence hardly are.
-
-    Notes
-    -----
-    S. S. Wilks, "Determination of sample sizes for setting tolerance limits", 1941.
-
-    """
-    if count < 2:
-        return 0.0
-    low, high = 0.0, 1.0
-    for _ in range(50):
-        share = 0.5 * (low + high)
-        risk = count * share ** (count - 1) - (count - 1) * share**count
-        low, high = (share, high) if risk <= 1.0 - CONFIDENCE else (low, share)
-    return low
+def without_turns(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return angles less their whole turns, half a turn to either side at most."""
+    return np.remainder(angles_rad + np.pi, 2.0 * np.pi) - np.pi
 
 
 def _widened(band: tuple[float, float], margin: float) -> tuple[float, float]:

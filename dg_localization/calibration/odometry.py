@@ -15,8 +15,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.calibration.angles import without_turns
-from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept
+from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept, without_turns
 from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
 
@@ -83,18 +82,10 @@ class OdometryWindows:
         """Whether the robot turned far enough to tell the errors of turns."""
         return bool(self.turn_rad.max() >= LEAST_TURN_RAD)
 
-    def halves(self) -> tuple['OdometryWindows', 'OdometryWindows']:
-        """Return the windows that end in the first half of their time, and those after it."""
-        ends_s = self.begin_s + self.seconds
-        middle_s = 0.5 * (self.begin_s.min() + ends_s.max()) if len(ends_s) else 0.0
-        return self._chosen(ends_s <= middle_s), self._chosen(self.begin_s >= middle_s)
-
     def where_known(self) -> 'OdometryWindows':
         """Return the windows whose truth is known."""
         columns = np.column_stack([getattr(self, field.name) for field in fields(self)])
-        return self._chosen(np.isfinite(columns).all(axis=1))
-
-    def _chosen(self, rows: NDArray[np.bool_]) -> 'OdometryWindows':
+        rows = np.isfinite(columns).all(axis=1)
         return OdometryWindows(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @classmethod
@@ -104,51 +95,14 @@ class OdometryWindows:
         return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-@dataclass(frozen=True)
-class OdometryFit:
-    """
-    Bounds of odometry, in the terms of `OdometryErrorModel`.
-
-    Attributes
-    ----------
-    translation_scale : float
-        True ways over reported ones.
-    constant_m, translation_per_m, constant_rad, rotation_per_rad : float
-        The bounds, of ways that are scaled.
-    translation_per_rad, rotation_per_m : float, optional
-        They are not learned, but may have been kept as they were stated.
-
-    """
-
-    translation_scale: float
-    constant_m: float
-    translation_per_m: float
-    constant_rad: float
-    rotation_per_rad: float
-    translation_per_rad: float = 0.0
-    rotation_per_m: float = 0.0
-
-    @property
-    def model(self) -> OdometryErrorModel:
-        """The scale and the bounds, as a fleet states them."""
-        return OdometryErrorModel(
-            translation_per_m=self.translation_per_m,
-            translation_per_rad=self.translation_per_rad,
-            rotation_per_m=self.rotation_per_m,
-            rotation_per_rad=self.rotation_per_rad,
-            constant_m=self.constant_m,
-            constant_rad=self.constant_rad,
-            translation_scale=self.translation_scale,
-        )
-
-    def excluded(self, windows: OdometryWindows) -> int:
-        """Return how many windows exceed the bounds."""
-        ways_m = self.translation_scale * windows.way_m
-        of_ways_m = self.translation_per_m * ways_m + self.translation_per_rad * windows.turn_rad
-        of_turns_rad = self.rotation_per_m * ways_m + self.rotation_per_rad * windows.turn_rad
-        beyond_m = windows.errors_m(self.translation_scale) > self.constant_m + of_ways_m
-        beyond_rad = windows.error_rad > self.constant_rad + of_turns_rad
-        return int(np.count_nonzero(beyond_m | beyond_rad))
+def n_excluded(model: OdometryErrorModel, windows: OdometryWindows) -> int:
+    """Return how many windows exceed some bounds."""
+    ways_m = model.translation_scale * windows.way_m
+    of_ways_m = model.translation_per_m * ways_m + model.translation_per_rad * windows.turn_rad
+    of_turns_rad = model.rotation_per_m * ways_m + model.rotation_per_rad * windows.turn_rad
+    beyond_m = windows.errors_m(model.translation_scale) > model.constant_m + of_ways_m
+    beyond_rad = windows.error_rad > model.constant_rad + of_turns_rad
+    return int(np.count_nonzero(beyond_m | beyond_rad))
 
 
 def odometry_windows(
@@ -221,7 +175,7 @@ def odometry_windows(
 
 def fit_odometry(
     windows: OdometryWindows, choice: Choice, stated: OdometryErrorModel | None = None
-) -> OdometryFit:
+) -> OdometryErrorModel:
     """
     Return a scale of the way, and bounds, a constant and a slope for the way and for the turn.
 
@@ -248,7 +202,13 @@ def fit_odometry(
     way_m = float(np.mean(windows.way_m))
     scale, constant_m, per_m = min(lines, key=lambda line: line[1] + line[2] * line[0] * way_m)
     constant_rad, per_rad = _fit_line(windows.turn_rad, windows.error_rad, choice)
-    fit = OdometryFit(scale, constant_m, per_m, constant_rad, per_rad)
+    fit = OdometryErrorModel(
+        translation_scale=scale,
+        translation_per_m=per_m,
+        rotation_per_rad=per_rad,
+        constant_m=constant_m,
+        constant_rad=constant_rad,
+    )
     if not windows.tell_ways:
         fit = replace(
             fit,

@@ -9,8 +9,7 @@ The executables where their scripts are not installed.
 
 import sys
 
-from dg_localization.ros.executables import EXECUTABLES, EXIT_WRONG_USAGE
-from dg_localization.ros.terminal import print_line
+from dg_localization.ros.executables import EXECUTABLES, EXIT_WRONG_USAGE, print_line
 
 
 def main() -> int:

@@ -16,18 +16,22 @@ Importing rclpy and the messages is most of a start, so it happens after the sig
 care of: an executable ends without a traceback from its first moment on.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
+import os
 import signal
 import sys
-
-from dg_localization.ros.signals import handled_by
-from dg_localization.ros.terminal import open_closed_streams, print_line
+from types import FrameType
 
 EXIT_FAILED = 1
 EXIT_WRONG_USAGE = 2
 # What a shell makes of SIGINT: half an answer must not look whole to a script.
 EXIT_INTERRUPTED = 130
+
+# The last one comes when the terminal is closed, or the connection of ssh is lost.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class ExecutableError(Exception):
@@ -42,75 +46,62 @@ class UsageError(ExecutableError):
     exit_code = EXIT_WRONG_USAGE
 
 
-def localizer(args: Sequence[str] | None = None) -> int:
-    """Run the node `localizer`; return the exit code."""
-    return _run('node.process', args)
+class StopRequest:
+    """Set by the first signal; a second SIGINT or SIGTERM does not wait for a clean end."""
+
+    def __init__(self) -> None:
+        self._is_set = False
+
+    def is_set(self) -> bool:
+        """Return whether to stop."""
+        return self._is_set
+
+    def handle(self, signal_number: int, frame: FrameType | None) -> None:
+        """Handle a signal."""
+        # The kernel and the shell send SIGHUP each when a terminal is closed.
+        if self._is_set and signal_number != signal.SIGHUP:
+            raise KeyboardInterrupt
+        self._is_set = True
 
 
-def simulate_fleet(args: Sequence[str] | None = None) -> int:
-    """Run the node `simulate_fleet`; return the exit code."""
-    return _run('simulation.simulate_fleet', args)
+@contextmanager
+def handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Handle the signals alike, also where a script ignored SIGINT, but SIGHUP not under nohup."""
+    numbers = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+    before = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, former in zip(numbers, before, strict=True):
+            signal.signal(number, former)
 
 
-def replay(args: Sequence[str] | None = None) -> int:
-    """Run `replay`; return the exit code."""
-    return _run('bags.replay', args)
+@contextmanager
+def stop_request() -> Iterator[StopRequest]:
+    """Turn the signals into a request, where an exception would break what is being written."""
+    stop = StopRequest()
+    with handled_by(stop.handle):
+        yield stop
 
 
-def localize_bag(args: Sequence[str] | None = None) -> int:
-    """Run `localize_bag`; return the exit code."""
-    return _run('bags.localize_bag', args, interrupted=EXIT_INTERRUPTED)
+def print_line(text: str) -> None:
+    """Print a line for the person at the terminal, apart from what the executable puts out."""
+    print(text, file=sys.stderr, flush=True)
 
 
-def fit_bounds(args: Sequence[str] | None = None) -> int:
-    """Run `fit_bounds`; return the exit code."""
-    return _run('bags.fit_bounds', args, interrupted=EXIT_INTERRUPTED)
+def print_result(text: str) -> None:
+    """Print what the executable puts out; a reader that is gone, as of a pipe, is no error."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        # The interpreter flushes its streams at its end, and would fail once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        raise ExecutableError(f'the result cannot be printed: {error.strerror}') from error
 
 
-def fleet_status(args: Sequence[str] | None = None) -> int:
-    """Run `fleet_status`; return the exit code."""
-    return _run('fleet_status', args)
-
-
-def self_test(args: Sequence[str] | None = None) -> int:
-    """Run `self_test`; return the exit code."""
-    return _run('self_test', args, interrupted=EXIT_INTERRUPTED)
-
-
-EXECUTABLES = {
-    function.__name__: function
-    for function in (
-        localizer,
-        simulate_fleet,
-        replay,
-        localize_bag,
-        fit_bounds,
-        fleet_status,
-        self_test,
-    )
-}
-
-
-def _run(module: str, args: Sequence[str] | None, interrupted: int = 0) -> int:
-    """
-    Import a module of this room and run its `main`.
-
-    Parameters
-    ----------
-    module : str
-        Its name within this room.
-    args : sequence of str, optional
-        The command line without the name of the executable; that of the process by default.
-    interrupted : int
-        The exit code after a signal.
-
-    Returns
-    -------
-    int
-        The exit code.
-
-    """
-    open_closed_streams()
+def _run(module: str, interrupted: int, args: Sequence[str] | None = None) -> int:
+    """Run `main` of a module of this room with a command line; return the exit code."""
     try:
         with handled_by(signal.default_int_handler):
             main: Callable[[Sequence[str]], int]
@@ -121,3 +112,22 @@ def _run(module: str, args: Sequence[str] | None, interrupted: int = 0) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         return interrupted
+
+
+localizer = partial(_run, 'node.process', 0)
+simulate_fleet = partial(_run, 'simulation.simulate_fleet', 0)
+replay = partial(_run, 'bags.replay', 0)
+localize_bag = partial(_run, 'bags.localize_bag', EXIT_INTERRUPTED)
+fit_bounds = partial(_run, 'bags.fit_bounds', EXIT_INTERRUPTED)
+fleet_status = partial(_run, 'fleet_status', 0)
+self_test = partial(_run, 'self_test', EXIT_INTERRUPTED)
+
+EXECUTABLES = {
+    'localizer': localizer,
+    'simulate_fleet': simulate_fleet,
+    'replay': replay,
+    'localize_bag': localize_bag,
+    'fit_bounds': fit_bounds,
+    'fleet_status': fleet_status,
+    'self_test': self_test,
+}

@@ -17,12 +17,18 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from dg_localization.ros.executables import ExecutableError, UsageError
-from dg_localization.ros.signals import StopRequest, stop_request, waking
+from dg_localization.ros.executables import (
+    ExecutableError,
+    StopRequest,
+    UsageError,
+    stop_request,
+)
 
 REPEATED_ERROR_S = 5.0
 # A message waits for up to this long.
 BATCH_S = 0.01
+# Python handles a signal once the wait for messages, which is no Python, is over.
+WAIT_S = 0.2
 # One for all: a log call takes the same clock every time. Timers of the clock of a machine would
 # be silent for as long as that is set back, and those of a simulated time while it stands still.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -42,12 +48,12 @@ class BatchExecutor(SingleThreadedExecutor):
     """
 
     def spin_batch(self) -> None:
-        """Run everything that is ready; where that is nothing, wait until something is."""
+        """Run everything that is ready; where that is nothing, wait a little for something."""
         began_s = time.monotonic()
         if self._run_ready():
             time.sleep(max(0.0, BATCH_S - (time.monotonic() - began_s)))
         else:
-            self.spin_once()
+            self.spin_once(timeout_sec=WAIT_S)
 
     def _run_ready(self) -> bool:
         """Run everything that is ready, and return whether that was anything."""
@@ -66,17 +72,7 @@ class BatchExecutor(SingleThreadedExecutor):
 
 @contextmanager
 def ros_arguments_checked() -> Iterator[None]:
-    """
-    Make a sentence of what rclpy raises about a command line, a file of parameters or a machine.
-
-    Raises
-    ------
-    UsageError
-        If an argument is wrong, or a file of parameters.
-    ExecutableError
-        If ROS cannot start here.
-
-    """
+    """Make a sentence of what rclpy raises about arguments, files of parameters or a machine."""
     try:
         yield
     except ParameterException as error:
@@ -91,15 +87,7 @@ def ros_arguments_checked() -> Iterator[None]:
 
 
 def own_arguments(args: Sequence[str]) -> list[str]:
-    """
-    Return a command line without its ROS arguments.
-
-    Raises
-    ------
-    UsageError
-        If a ROS argument is wrong.
-
-    """
+    """Return a command line without its ROS arguments."""
     with ros_arguments_checked():
         return list(remove_ros_args(['executable', *args])[1:])
 
@@ -111,12 +99,6 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
 
     The handlers of rclpy shut the context down at once, in the middle of a callback, and leave no
     time to take back what was published.
-
-    Raises
-    ------
-    UsageError
-        If a ROS argument, or a file of parameters that one names, is wrong.
-
     """
     with ros_arguments_checked():
         rclpy.init(args=['executable', *args], signal_handler_options=SignalHandlerOptions.NO)
@@ -127,24 +109,7 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
 
 
 def spin(make_node: Callable[[], Node], args: Sequence[str], usage: str) -> None:
-    """
-    Make a node and spin it until a signal, or print how it is used.
-
-    Parameters
-    ----------
-    make_node : callable
-        Called without arguments once rclpy is initialized.
-    args : sequence of str
-        Command line: ROS arguments, or ``--help``.
-    usage : str
-        What ``--help`` prints.
-
-    Raises
-    ------
-    UsageError
-        If an argument or a parameter is wrong.
-
-    """
+    """Make a node once rclpy runs and spin it until a signal; on ``--help`` print the usage."""
     own = own_arguments(args)
     if {'-h', '--help'}.intersection(own):
         print(usage)
@@ -171,14 +136,11 @@ def _spin_until(stop: StopRequest, node: Node) -> None:
     """
     executor = BatchExecutor()
     executor.add_node(node)
-    # The executor returns from its wait when a callback of the node is due.
-    guard = node.create_guard_condition(lambda: None)
-    with waking(guard.trigger):
-        while not stop.is_set() and node.context.ok():
-            try:
-                executor.spin_batch()
-            except Exception:
-                node.get_logger().error(
-                    f'a callback failed, the node goes on:\n{traceback.format_exc()}',
-                    **at_most_every(REPEATED_ERROR_S),
-                )
+    while not stop.is_set() and node.context.ok():
+        try:
+            executor.spin_batch()
+        except Exception:
+            node.get_logger().error(
+                f'a callback failed, the node goes on:\n{traceback.format_exc()}',
+                **at_most_every(REPEATED_ERROR_S),
+            )

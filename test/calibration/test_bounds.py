@@ -18,7 +18,6 @@ from dg_localization.calibration.bounds import (
     n_kept,
     shape_of,
     shortest_band,
-    vouched_share,
 )
 from dg_localization.fleet.error_models import distance_bounds_m, likeliest_distance_m
 
@@ -131,11 +130,3 @@ def test_half_widths_hold_their_share():
     narrow = fit_half_width_rad(errors, Choice(0.5, 0.0))
     assert 0.5 <= np.mean(np.abs(errors) <= narrow) <= 0.52
     assert fit_half_width_rad([3.1], Choice(1.0, 1.0)) == math.pi
-
-
-def test_few_readings_vouch_for_little():
-    # The sizes of samples that Wilks gives for two-sided limits at 95 %.
-    assert vouched_share(93) == pytest.approx(0.95, abs=5e-4)
-    assert vouched_share(473) == pytest.approx(0.99, abs=5e-4)
-    assert vouched_share(1) == 0.0
-    assert vouched_share(2) < 0.03

@@ -147,6 +147,26 @@ def _hang_up_is_heard():
     signal.signal(signal.SIGHUP, former)
 
 
+@pytest.fixture
+def recorder(tmp_path):
+    from small_bags import Recorder
+
+    return Recorder(tmp_path / 'bag')
+
+
+@pytest.fixture
+def localize(tmp_path):
+    from small_bags import Localize
+
+    return Localize(tmp_path)
+
+
+@pytest.fixture
+def triangle_bag(recorder):
+    recorder.write_triangle(range(21))
+    return recorder.close()
+
+
 class Bench:
     """A node beside the localizer: it plays the sensors and listens to every output."""
 

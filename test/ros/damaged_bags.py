@@ -22,14 +22,9 @@ from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, range_message
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-RANGE = 'sensor_msgs/msg/Range'
-START_NS = 1_700_000_000_000_000_000
-PERIOD_NS = 100_000_000
-# Two sides and the hypotenuse of a right triangle.
-RANGES_M = {'/a/range/b': 3.0, '/a/range/c': 4.0, '/b/range/c': 5.0}
+RANGES_M = {f'/{a}/range/{b}': range_m for (a, b), range_m in TRIANGLE.items()}
 STEPS = 9
 CHUNK_BYTES = 1000
 SCHEMA, CHUNK, CHUNK_INDEX = 3, 6, 8
@@ -81,13 +76,6 @@ def write_bag(path: Path, storage: str) -> None:
                 writer.write(connections[topic], time_ns, range_message(time_ns, range_m))
     if storage != 'db3':
         _rewrite(storage_of(path), checksums=storage == 'mcap', chunks='chunks' not in storage)
-
-
-def range_message(time_ns: int, range_m: float) -> bytes:
-    types = STORE.types
-    stamp = types['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
-    header = types['std_msgs/msg/Header'](stamp, '')
-    return bytes(STORE.serialize_cdr(types[RANGE](header, 0, 0.0, 0.0, 0.0, range_m, 0.0), RANGE))
 
 
 def storage_of(bag: Path) -> Path:

@@ -8,11 +8,11 @@ The environment variables DAMAGED_BAG_BITS and DAMAGED_BAG_OTHERS say how many f
 how many of the other damages, are tried of each storage.
 """
 
-from dataclasses import replace
 import json
 import os
 import random
 import shutil
+import sqlite3
 
 import pytest
 
@@ -20,8 +20,20 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
 
-from damaged_bags import CHUNK, CHUNK_INDEX, SCHEMA, damages, mcap_records, storage_of, write_bag  # noqa: E402
-from mcap.records import Statistics  # noqa: E402
+from damaged_bags import CHUNK, damages, mcap_records, storage_of, write_bag  # noqa: E402
+from mcap.writer import Writer as McapWriter  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from small_bags import (  # noqa: E402
+    PERIOD_NS,
+    RANGE,
+    START_NS,
+    STORE,
+    TRIANGLE,
+    Recorder,
+    counts,
+    range_message,
+)
+import zstandard  # noqa: E402
 
 from dg_localization.ros.bags import localize_bag as module  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
@@ -118,28 +130,6 @@ def test_a_damaged_bag_never_loses_anything_silently(runs, storage):
     assert not failures, f'{len(failures)} of {n_cases}:\n' + '\n'.join(failures)
 
 
-@pytest.mark.parametrize(
-    ('opcode', 'offset', 'reason'),
-    [
-        (CHUNK, 100, 'what follows is not read'),
-        # A time that nothing is done with.
-        (CHUNK_INDEX, 9, 'the checksum of its summary'),
-        # A definition that is there twice.
-        (SCHEMA, 100, 'the checksum of its summary'),
-    ],
-)
-def test_a_wrong_checksum_is_named(runs, opcode, offset, reason):
-    bag = runs.folder / 'bag'
-    write_bag(bag, 'mcap')
-    data = bytearray(storage_of(bag).read_bytes())
-    # The last record of a kind; that of a schema is in the summary.
-    begin = {opcode: begin for begin, opcode in mcap_records(data)}[opcode]
-    data[begin + offset] ^= 1
-    storage_of(bag).write_bytes(data)
-    code, _, report, printed = runs.run(bag)
-    assert code == 1 and report is not None and reason in printed
-
-
 def test_a_chunk_that_is_damaged_keeps_the_answers_before_it(runs):
     bag = runs.folder / 'bag'
     write_bag(bag, 'mcap')
@@ -163,11 +153,147 @@ def test_metadata_that_name_another_topic_are_damage(runs):
     assert any(text.startswith('/b/range/c: 9 messages are in') for text in report['damage'])
 
 
-def test_statistics_without_counts_by_channel_are_no_damage(runs, monkeypatch):
-    write = Statistics.write
-    monkeypatch.setattr(
-        Statistics, 'write', lambda self, out: write(replace(self, channel_message_counts={}), out)
-    )
-    write_bag(runs.folder / 'bag', 'mcap')
-    code, answers, report, _ = runs.run(runs.folder / 'bag')
-    assert code == 0 and report['damage'] == [] and answers
+DAY_NS = 86_400 * 10**9
+
+
+BROKEN = {
+    'no storage': ('storage_identifier: mcap', 'storage_identifier: ""'),
+    'a version to come': ('version: 9', 'version: 10'),
+    'no number': ('version: 9', 'version: x'),
+    'another file': ('bag.mcap', 'other.mcap'),
+    'no YAML': ('rosbag2_bagfile_information:', '{{{'),
+}
+
+
+def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, capsys):
+    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    recorder.write_triangle(range(21))
+    # One large message, whose pages the storage chains, holds the damage.
+    recorder.write('/a/range/b', 21, range_message(START_NS, 3.0, 'x' * 40_000))
+    recorder.write_triangle(range(22, 42))
+    bag = recorder.close()
+    (storage,) = bag.glob('*.db3')
+    data = storage.read_bytes()
+    page = (data.index(b'x' * 4000) // 4096 + 1) * 4096
+    storage.write_bytes(data[:page] + bytes(8192) + data[page + 8192 :])
+    code, report = localize(bag)
+    assert code == 1 and report['ending'] == ''
+    assert report['ticks'] == counts(localize.output)['/localizer/feasible_poses'] == 10
+    assert any('what follows is not read' in text for text in report['damage'])
+    assert 'The bag is damaged' in capsys.readouterr().out
+
+
+def test_a_topic_of_which_nothing_can_be_read_is_damage(localize, recorder, capsys):
+    recorder.write_triangle(range(11))
+    for step in range(11):
+        recorder.write('/b/range/a', step, b'\x00\x01\x00\x00damaged')
+    code, report = localize(recorder.close())
+    assert code == 1 and report['accepted'] == 33 and report['ticks'] == 5
+    assert '/b/range/a' in report['damage'][0]
+    assert 'The bag is damaged:' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_a_bag_without_messages_is_refused_with_a_sentence(localize, tmp_path, plugin, capsys):
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=plugin) as writer:
+        writer.add_connection('/a/range/b', RANGE, typestore=STORE)
+    assert localize(tmp_path / 'bag') == (1, None)
+    assert 'it has no messages' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('time_ns', [-1, START_NS + 10**18, 2**63 - 1])
+def test_a_damaged_time_does_not_make_a_bag_of_centuries(localize, tmp_path, time_ns, capsys):
+    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    recorder.write_triangle(range(11))
+    (storage,) = recorder.close().glob('*.db3')
+    with sqlite3.connect(storage) as base:
+        base.execute('UPDATE messages SET timestamp = ? WHERE id = 5', [time_ns])
+    code, report = localize(recorder.path)
+    assert code == 1 and report['ticks'] == 5
+    assert 'receive times of 1 messages are no times of ROS' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('step', [0, 15, 30], ids=['first', 'in the middle', 'last'])
+@pytest.mark.parametrize('days', [-3, 3], ids=['early', 'late'])
+def test_a_gap_of_days_is_named_and_skipped(localize, recorder, step, days, capsys):
+    """One message was received days before or after all others, wherever it is in the file."""
+    recorder.write_triangle(range(step))
+    stray = step + days * DAY_NS // PERIOD_NS
+    recorder.write('/a/range/b', stray, range_message(START_NS + step * PERIOD_NS, 3.0))
+    recorder.write_triangle(range(step, 31))
+    code, report = localize(recorder.close())
+    assert 15 <= report['ticks'] <= 15 + 50 + 1
+    (gap,) = report['gaps']
+    assert gap['last_s'] - gap['first_s'] == pytest.approx(3 * 86_400, abs=60)
+    told = capsys.readouterr().out
+    assert 'Nothing was received from' in told and '3.0 days' in told
+    # A time that goes back within the file is damage.
+    in_order = step == 0 and days < 0
+    assert any('receive times go back' in text for text in report['damage']) != in_order
+    assert code == (0 if not report['damage'] else 1)
+
+
+@pytest.mark.parametrize('change', BROKEN.values(), ids=BROKEN)
+def test_a_bag_with_broken_metadata_is_read(localize, triangle_bag, change):
+    path = triangle_bag / 'metadata.yaml'
+    before = path.read_text()
+    path.write_text(before.replace(*change))
+    assert path.read_text() != before
+    _, report = localize(triangle_bag)
+    assert report['ticks'] == 10 and report['accepted'] == 63
+
+
+def test_topics_whose_definitions_cannot_be_parsed_are_passed_over(localize, tmp_path):
+    """As those of service introspection, whose definition is that of a service."""
+    with (tmp_path / 'bag.mcap').open('wb') as file:
+        writer = McapWriter(file)
+        writer.start(profile='ros2')
+        text = 'int32 x\n---\n=== bad ===\nint32 y'
+        kinds = {
+            '/a/range/b': (RANGE, STORE.generate_msgdef(RANGE, ros_version=2)[0]),
+            # Some converters leave out the folder.
+            '/a/range/c': ('sensor_msgs/Range', STORE.generate_msgdef(RANGE, ros_version=2)[0]),
+            # A definition of a known type that is damaged.
+            '/b/range/c': (RANGE, text),
+            '/x/_service_event': ('std_srvs/srv/Trigger_Event', text),
+        }
+        for topic, (type_name, definition) in kinds.items():
+            schema = writer.register_schema(type_name, 'ros2msg', definition.encode())
+            channel = writer.register_channel(topic, 'cdr', schema)
+            for step in range(11):
+                time_ns = START_NS + step * PERIOD_NS
+                pair = topic[1], topic[-1]
+                data = bytes(range_message(time_ns, TRIANGLE.get(pair, 1.0)))
+                writer.add_message(channel, time_ns, data, time_ns)
+        writer.finish()
+    code, report = localize(tmp_path / 'bag.mcap')
+    assert code == 0 and report['accepted'] == 33 and report['damage'] == []
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_a_file_that_is_compressed_as_a_whole_is_read(localize, tmp_path, plugin):
+    recorder = Recorder(tmp_path / 'bag', plugin)
+    recorder.write_triangle(range(21))
+    bag = recorder.close()
+    (storage,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
+    packed = tmp_path / f'{storage.name}.zstd'
+    packed.write_bytes(zstandard.compress(storage.read_bytes()))
+    code, report = localize(packed)
+    assert code == 0 and report['ticks'] == 10 and report['damage'] == []
+    packed.write_bytes(packed.read_bytes()[:100])
+    assert localize(packed) == (1, None)
+
+
+def test_a_database_of_eloquent_is_read(localize, tmp_path):
+    """It has neither profiles nor definitions, and Range has no variance."""
+    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    recorder.write_triangle(range(21))
+    (storage,) = recorder.close().glob('*.db3')
+    with sqlite3.connect(storage) as base:
+        for table in ('schema', 'metadata', 'message_definitions'):
+            base.execute(f'DROP TABLE {table}')
+        for column in ('offered_qos_profiles', 'type_description_hash'):
+            base.execute(f'ALTER TABLE topics DROP COLUMN {column}')
+        base.execute('UPDATE messages SET data = substr(data, 1, length(data) - 4)')
+    code, report = localize(storage)
+    assert code == 0 and report['accepted'] == 63

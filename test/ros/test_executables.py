@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.signals import stop_request  # noqa: E402
+from dg_localization.ros.executables import stop_request  # noqa: E402
 
 # Sends the signal to itself when rclpy is asked for, in the middle of the imports.
 CODE = """

@@ -4,7 +4,6 @@
 """A ground truth that is damaged, cut off or half known: the report says so."""
 
 from collections import defaultdict
-import json
 
 import numpy as np
 import pytest
@@ -12,14 +11,13 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
-from test_localize_bag import (  # noqa: E402
-    PARAMETERS,
+from small_bags import (  # noqa: E402
     PERIOD_NS,
+    PLACES,
+    POSE,
     START_NS,
-    STORE,
     TRIANGLE,
-    TYPES,
-    Recorder,
+    pose_message,
 )
 
 from dg_localization.calibration.truth import TrueTrack  # noqa: E402
@@ -27,42 +25,10 @@ from dg_localization.fleet.rotations import (  # noqa: E402
     quaternion_of_euler,
     rotation_of_quaternion,
 )
-from dg_localization.ros.bags.truth_table import Poses, read_table  # noqa: E402
-from dg_localization.ros.executables import UsageError, localize_bag  # noqa: E402
+from dg_localization.ros.bags.truth import Poses, read_table  # noqa: E402
+from dg_localization.ros.executables import UsageError  # noqa: E402
 
-POSE = 'geometry_msgs/msg/PoseStamped'
-PLACES = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
 TRUTH = '--truth', '/{robot}/truth'
-
-
-@pytest.fixture
-def recorder(tmp_path):
-    return Recorder(tmp_path / 'bag')
-
-
-@pytest.fixture
-def localize(tmp_path):
-    """Localize a bag beside a truth; return the exit code and the report."""
-
-    def run(bag, *arguments, **parameters):
-        params, report = tmp_path / 'params.yaml', tmp_path / 'report.json'
-        given = {'/**': {'ros__parameters': {**PARAMETERS, **parameters}}}
-        params.write_text(json.dumps(given))
-        output = tmp_path / f'answers_{len(list(tmp_path.iterdir()))}'
-        paths = ('-o', output, '--params', params, '--report', report)
-        code = localize_bag([str(text) for text in (bag, *paths, *arguments)])
-        return code, json.loads(report.read_text())
-
-    return run
-
-
-def pose_message(time_ns, place):
-    stamp = TYPES['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
-    pose = TYPES['geometry_msgs/msg/Pose'](
-        TYPES['geometry_msgs/msg/Point'](*place, 0.0),
-        TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
-    )
-    return STORE.serialize_cdr(TYPES[POSE](TYPES['std_msgs/msg/Header'](stamp, ''), pose), POSE)
 
 
 def write_truth(recording, robots, steps):
@@ -91,18 +57,10 @@ def test_what_cannot_be_read_of_a_truth_is_told(recorder, localize, capsys):
 def test_a_truth_without_a_message_is_told(recorder, localize):
     recorder.write_triangle(range(21))
     write_truth(recorder, 'ab', range(21))
-    recorder._writer.add_connection('/c/truth', POSE, typestore=STORE)
+    recorder.add('/c/truth', POSE)
     code, report = localize(recorder.close(), *TRUTH)
     assert code == 0 and report['damage'] == []
     assert report['notices'] == ['/c/truth is passed over: no message']
-
-
-def test_a_whole_truth_needs_no_word(recorder, localize):
-    recorder.write_triangle(range(21))
-    write_truth(recorder, 'abc', range(21))
-    code, report = localize(recorder.close(), *TRUTH, max_speed=0.0)
-    assert code == 0 and report['damage'] == report['notices'] == []
-    assert report['truth']['held'] == report['truth']['compared'] == report['ticks'] == 10
 
 
 def test_contradictions_do_not_hold_the_truth(recorder, localize, capsys):
@@ -221,9 +179,7 @@ def test_trajectories_of_tum_are_read_one_of_each_robot(recorder, localize, tmp_
     bag = recorder.close()
     code, report = localize(bag, '--truth', tmp_path / '{robot}.tum')
     assert code == 0 and report['truth']['compared'] == 10
-    params = tmp_path / 'params.yaml'
-    arguments = (bag, '-o', tmp_path / 'other', '--params', params, '--truth', tmp_path / 'a.tum')
-    assert localize_bag([str(one) for one in arguments]) == 2
+    assert localize(bag, '--truth', tmp_path / 'a.tum') == (2, None)
 
 
 def test_times_that_do_not_meet_are_explained(recorder, localize, tmp_path, capsys):
@@ -238,3 +194,31 @@ def test_times_that_do_not_meet_are_explained(recorder, localize, tmp_path, caps
         printed = capsys.readouterr().out
         assert 'must be in seconds' in printed and hint in printed
         assert f'{START_NS / 10**9 + 0.2:.3f} to' in printed
+
+
+@pytest.mark.parametrize(
+    ('table', 'wanted'),
+    [
+        ('stamp,robot,x,y\n1.0,a,2.0,3.0\n'.encode('utf-16'), 'no table in UTF-8'),
+        (b'stamp,robot,x,y\n1.0,a,' + b'9' * 200_000 + b',3.0\n', 'line 2: no position'),
+        (b'stamp,robot,x,y\n1.0,a,inf,3.0\n', 'line 2: no position'),
+        (b'stamp,robot,x,y,yaw\n1.0,a,2.0,3.0,inf\n', 'line 2: no position'),
+    ],
+)
+def test_what_is_no_table_is_a_sentence(tmp_path, table, wanted):
+    path = tmp_path / 'truth.csv'
+    path.write_bytes(table)
+    with pytest.raises(UsageError, match=wanted):
+        read_truth_file(path, ['a'], 2)
+
+
+def test_a_table_of_truth_in_space_has_heights(tmp_path):
+    table = tmp_path / 'truth.csv'
+    table.write_text('stamp,robot,x,y\n1.0,a,2.0,3.0\n')
+    with pytest.raises(UsageError, match='has no column z'):
+        read_truth_file(table, ['a'], 3)
+    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
+    table.write_text('stamp,robot,x,y,z\n1.0,a,2.0,3.0,\n')
+    with pytest.raises(UsageError, match='line 2: '):
+        read_truth_file(table, ['a'], 3)
+    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionReason  # noqa: E402
-from dg_localization.ros.bags.report import BagReport, Tally  # noqa: E402
+from dg_localization.ros.bags.report import inputs_tree  # noqa: E402
 from dg_localization.ros.interface.identities import (  # noqa: E402
     MOST_CAMERAS,
     MOST_STRANGERS,
@@ -156,10 +156,8 @@ def test_the_report_counts_what_messages_brought_that_name_their_observer(intake
     link = parse_link(f'/uwb {TEXT} *')
     take(intake, f'/uwb {TEXT} *', String(data='7 8:3.0 stranger:1.0'))
     take(intake, f'/uwb {TEXT} *', String(data='9 7:3.0'))
-    report = BagReport(
-        '', 0.0, 1.0, 5.0, '', Tally(('a',)), [link], intake.states(NOW_S), {}, {}, (), (), True, 1
-    )
-    assert (report.accepted, dict(report.rejected)) == (2, {'unknown_robot': 1})
+    report = inputs_tree([link], intake.states(NOW_S), {}, {})
+    assert (report['accepted'], report['rejected']) == (2, {'unknown_robot': 1})
 
 
 def test_more_readings_of_robots_than_the_fleet_can_need_are_refused(localizer, intake):

@@ -17,12 +17,8 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
-from test_localize_bag import PARAMETERS, Recorder, counts, write_table  # noqa: E402
+from small_bags import PARAMETERS, Recorder, counts, write_table  # noqa: E402
 
-from dg_localization.ros.bags import (  # noqa: E402
-    localize_bag as localize_bag_module,
-    many_bags,
-)
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
 
@@ -36,49 +32,39 @@ def bags(tmp_path):
 
 
 @pytest.fixture
-def localize(tmp_path):
-    """Localize bags; return the exit code and the merged report."""
+def localize_all(tmp_path):
+    """Localize bags; return the exit code and the text of the merged report."""
     params = tmp_path / 'params.yaml'
     params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
 
     def run(*arguments, output='out', report='all.json'):
-        paths = ('-o', tmp_path / output, '--params', params, '--report', tmp_path / report)
-        code = localize_bag([str(text) for text in (*paths, *arguments)])
+        paths = ('-o', tmp_path / output, '--report', tmp_path / report, '--params', params)
+        code = localize_bag([str(one) for one in (*paths, *arguments)])
         path = tmp_path / report
         return code, path.read_text() if path.exists() else None
 
     return run
 
 
-def test_each_bag_is_localized_as_alone(bags, localize, tmp_path):
-    code, text = localize(*bags, '--jobs', '1')
-    merged = json.loads(text)
-    assert code == 0 and [bag['name'] for bag in merged['bags']] == ['first', 'second']
-    ticks = [bag['report']['ticks'] for bag in merged['bags']]
-    assert merged['ticks'] == sum(ticks) and ticks[0] < ticks[1]
-    code, alone = localize(bags[0], output='alone', report='alone.json')
-    assert code == 0 and json.loads(alone) == merged['bags'][0]['report']
-    assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
-
-
-def test_each_bag_is_compared_with_the_truth(bags, localize, tmp_path):
+def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize_all, tmp_path):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
     places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
     table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
-    code, text = localize(*bags, '--jobs', '1', '--truth', table)
-    reports = [bag['report'] for bag in json.loads(text)['bags']]
-    assert code == 0
-    for report in reports:
+    truth, plot = ('--truth', table), ('--plot', tmp_path / 'picture.png')
+    # ROS arguments reach every process.
+    ros_arguments = ('--ros-args', '-p', 'rate:=4.0')
+    code, text = localize_all(*bags, '--jobs', '1', *truth, *plot, *ros_arguments)
+    outcomes = json.loads(text)['bags']
+    assert code == 0 and [bag['name'] for bag in outcomes] == ['first', 'second']
+    for bag, outcome in zip(bags, outcomes, strict=True):
+        report = outcome['report']
         assert report['truth']['held'] == report['truth']['compared'] == report['ticks'] > 0
-    code, text = localize(*bags, '--truth', table, output='again', report='all.md')
-    assert f'| {reports[0]["ticks"]} of {reports[0]["ticks"]} |' in text
-
-
-def test_each_bag_is_drawn(bags, localize, tmp_path):
-    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
-    code, _ = localize(*bags, '--plot', tmp_path / 'picture.png')
-    assert code == 0
-    for bag in bags:
+        assert report['rate_hz'] == 4.0
         assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
+    alone = {'output': 'alone', 'report': 'alone.json'}
+    code, text = localize_all(bags[0], *truth, *ros_arguments, **alone)
+    assert code == 0 and json.loads(text) == outcomes[0]['report']
+    assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
 
 
 def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
@@ -95,12 +81,12 @@ def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
     process = subprocess.Popen(
         [*map(str, command)], stderr=subprocess.DEVNULL, start_new_session=True
     )
-    answers = [tmp_path / 'out' / bag.name / many_bags.ANSWERS for bag in bags]
+    answers = [tmp_path / 'out' / bag.name / 'answers' for bag in bags]
     deadline_s = time.monotonic() + 120.0
     while not all(any(path.glob('*.mcap')) for path in answers):
         assert process.poll() is None and time.monotonic() < deadline_s
         time.sleep(0.02)
-    # The one that is told to stop by the terminal and by the command stops in the middle.
+    # One that is told to stop by the terminal and by the command would stop in the middle.
     threads = Path(f'/proc/{process.pid}/task').glob('*/children')
     started = [int(pid) for thread in threads for pid in thread.read_text().split()]
     assert len(started) == 2
@@ -111,55 +97,27 @@ def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
         assert not path.exists() or (path / 'metadata.yaml').exists()
 
 
-def test_a_fleet_without_a_placement_has_no_width(localize, tmp_path):
-    contradiction = {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0}
-    paths = []
-    for name in ('first', 'second'):
-        recorder = Recorder(tmp_path / name)
-        recorder.write_triangle(range(11), contradiction)
-        paths.append(recorder.close())
-    _, text = localize(*paths, report='all.md')
-    assert '| no placement |' in text and 'not bounded' not in text
-
-
-def test_a_bag_that_fails_leaves_the_others_theirs(bags, localize, tmp_path):
+def test_a_bag_that_fails_leaves_the_others_theirs(localize_all, tmp_path):
+    recorder = Recorder(tmp_path / 'first')
+    recorder.write_triangle(range(11), {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0})
     (tmp_path / 'broken.mcap').write_bytes(b'no bag')
-    code, text = localize(bags[0], tmp_path / 'broken.mcap', report='all.md')
+    code, text = localize_all(recorder.close(), tmp_path / 'broken.mcap', report='all.md')
     assert code == 1
     first, broken = text.splitlines()[-2:]
-    assert first.startswith('| first |') and first.endswith('| at its end |')
-    assert broken.startswith('| broken |') and 'broken.mcap' in broken
+    assert first.startswith('| first ') and '| at its end ' in first and '| no placement' in first
+    assert broken.startswith('| broken ') and 'broken.mcap' in broken
 
 
-def test_kernels_are_compiled_once_and_in_sight(bags, localize, tmp_path, monkeypatch, capsys):
-    def compile_for_minutes(report):
-        report('compiling the solver: 1 of 9 kernels')
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(localize_bag_module, 'warm_up', compile_for_minutes)
-    assert localize(*bags) == (130, None)
-    told = capsys.readouterr().err
-    assert 'compiling the solver: 1 of 9 kernels' in told
-    assert 'interrupted; nothing is written' in told
-    assert not (tmp_path / 'out').exists()
-
-
-def test_ros_arguments_reach_every_process(bags, localize):
-    _, text = localize('--ros-args', '-p', 'rate:=1.0', '--', *bags)
-    merged = json.loads(text)
-    assert [bag['report']['rate_hz'] for bag in merged['bags']] == [1.0, 1.0]
-
-
-def test_two_bags_of_one_name_are_refused(bags, localize, tmp_path, capsys):
-    code, text = localize(bags[0], bags[0])
+def test_two_bags_of_one_name_are_refused(bags, localize_all, tmp_path, capsys):
+    code, text = localize_all(bags[0], bags[0])
     assert code == 2 and text is None and not (tmp_path / 'out').exists()
     assert "two bags are called 'first'" in capsys.readouterr().err
 
 
-def test_one_process_and_four_give_the_same_bytes(bags, localize, tmp_path):
+def test_one_process_and_four_give_the_same_bytes(bags, localize_all, tmp_path):
     found = []
     for jobs in ('1', '4'):
-        assert localize(*bags, '--jobs', jobs, output=f'out_{jobs}')[0] == 0
+        assert localize_all(*bags, '--jobs', jobs, output=f'out_{jobs}')[0] == 0
         folder = tmp_path / f'out_{jobs}'
         files = sorted(path for path in folder.rglob('*') if path.is_file())
         found.append({path.relative_to(folder): path.read_bytes() for path in files})

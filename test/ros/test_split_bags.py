@@ -10,9 +10,18 @@ import pytest
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
 
-from damaged_bags import PERIOD_NS, RANGE, RANGES_M, START_NS, STORE, range_message  # noqa: E402
+from damaged_bags import RANGES_M  # noqa: E402
+from rosbags.interfaces import (  # noqa: E402
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from ruamel.yaml import YAML  # noqa: E402
+from small_bags import PERIOD_NS, RANGE, START_NS, STORE, range_message  # noqa: E402
 
 from dg_localization.ros.bags.bag import Bag  # noqa: E402
 from dg_localization.ros.bags.reading import Reading  # noqa: E402
@@ -94,3 +103,23 @@ def test_receive_times_that_go_back_are_damage_and_come_in_order(tmp_path):
         assert len(times_ns) == 5 and times_ns == sorted(times_ns)
         (damage,) = bag.damage
         assert f'go back by up to {late_ns / 1e9 - 0.1:.1f} s' in damage
+
+
+def test_what_was_latched_before_the_start_counts(recorder):
+    latched = Qos(
+        *(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL),
+        *(QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False),
+    )
+    recorder.add('/latched', qos=[latched])
+    for step in range(10):
+        time_ns = START_NS + step * PERIOD_NS
+        if step in (1, 3, 7):
+            recorder.write('/latched', step, range_message(time_ns, 1.0 + step))
+        recorder.write('/volatile', step, range_message(time_ns, 1.0))
+    bag = Bag(recorder.close())
+    read = list(Reading(bag).messages(0.5))
+    assert [message.topic for message in read[:2]] == ['/latched', '/volatile']
+    assert read[0].time_ns == bag.start_ns + 5 * PERIOD_NS
+    assert len(read) == 1 + 5 + 1
+    # The last one before the start, of 0.3 s.
+    assert read[0].data == range_message(START_NS + 3 * PERIOD_NS, 4.0)

@@ -21,11 +21,8 @@ from dg_localization.fleet import (  # noqa: E402
     Group,
     Placement,
 )
-from dg_localization.ros.bags.truth_tally import (  # noqa: E402
-    TruthTally,
-    truth_paragraphs,
-    truth_tree,
-)
+from dg_localization.ros.bags.report import truth_parts  # noqa: E402
+from dg_localization.ros.bags.truth_tally import TruthTally  # noqa: E402
 from dg_localization.solver.result import Verdict  # noqa: E402
 
 ROBOTS = ('r1', 'r2', 'r3', 'r4')
@@ -103,7 +100,7 @@ GROUP_WRONG = {'r3': (0.0, 0.0), 'r4': (2.0, 2.0)}
 def test_a_miss_is_told_though_another_answer_is_not_listed_whole():
     tally = tallied(WRONG, GROUP_RIGHT, group_hypotheses=5)
     assert (tally.compared, tally.held, tally.unlisted) == (1, 0, 0)
-    assert [miss.what for miss in tally.misses] == [('r2',)]
+    assert [miss['robots'] for miss in tally.misses] == [('r2',)]
     tally = tallied(RIGHT, GROUP_WRONG, group_hypotheses=5)
     assert (tally.held, tally.unlisted, tally.misses) == (0, 1, [])
     tally = tallied(RIGHT, GROUP_RIGHT, group_hypotheses=5)
@@ -118,9 +115,7 @@ def test_an_answer_that_proves_that_there_is_no_placement_excludes_the_truth():
     # One without a verdict says nothing.
     assert (tally.compared, tally.held, tally.infeasible) == (9, 3, 6)
     assert tally.misses == [] and tally.uncompared == 0
-    tree = truth_tree(tally)
-    assert (tree['compared'], tree['held'], tree['infeasible']) == (9, 3, 6)
-    text, *_ = truth_paragraphs(tally)
+    text, *_ = truth_parts(tally.tree())
     assert text == (
         'The truth is inside a hypothesis in 3 of 9 answers. 6 answers have no placement at all: '
         'the measurements contradict each other.'
@@ -132,7 +127,7 @@ def test_a_contradiction_ends_a_time_at_which_the_truth_is_outside():
     wrong = [replace(right_at(stamp_s), placements=(placement(WRONG),)) for stamp_s in (0.0, 2.0)]
     for estimate in (wrong[0], Estimate(1.0, ROBOTS, Verdict.INFEASIBLE, ''), wrong[1]):
         add(tally, estimate)
-    assert [(miss.first_s, miss.last_s) for miss in tally.misses] == [(0.0, 0.0), (2.0, 2.0)]
+    assert [(miss['first_s'], miss['last_s']) for miss in tally.misses] == [(0.0, 0.0), (2.0, 2.0)]
     assert (tally.compared, tally.held, tally.infeasible) == (3, 0, 1)
 
 
@@ -146,8 +141,7 @@ def test_answers_between_samples_that_are_far_apart_are_counted():
     # Nothing could have been compared.
     add(tally, Estimate(1.8, ROBOTS, None, ''))
     assert (tally.compared, tally.held, tally.infeasible, tally.uncompared) == (2, 2, 0, 3)
-    assert truth_tree(tally)['uncompared'] == 3
-    text = '\n'.join(truth_paragraphs(tally))
+    _, text, *_ = truth_parts(tally.tree())
     assert 'inside a hypothesis in 2 of 2 answers.' in text
     assert '3 answers have no ground truth at their time' in text and 'more than 1 s apart' in text
 
@@ -155,5 +149,5 @@ def test_answers_between_samples_that_are_far_apart_are_counted():
 def test_where_no_answer_could_be_compared_the_gaps_are_named():
     tally = tally_beside({'r1': TrueTrack([0.0, 2.0], [(0.0, 0.0, 0.0)] * 2)})
     add(tally, right_at(1.0))
-    text = '\n'.join(truth_paragraphs(tally))
+    text = '\n'.join(truth_parts(tally.tree()))
     assert 'No answer has a ground truth at its time.' in text and 'more than 1 s apart' in text

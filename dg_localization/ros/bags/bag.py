@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A rosbag2, open for reading: its topics, what is wrong with it, and its messages in order of time.
+A rosbag2, open for reading: its topics and what is wrong with it.
 
 A bag is read twice: first to learn what it holds and whether it is whole, then for the messages.
 Of metadata.yaml only the names of the files and the numbers of messages are used, so that a bag
@@ -21,9 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from dg_localization.optional import install_hint
-from dg_localization.ros.bags.storage import STORAGES, Channel, Record, StorageFile
-from dg_localization.ros.executables import ExecutableError
-from dg_localization.ros.terminal import told_while_waiting
+from dg_localization.ros.bags.storage import Channel, Record, StorageFile
+from dg_localization.ros.executables import ExecutableError, print_line
 
 NS_PER_S = 1_000_000_000
 # Stamps have 32 bits for the seconds.
@@ -34,6 +33,7 @@ SAMPLES = 20
 # file of a split bag ends among them.
 OUT_OF_ORDER_NS = NS_PER_S
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
+STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?')
 COMPRESSED = '.zstd'
 RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
 WHAT_A_BAG_IS = 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file'
@@ -45,20 +45,7 @@ class BagError(ExecutableError):
 
 @dataclass
 class Topic:
-    """
-    A topic of a bag.
-
-    Attributes
-    ----------
-    name : str
-    channels : list of Channel
-        What the files say of it.
-    count : int
-        Its messages.
-    samples : list of bytes
-        The first of them.
-
-    """
+    """A topic of a bag: what the files say of it, and its first messages."""
 
     name: str
     channels: list[Channel] = field(default_factory=list)
@@ -68,7 +55,10 @@ class Topic:
     @property
     def type_names(self) -> tuple[str, ...]:
         """The types of its messages, such as 'sensor_msgs/msg/Range'."""
-        return tuple(sorted({full_type_name(channel.type_name) for channel in self.channels}))
+        # Some converters leave out the folder: pkg/Name.
+        names = {channel.type_name for channel in self.channels}
+        full = {name.replace('/', '/msg/') if name.count('/') == 1 else name for name in names}
+        return tuple(sorted(full))
 
     @property
     def offered_qos(self) -> tuple[Any, ...]:
@@ -94,11 +84,6 @@ class Topic:
         return find_message_class(self.type_names[0])
 
 
-def full_type_name(type_name: str) -> str:
-    """Return a type name with the folder that some converters leave out: pkg/Name."""
-    return type_name.replace('/', '/msg/') if type_name.count('/') == 1 else type_name
-
-
 class Bag:
     """
     A rosbag2: a bag folder, or a .db3 or .mcap file, compressed or not.
@@ -109,6 +94,8 @@ class Bag:
         By name.
     start_ns, end_ns : int
         Receive times of the first and the last message.
+    reorder_ns : int
+        By how much a message may be earlier than one before it.
     notices, damage : list of str
         What there is to say of it, and what is wrong with it, a sentence each.
     checksums : bool
@@ -122,19 +109,17 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         self.topics: dict[str, Topic] = {}
         self.start_ns, self.end_ns = END_OF_ROS_TIME_NS, 0
+        self.reorder_ns = OUT_OF_ORDER_NS
         self.notices: list[str] = []
         self.damage: list[str] = []
         self.checksums = True
-        self.path = path
-        # Messages are sorted by their times within as much as they are out of order.
-        self._reorder_ns = OUT_OF_ORDER_NS
         self._stack = ExitStack()
         try:
-            with told_while_waiting(f'checking {path}'):
-                self._paths = [self._unpacked(one) for one in self._files()]
-                self._scan()
+            self._paths = [self._unpacked(one) for one in self._files()]
+            self._scan()
         except OSError as error:
             self.close()
             raise BagError(f'{path} cannot be read: {error.strerror or error}') from error
@@ -143,7 +128,7 @@ class Bag:
             raise
 
     def _files(self) -> list[Path]:
-        """Return the files of the bag that hold messages."""
+        """Return the files of the bag that hold messages; all where metadata.yaml is no help."""
         path = self.path
         for package in ('rosbags', 'mcap'):
             if find_spec(package) is None:
@@ -152,14 +137,12 @@ class Bag:
             raise BagError(f'{path}: there is no such bag')
         if path.suffix == '.bag':
             raise BagError(f'{path} is a ROS 1 bag; convert it with rosbags-convert')
-        present = sorted(path.iterdir(), key=_by_number) if path.is_dir() else [path]
-        files = [file for file in present if file.is_file() and _storage_ending(file)]
+        present = sorted(path.iterdir()) if path.is_dir() else [path]
+        files = [file for file in present if file.is_file() and STORAGE_FILE.fullmatch(file.name)]
         if not files:
             raise BagError(f'{path} is no rosbag2: {WHAT_A_BAG_IS}')
-        return self._named_in_metadata(files) if path.is_dir() else files
-
-    def _named_in_metadata(self, files: list[Path]) -> list[Path]:
-        """Return the files that metadata.yaml names; all where it cannot be read."""
+        if not path.is_dir():
+            return files
         try:
             names = {PurePath(str(name)).name for name in self._metadata()['relative_file_paths']}
         except Exception as error:  # of broken metadata whatever its parser stumbles over
@@ -199,11 +182,10 @@ class Bag:
         return unpacked
 
     def _scan(self) -> None:
-        """Learn what the files hold."""
+        """Learn what the files hold, and sort them by their first receive times."""
         firsts_ns: dict[Path, int] = {}
         for path in self._paths:
-            file = _storage(path)
-            file.check()
+            file = StorageFile(path)
             firsts_ns[path] = self._scan_file(file)
             self.damage += file.damage
             self.checksums &= file.checksums
@@ -219,9 +201,9 @@ class Bag:
 
         Topics may be written one after the other; within one the times do not go back.
         """
-        first_ns, n_wrong, n_back = -1, 0, 0
+        first_ns, n_wrong = END_OF_ROS_TIME_NS, 0
         latest_of: dict[str, int] = {}
-        back_ns, back_at_ns = 0, 0
+        steps_back: list[tuple[int, int]] = []
         for channel, time_ns, data in file.records():
             topic = self._topic_of(channel)
             if not 0 <= time_ns < END_OF_ROS_TIME_NS:
@@ -230,24 +212,23 @@ class Bag:
             topic.count += 1
             if len(topic.samples) < SAMPLES:
                 topic.samples.append(data)
-            first_ns = time_ns if first_ns < 0 else min(first_ns, time_ns)
-            self._reorder_ns = max(self._reorder_ns, self.end_ns - time_ns)
+            first_ns = min(first_ns, time_ns)
+            self.reorder_ns = max(self.reorder_ns, self.end_ns - time_ns)
             self.start_ns, self.end_ns = min(self.start_ns, time_ns), max(self.end_ns, time_ns)
             before_ns = latest_of.setdefault(channel.topic, time_ns)
             if before_ns - time_ns > OUT_OF_ORDER_NS:
-                n_back += 1
-                if before_ns - time_ns > back_ns:
-                    back_ns, back_at_ns = before_ns - time_ns, before_ns
+                steps_back.append((before_ns - time_ns, before_ns))
             latest_of[channel.topic] = max(before_ns, time_ns)
         for channel in file.channels:
             self._topic_of(channel)
         if n_wrong:
             file.add_damage(f'receive times of {n_wrong} messages are no times of ROS')
-        if n_back:
+        if steps_back:
+            back_ns, at_ns = max(steps_back)
             file.add_damage(
                 f'receive times go back by up to {back_ns / NS_PER_S:.1f} s, as where a clock was '
-                f'set: {n_back} messages come after one of {back_at_ns / NS_PER_S:.3f} s and are '
-                'earlier. Answers of these times mix what was recorded before and after'
+                f'set: {len(steps_back)} messages come after one of {at_ns / NS_PER_S:.3f} s and '
+                'are earlier. Answers of these times mix what was recorded before and after'
             )
         return first_ns
 
@@ -277,14 +258,9 @@ class Bag:
     def records(self) -> Iterator[Record]:
         """Yield the messages in the order of the files."""
         for path in self._paths:
-            for channel, time_ns, data in _storage(path).records():
+            for channel, time_ns, data in StorageFile(path).records():
                 if 0 <= time_ns < END_OF_ROS_TIME_NS:
                     yield channel, time_ns, data
-
-    @property
-    def reorder_ns(self) -> int:
-        """By how much a message may be earlier than one before it."""
-        return self._reorder_ns
 
     @property
     def duration_s(self) -> float:
@@ -304,6 +280,7 @@ class Bag:
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag for a block; where that cannot go on, all that is wrong with the bag is said."""
+    print_line(f'reading {path}')
     bag = Bag(path)
     try:
         yield bag
@@ -311,20 +288,6 @@ def open_bag(path: Path) -> Iterator[Bag]:
         raise BagError('\n'.join([str(error), *bag.damage])) from error
     finally:
         bag.close()
-
-
-def _storage(path: Path) -> StorageFile:
-    return STORAGES[path.suffix](path)
-
-
-def _by_number(path: Path) -> tuple[int, str]:
-    """Return what puts bag_2.mcap before bag_10.mcap."""
-    return len(path.name), path.name
-
-
-def _storage_ending(path: Path) -> bool:
-    name = path.stem if path.suffix == COMPRESSED else path.name
-    return PurePath(name).suffix in STORAGES
 
 
 def find_message_class(type_name: str) -> type | None:

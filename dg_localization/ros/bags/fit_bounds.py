@@ -14,67 +14,69 @@ It is given to the node beside FILE, after it.
 """
 
 import argparse
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
-from dg_localization.ros.bags.arguments import EXIT_CODES, add_fleet, add_span
-from dg_localization.ros.bags.bag import NS_PER_S, Bag, open_bag
+from dg_localization.ros.bags.bag import Bag, open_bag
+from dg_localization.ros.bags.fit import GROUPS, fit
 from dg_localization.ros.bags.fit_report import as_yaml
-from dg_localization.ros.bags.fit_with_truth import fit_with_truth
-from dg_localization.ros.bags.fit_without_truth import fit_without_truth
-from dg_localization.ros.bags.fitted import Fit
-from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
+from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, in_seconds, read_task
 from dg_localization.ros.bags.reading import Reading
-from dg_localization.ros.bags.samples import Collector, Samples
+from dg_localization.ros.bags.samples import Gatherer
 from dg_localization.ros.bags.truth import Truth, choose_truth
-from dg_localization.ros.executables import EXIT_FAILED, ExecutableError, UsageError
-from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import (
-    make_progress,
-    number,
+from dg_localization.ros.executables import (
+    EXIT_FAILED,
+    ExecutableError,
+    UsageError,
     print_line,
     print_result,
-    told_while_waiting,
 )
-
-GROUPS = ('link', 'sensor', 'all')
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.spinning import own_arguments
+from dg_localization.ros.terminal import add_fleet, add_span, make_progress, number
 
 
 def collect(
     options: argparse.Namespace, task: Task, bag: Bag
-) -> tuple[Samples, Truth, Inputs, list[str]]:
+) -> tuple[Gatherer, Truth, Inputs, list[str]]:
     """Return the readings of a bag, the truth, the inputs, and what is wrong with the bag."""
-    inputs = find_inputs(task.settings, bag.types)
-    truth = choose_truth(options.truth, task.settings, bag)
-    collector = Collector(task.settings, inputs, truth)
+    settings = task.settings
+    inputs = find_inputs(settings, bag.types)
+    truth = choose_truth(options.truth, settings, bag)
+    gatherer, rejected = Gatherer(settings.fleet), Counter[str]()
+    intake = Intake(gatherer, settings.use_header_stamp, settings.ids)
+    links = {link.topic: link for link in inputs.links}
     reading = Reading(bag, {*inputs.topics, *truth.topics})
-    classes = {topic.name: topic.message_class for topic in reading.topics}
-    total_s = max(0.0, bag.duration_s - options.start)
-    if options.duration is not None:
-        total_s = min(total_s, options.duration)
-    start_ns, done_s = bag.start_ns + round(options.start * NS_PER_S), 0.0
-    with closing(make_progress(total_s)) as progress:
+    start_s, done_s = in_seconds(bag.start_ns) + options.start, 0.0
+    total_s = bag.duration_s - options.start
+    with closing(make_progress(max(0.0, min(total_s, options.duration or total_s)))) as progress:
         for message in reading.messages(options.start, options.duration):
-            message_class = classes[message.topic]
-            assert message_class is not None, 'only topics with a class are read'
-            collector.take(message, message_class)
-            at_s = min(total_s, (message.time_ns - start_ns) / NS_PER_S)
-            progress.update(at_s - done_s)
-            done_s = at_s
+            now_s = in_seconds(message.time_ns)
+            if message.topic in truth.topics:
+                truth.take(message, bag.topics[message.topic].message_class)
+            # The odometry of one input may serve as the truth of another.
+            if link := links.get(message.topic):
+                rejection = intake.take(link, message.data, now_s)
+                if rejection is not None:
+                    rejected[rejection.reason.value] += 1
+            progress.update(now_s - start_s - done_s)
+            done_s = now_s - start_s
     for notice in (*bag.notices, *inputs.notices, *reading.notices, *truth.notices):
         print_line(notice)
-    if unread := collector.malformed + reading.unreadable.total():
+    malformed = sum(wrong.count for wrong in intake.malformed.values()) + truth.malformed
+    if unread := malformed + reading.unreadable.total():
         print_line(f'{unread} messages could not be read')
-    if collector.rejected:
-        reasons = ', '.join(f'{n} {why}' for why, n in sorted(collector.rejected.items()))
+    if rejected:
+        reasons = ', '.join(f'{n} {why}' for why, n in sorted(rejected.items()))
         print_line(
             'nothing is learned of what the localizer does not accept: in '
-            f'{collector.rejected.total()} messages ({reasons})'
+            f'{rejected.total()} messages ({reasons})'
         )
-    return collector.samples, truth, inputs, reading.damage
+    return gatherer, truth, inputs, reading.damage
 
 
 def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> None:
@@ -83,15 +85,6 @@ def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> 
         path = Path(folder) / 'bounds.yaml'
         path.write_text(text, encoding='utf-8')
         read_task(options.params, ['--ros-args', '--params-file', str(path), '--', *args])
-
-
-def fit(options: argparse.Namespace, task: Task, samples: Samples, truth: Truth) -> Fit:
-    """Learn the bounds that the command line asks for."""
-    choice = Choice(options.keep, options.margin)
-    with told_while_waiting('learning the bounds'):
-        if options.truth:
-            return fit_with_truth(samples, truth, task.settings, options.per, choice)
-        return fit_without_truth(samples, task.settings, options.per, choice, options.bias)
 
 
 def _share(text: str) -> float:
@@ -112,7 +105,8 @@ def make_parser() -> argparse.ArgumentParser:
         description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
         'print them as parameters of the node. With --truth it learns bounds. Without, it keeps '
         'what you state, widens it for scatter, and cannot see a bias.',
-        epilog=EXIT_CODES,
+        epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
+        'parameter is wrong; 130 after a signal.',
     )
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
     add_fleet(parser)
@@ -159,14 +153,14 @@ def main(args: Sequence[str]) -> int:
             'the points above or below the others.'
         )
     with open_bag(options.bag) as bag:
-        samples, truth, inputs, damage = collect(options, task, bag)
-        learned, name = fit(options, task, samples, truth), options.bag.resolve().name
-        text = as_yaml(learned, inputs.links, name, task.settings.fleet)
+        gatherer, truth, inputs, damage = collect(options, task, bag)
+        beside = truth.of_fleet(task.settings.fleet) if options.truth else None
+        links = {link.key for link in inputs.links}
+        choice = Choice(options.keep, options.margin)
+        learned = fit(gatherer, beside, links, options.per, choice, options.bias)
+        text = as_yaml(learned, inputs.links, options.bag.resolve().name, task.settings.fleet)
     check_loads(text, options, args)
     for sentence in damage:
         print_line(sentence)
-    try:
-        print_result(text)
-    except OSError as error:
-        raise ExecutableError(f'the bounds cannot be written: {error.strerror}') from error
+    print_result(text)
     return EXIT_FAILED if damage else 0

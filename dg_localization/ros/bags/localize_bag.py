@@ -12,20 +12,17 @@ on every run: no limit depends on a clock of the machine. `solver.max_seconds`,
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+import os
 from pathlib import Path
 import time
 
 from dg_localization.fleet import solver_warnings, warm_up
-from dg_localization.ros.bags.arguments import PAGE, REPORTS, localize_parser
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, open_bag
-from dg_localization.ros.bags.many_bags import localize_many
+from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
-    Event,
-    Inputs,
     Task,
     find_inputs,
     in_seconds,
@@ -33,62 +30,101 @@ from dg_localization.ros.bags.offline import (
     timeline,
 )
 from dg_localization.ros.bags.page import as_page
-from dg_localization.ros.bags.picture import AnswerPicture, check_can_draw
+from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, check_can_draw
 from dg_localization.ros.bags.reading import Reading
-from dg_localization.ros.bags.report import BagReport, Tally, as_markdown
-from dg_localization.ros.bags.truth import Truth, read_truth
+from dg_localization.ros.bags.report import (
+    Tally,
+    Tree,
+    as_json,
+    as_markdown,
+    gap_text,
+    inputs_tree,
+    parts,
+)
+from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
-from dg_localization.ros.bags.writer import BagWriter, new_bag, write_text, writing
+from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag, write_text, writing
 from dg_localization.ros.executables import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
-    ExecutableError,
+    StopRequest,
     UsageError,
-)
-from dg_localization.ros.signals import StopRequest, stop_request
-from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import (
-    LINE_PERIOD_S,
-    make_progress,
     print_line,
     print_result,
-    told_while_waiting,
+    stop_request,
 )
+from dg_localization.ros.spinning import own_arguments
+from dg_localization.ros.terminal import (
+    add_fleet,
+    add_span,
+    make_progress,
+    new_path,
+    number,
+    path_ending_in,
+)
+
+PAGE = '.html'
+"""The ending of a report with pictures."""
 
 
 class InterruptedRun(Exception):
-    """A signal came."""
+    """A signal came before the first answer."""
 
 
-@dataclass
 class BagRun:
-    """One bag, and all that is made of its answers."""
+    """
+    One bag, and all that is made of its answers.
 
-    options: argparse.Namespace
-    task: Task
-    bag: Bag
-    inputs: Inputs
-    truth: Truth
-    tally: Tally
-    compared: TruthTally | None
-    picture: AnswerPicture | None
+    The inputs are looked for and the truth is read before kernels are compiled for minutes.
+    """
 
-    @classmethod
-    def prepare(cls, options: argparse.Namespace, task: Task, bag: Bag) -> 'BagRun':
-        """Look for the inputs and read the truth, before kernels are compiled for minutes."""
+    def __init__(self, options: argparse.Namespace, task: Task, bag: Bag) -> None:
         fleet = task.settings.fleet
-        inputs = find_inputs(task.settings, bag.types)
-        with told_while_waiting('reading the ground truth'):
-            truth = read_truth(options.truth, task.settings, bag)
-        compared = truth.of_fleet(fleet) if options.truth else None
-        tally = TruthTally(compared) if compared else None
-        picture = None
-        if options.plot is not None or _wants_page(options):
-            name, period_s = options.bag.resolve().name, 1.0 / task.settings.rate_hz
-            picture = AnswerPicture(fleet, name, period_s, compared)
-        return cls(options, task, bag, inputs, truth, Tally(fleet.robots), tally, picture)
+        self.options, self.task, self.bag = options, task, bag
+        self.inputs = find_inputs(task.settings, bag.types)
+        self.truth = read_truth(options.truth, task.settings, bag)
+        beside = self.truth.of_fleet(fleet) if options.truth else None
+        self.tally = Tally(fleet.robots)
+        self.compared = TruthTally(beside) if beside else None
+        self.picture = None
+        if options.plot is not None or (options.report and options.report.suffix == PAGE):
+            self.picture = AnswerPicture(fleet, options.bag.resolve().name, beside)
 
-    def span_ns(self) -> tuple[int, int]:
+    def localize(self, stop: StopRequest) -> Tree:
+        """Localize, write the answers, and return the report."""
+        span_ns, gaps_ns = self._span_ns(), list[tuple[int, int]]()
+        reading = Reading(self.bag, self.inputs.topics)
+        with new_bag(self.options.output, self.options.storage) as writer:
+            copied = _add_copies(reading, writer) if self.options.inputs else ()
+            localizer = BagLocalizer(self.task, self.inputs, writer, copied)
+            self._answer_all(reading, span_ns, gaps_ns, localizer, stop)
+            if stop.is_set() and not self.tally.ticks:
+                raise InterruptedRun
+        gaps = [tuple(map(self._at_s, gap_ns)) for gap_ns in gaps_ns]
+        notices = [*self.bag.notices, *self.inputs.notices, *reading.notices, *self.truth.notices]
+        notices += [gap_text(*gap) for gap in gaps]
+        ending = f'It ends at {self.tally.last_s:.1f} s: interrupted.' if stop.is_set() else ''
+        states = localizer.intake.states(in_seconds(span_ns[1]))
+        return {
+            'bag': self.options.bag.resolve().name,
+            'start_s': self.options.start,
+            'end_s': self._at_s(span_ns[1]),
+            'rate_hz': self.task.settings.rate_hz,
+            'ending': ending,
+            # What is wrong with a topic that is an input and a truth is found twice.
+            'damage': list(dict.fromkeys((*reading.damage, *self.truth.damage))),
+            'checksums': self.bag.checksums,
+            'max_boxes': self.task.settings.fleet.solver.max_boxes,
+            **self.tally.tree(),
+            **inputs_tree(
+                self.inputs.links, states, localizer.intake.malformed, reading.unreadable
+            ),
+            'truth': self.compared.tree() if self.compared else None,
+            'gaps': [{'first_s': first_s, 'last_s': last_s} for first_s, last_s in gaps],
+            'notices': list(dict.fromkeys(notices)),
+        }
+
+    def _span_ns(self) -> tuple[int, int]:
         """Return the first and the last time to read."""
         bag, options = self.bag, self.options
         start_ns = bag.start_ns + round(options.start * NS_PER_S)
@@ -97,122 +133,57 @@ class BagRun:
             end_ns = min(end_ns, start_ns + round(options.duration * NS_PER_S))
         period_s, span_s = 1.0 / self.task.settings.rate_hz, (end_ns - start_ns) / NS_PER_S
         if span_s < period_s:
-            cut = ''
-            if options.start > 0.0 or options.duration is not None:
-                cut = f'--start and --duration leave {max(0.0, span_s):.1f} of them; '
             raise BagError(
-                f'the bag has {bag.duration_s:.1f} s; {cut}there must be {period_s:g} s, one '
-                "period of the parameter 'rate'"
+                f'of {bag.duration_s:.1f} s of the bag {max(0.0, span_s):.1f} s are to be read; '
+                f"there must be {period_s:g} s, one period of the parameter 'rate'"
             )
         return start_ns, end_ns
-
-    def localize(self, stop: StopRequest) -> BagReport:
-        """Localize, write the answers, and return the report."""
-        settings, span_ns = self.task.settings, self.span_ns()
-        reading = Reading(self.bag, self.inputs.topics)
-        with new_bag(self.options.output, self.options.storage) as writer:
-            copied = _add_copies(reading, writer) if self.options.inputs else ()
-            localizer = BagLocalizer(self.task, self.inputs, writer, copied)
-            ending = self._write_answers(reading, span_ns, localizer, stop)
-        notices = (*self.bag.notices, *self.inputs.notices, *reading.notices, *self.truth.notices)
-        return BagReport(
-            bag=self.options.bag.resolve().name,
-            start_s=self.options.start,
-            end_s=self._at_s(span_ns[1]),
-            rate_hz=settings.rate_hz,
-            ending=ending,
-            tally=self.tally,
-            links=self.inputs.links,
-            states=localizer.intake.states(in_seconds(span_ns[1])),
-            malformed=localizer.intake.malformed,
-            unreadable=reading.unreadable,
-            # What is wrong with a topic that is an input and a truth is found twice.
-            notices=tuple(dict.fromkeys(notices)),
-            damage=tuple(dict.fromkeys((*reading.damage, *self.truth.damage))),
-            checksums=self.bag.checksums,
-            max_boxes=settings.fleet.solver.max_boxes,
-            truth=self.compared,
-        )
 
     def _at_s(self, time_ns: int) -> float:
         return (time_ns - self.bag.start_ns) / NS_PER_S
 
-    def _write_answers(
+    def _answer_all(
         self,
         reading: Reading,
         span_ns: tuple[int, int],
+        gaps_ns: list[tuple[int, int]],
         localizer: BagLocalizer,
         stop: StopRequest,
-    ) -> str:
-        """Localize from the first to the last time; return why the answers end early."""
-        with closing(make_progress((span_ns[1] - span_ns[0]) / NS_PER_S)) as progress:
-            try:
-                done_s = self._at_s(span_ns[0])
-                for time_ns in self._answer_times_ns(reading, span_ns, localizer, stop):
-                    at_s = self._at_s(time_ns)
-                    progress.update(at_s - done_s)
-                    done_s = at_s
-            except InterruptedRun:
-                if not self.tally.ticks:
-                    raise
-                return f'It ends at {self.tally.last_s:.1f} s: interrupted.'
-        return ''
-
-    def _answer_times_ns(
-        self,
-        reading: Reading,
-        span_ns: tuple[int, int],
-        localizer: BagLocalizer,
-        stop: StopRequest,
-    ) -> Iterator[int]:
-        """Let everything happen in order; yield the time of each answer once it is counted."""
-        began_s, at_s, last_ns = time.monotonic(), 0.0, span_ns[0]
-        slowest_s, slowest_at_s = 0.0, 0.0
-
-        def state() -> str:
-            took_s = time.monotonic() - began_s
-            is_long = at_s and took_s >= LINE_PERIOD_S
-            return f'{took_s:.0f} s for the answer at {at_s:.1f} s' if is_long else ''
-
+    ) -> None:
+        """Let everything happen in order, and count the answers, until the end or a signal."""
         messages = reading.messages(self.options.start, self.options.duration)
-        events = timeline(messages, *span_ns, self.task.settings.rate_hz)
-        with told_while_waiting(state, LINE_PERIOD_S):
-            for time_ns, event, message in events:
+        events = timeline(messages, span_ns, self.task.settings.rate_hz, gaps_ns)
+        done_s = self._at_s(span_ns[0])
+        with closing(make_progress((span_ns[1] - span_ns[0]) / NS_PER_S)) as progress:
+            for time_ns, message in events:
+                if stop.is_set():
+                    return
                 if message is not None:
                     localizer.take(message)
-                    last_ns = time_ns
-                elif event is Event.DIAGNOSTICS:
-                    localizer.write_diagnostics(time_ns)
-                elif event is Event.GAP:
-                    self.tally.add_gap(self._at_s(last_ns), self._at_s(time_ns))
-                else:
-                    began_s, at_s = time.monotonic(), self._at_s(time_ns)
-                    if self._answer(localizer, time_ns, at_s, stop):
-                        yield time_ns
-                    if time.monotonic() - began_s > slowest_s:
-                        slowest_s, slowest_at_s = time.monotonic() - began_s, at_s
-                    at_s = 0.0
-                if stop.is_set():
-                    raise InterruptedRun
-        if slowest_s >= LINE_PERIOD_S:
-            print_line(
-                f'the slowest answer, at {slowest_at_s:.1f} s of the bag, took {slowest_s:.1f} s; '
-                "the parameter 'solver.max_boxes' bounds the search"
-            )
+                    continue
+                estimate, at_s = localizer.tick(time_ns, stop), self._at_s(time_ns)
+                if estimate is None or localizer.snapshot is None:
+                    return
+                self.tally.add(estimate, at_s, localizer.statuses)
+                if self.compared is not None:
+                    self.compared.add(estimate, localizer.snapshot, at_s)
+                if self.picture is not None:
+                    self.picture.add(estimate, localizer.snapshot, at_s)
+                progress.update(at_s - done_s)
+                done_s = at_s
 
-    def _answer(
-        self, localizer: BagLocalizer, time_ns: int, at_s: float, stop: StopRequest
-    ) -> bool:
-        """Localize once and count the answer; return False where it was cancelled."""
-        estimate = localizer.tick(time_ns, stop)
-        if estimate is None:
-            return False
-        self.tally.add(estimate, at_s, localizer.statuses)
-        if self.compared is not None and localizer.snapshot is not None:
-            self.compared.add(estimate, localizer.snapshot, at_s)
-        if self.picture is not None:
-            self.picture.add(estimate, localizer.snapshot, at_s)
-        return True
+    def write_report(self, tree: Tree) -> None:
+        """Write the report and the picture where the command line says, and print the report."""
+        options, text = self.options, as_markdown(tree['bag'], parts(tree))
+        if options.report is not None:
+            written = as_json(tree) if options.report.suffix == '.json' else text
+            if options.report.suffix == PAGE and self.picture is not None:
+                written = as_page(tree, self.task.settings.fleet, self.picture.as_svg())
+            write_text(options.report, written)
+        print_result(text)
+        if options.plot is not None and self.picture is not None:
+            with writing(options.plot):
+                self.picture.draw(options.plot)
 
 
 def _add_copies(reading: Reading, writer: BagWriter) -> frozenset[str]:
@@ -228,6 +199,52 @@ def _add_copies(reading: Reading, writer: BagWriter) -> frozenset[str]:
     return frozenset(topic.name for topic in known)
 
 
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='localize_bag',
+        description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
+        epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
+        'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
+        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
+    )
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file'
+    )
+    parser.add_argument(
+        '-o', '--output', type=new_path, required=True, metavar='OUT', help='folder to make'
+    )
+    add_fleet(parser)
+    add_span(parser)
+    parser.add_argument(
+        '--storage', choices=STORAGES, default=STORAGES[0], help='of OUT (default %(default)s)'
+    )
+    parser.add_argument(
+        '--report',
+        type=path_ending_in((*MANY_REPORTS, PAGE)),
+        metavar='FILE',
+        help='write the report, as .json, .md or, of one bag and with its picture, .html',
+    )
+    parser.add_argument(
+        '--plot',
+        type=path_ending_in(PICTURES),
+        metavar='FILE',
+        help='draw the answers over time, as .png, .svg or .pdf; of several bags each has a file '
+        'of this name beside its report',
+    )
+    parser.add_argument(
+        '--inputs', action='store_true', help='copy the messages that were used into OUT'
+    )
+    parser.add_argument(
+        '--jobs',
+        type=number(1.0, ''),
+        default=os.cpu_count() or 1,
+        metavar='N',
+        help='of several bags, localize so many at a time (default %(default)s)',
+    )
+    return parser
+
+
 def _get_solver_ready() -> None:
     """Load the kernels, or compile them in sight: that takes minutes, and a signal ends it."""
     warm_up(print_line)
@@ -235,45 +252,33 @@ def _get_solver_ready() -> None:
         print_line(warning)
 
 
-def _wants_page(options: argparse.Namespace) -> bool:
-    return options.report is not None and options.report.suffix == PAGE
-
-
 def _localize_one(options: argparse.Namespace, task: Task) -> int:
     """Localize a bag, print and write what came of it; return the exit code."""
     with open_bag(options.bag) as bag:
-        run = BagRun.prepare(options, task, bag)
+        run = BagRun(options, task, bag)
         _get_solver_ready()
         with stop_request() as stop:
             began_s = time.perf_counter()
-            report = run.localize(stop)
+            tree = run.localize(stop)
             took_s = time.perf_counter() - began_s
-            if _wants_page(options) and run.picture is not None:
-                page = as_page(report, task.settings.fleet, run.picture)
-                write_text(options.report, page)
-            elif options.report is not None:
-                write_text(options.report, REPORTS[options.report.suffix](report))
-            print_result(as_markdown(report))
-            read_s = report.tally.last_s - report.start_s
-            print_result(
-                f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real '
-                'time.'
-            )
-            if run.picture is not None and options.plot is not None:
-                with told_while_waiting(f'drawing {options.plot}'), writing(options.plot):
-                    run.picture.draw(Path(options.plot))
-            if stop.is_set():
-                return EXIT_INTERRUPTED
-    return EXIT_FAILED if report.ending or report.damage else 0
+            run.write_report(tree)
+    read_s = run.tally.last_s - options.start
+    print_result(
+        f'{read_s:.1f} s of the bag took {took_s:.1f} s: {read_s / took_s:.1f} times real time.'
+    )
+    if tree['ending']:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if tree['damage'] else 0
 
 
 def main(args: Sequence[str]) -> int:
     """Localize a bag, or several, until their end or a signal; return the exit code."""
-    options = localize_parser().parse_args(own_arguments(args))
+    options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
-    if options.plot is not None or _wants_page(options):
+    wants_page = options.report is not None and options.report.suffix == PAGE
+    if options.plot is not None or wants_page:
         check_can_draw()
-    if len(options.bags) > 1 and _wants_page(options):
+    if len(options.bags) > 1 and wants_page:
         raise UsageError('--report: of several bags it is .json or .md')
     try:
         if len(options.bags) > 1:
@@ -281,8 +286,6 @@ def main(args: Sequence[str]) -> int:
             return localize_many(options, args)
         options.bag = options.bags[0]
         return _localize_one(options, task)
-    except OSError as error:  # of the report that is printed, as on a full disk
-        raise ExecutableError(str(error)) from error
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')

@@ -9,55 +9,26 @@ same whatever the number of processes.
 """
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
 import subprocess
 import sys
-from tempfile import TemporaryFile
-import threading
 from typing import Any
 
-from dg_localization.ros.bags.arguments import shared_arguments
+from dg_localization.ros.bags.report import Table, as_json, as_markdown, width_text
 from dg_localization.ros.bags.writer import write_text, writing
-from dg_localization.ros.executables import EXIT_FAILED, UsageError
-from dg_localization.ros.terminal import (
-    LINE_PERIOD_S,
-    print_line,
-    print_result,
-    told_while_waiting,
-)
+from dg_localization.ros.executables import EXIT_FAILED, UsageError, print_line, print_result
 
 REPORT, ANSWERS = 'report.json', 'answers'
 """What the report of one bag and the bag with its answers are called."""
 
-LOOK_S = 0.1
-"""How long to wait for a process before looking whether to stop."""
-
-ERROR_LINES = 5
-"""So many lines of what a process says last are shown where it fails."""
-
 
 @dataclass(frozen=True)
 class BagOutcome:
-    """
-    What became of one bag.
-
-    Attributes
-    ----------
-    name : str
-        What its folder is called.
-    exit_code : int
-        That of `localize_bag`.
-    error : str
-        What was said last where there is no report, or it does not say what went wrong.
-    report : dict or None
-        Its report as JSON has it; None where there is none.
-
-    """
+    """What became of a bag: the exit code, the last words of an error, and the report if any."""
 
     name: str
     exit_code: int
@@ -65,38 +36,30 @@ class BagOutcome:
     report: dict[str, Any] | None
 
 
-def by_name(bags: Sequence[Path]) -> dict[str, Path]:
-    """Return bags by what the folder of each is called; two of one name are refused."""
-    names = [bag.resolve().stem if bag.is_file() else bag.resolve().name for bag in bags]
-    for name in names:
-        if names.count(name) > 1:
-            raise UsageError(f"two bags are called '{name}'; their answers need different names")
-    return dict(zip(names, bags, strict=True))
-
-
 def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     """Localize several bags, print and write what came of all; return the exit code."""
-    bags = by_name(options.bags)
-    shared = shared_arguments(options, args)
-    stop = threading.Event()
+    bags: dict[str, Path] = {}
+    for bag in options.bags:
+        name = bag.resolve().stem if bag.is_file() else bag.resolve().name
+        if bags.setdefault(name, bag) is not bag:
+            raise UsageError(f"two bags are called '{name}'; their answers need different names")
     with writing(options.output):
         options.output.mkdir(parents=True)
-    telling = told_while_waiting(f'localizing {len(bags)} bags', LINE_PERIOD_S)
+    running: list[subprocess.Popen[str]] = []
     # A thread waits for each process.
-    with ThreadPoolExecutor(options.jobs) as threads, telling:
+    with ThreadPoolExecutor(int(options.jobs)) as threads:
         futures = {}
         for name, bag in bags.items():
-            folder = options.output / name
-            # What follows the arguments of ROS would be taken for one of these.
-            drawn = ['--plot', str(folder / options.plot.name)] if options.plot else []
-            futures[name] = threads.submit(_localize, bag, folder, [*drawn, *shared], stop)
+            arguments = list(_arguments(options, args, bag, options.output / name))
+            futures[name] = threads.submit(_localize, name, options.output, arguments, running)
         try:
             for done, future in enumerate(as_completed(futures.values()), start=1):
-                print_line(f'{done} of {len(bags)} bags: {_progress_of(future.result())}')
-        finally:
-            stop.set()
-            for future in futures.values():
-                future.cancel()
+                print_line(f'{done} of {len(bags)} bags: {future.result().name}')
+        except KeyboardInterrupt:
+            threads.shutdown(wait=False, cancel_futures=True)
+            for process in running:
+                process.terminate()
+            raise
     outcomes = [futures[name].result() for name in bags]
     if options.report is not None:
         write_text(options.report, MANY_REPORTS[options.report.suffix](outcomes))
@@ -104,87 +67,75 @@ def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     return max(outcome.exit_code for outcome in outcomes)
 
 
+def _arguments(
+    options: argparse.Namespace, args: Sequence[str], bag: Path, folder: Path
+) -> Iterator[str]:
+    """Yield the arguments of the process that localizes one bag."""
+    yield from (str(bag), '-o', str(folder / ANSWERS), '--report', str(folder / REPORT))
+    yield from ('--params', str(options.params), '--storage', options.storage)
+    yield from ('--start', str(options.start))
+    if options.duration is not None:
+        yield from ('--duration', str(options.duration))
+    if options.plot is not None:
+        yield from ('--plot', str(folder / options.plot.name))
+    if options.inputs:
+        yield '--inputs'
+    if options.truth:
+        yield from ('--truth', *options.truth)
+    is_of_ros = False
+    for argument in args:
+        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
+        if is_of_ros:
+            yield argument
+
+
 def _localize(
-    bag: Path, folder: Path, arguments: Sequence[str], stop: threading.Event
+    name: str, output: Path, arguments: Sequence[str], running: list[subprocess.Popen[str]]
 ) -> BagOutcome:
     """Localize one bag in a process of its own."""
-    folder.mkdir()
-    report = folder / REPORT
-    command = [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', str(bag)]
-    command += ['-o', str(folder / ANSWERS), '--report', str(report), *arguments]
-    with TemporaryFile('w+', encoding='utf-8') as errors:
-        # Ctrl-C reaches all processes of a session: one that is told to stop twice stops at once,
-        # and leaves a bag that cannot be read.
-        process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True
-        )
-        while process.poll() is None:
-            if stop.is_set():
-                process.terminate()
-                process.wait()
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(LOOK_S)
-        errors.seek(0)
-        said = '\n'.join(errors.read().strip().splitlines()[-ERROR_LINES:])
+    (output / name).mkdir()
+    report = output / name / REPORT
+    # In a session of its own Ctrl-C does not reach it twice, which would end it at once.
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    running.append(process)
+    _, errors = process.communicate()
+    said = ''.join(errors.strip().splitlines()[-1:])
     # One that a signal ended has a negative code.
     code = process.returncode if process.returncode >= 0 else EXIT_FAILED
     if not report.exists():
-        return BagOutcome(folder.name, code or EXIT_FAILED, said, None)
+        return BagOutcome(name, code or EXIT_FAILED, said, None)
     found = json.loads(report.read_text(encoding='utf-8'))
     is_told = not code or found['ending'] or found['damage']
-    last = '' if is_told else ''.join(said.splitlines()[-1:])
-    return BagOutcome(folder.name, code, last, found)
-
-
-def _progress_of(outcome: BagOutcome) -> str:
-    if outcome.report is None:
-        return f'{outcome.name} failed: {outcome.error}'
-    return f'{outcome.name}: {outcome.report["ticks"]} ticks'
+    return BagOutcome(name, code, '' if is_told else said, found)
 
 
 def many_as_json(outcomes: Sequence[BagOutcome]) -> str:
-    """Return the reports of all bags for programs, and their sums."""
-    reports = [outcome.report for outcome in outcomes if outcome.report is not None]
-    tree = {
-        'bags': [asdict(outcome) for outcome in outcomes],
-        'ticks': sum(report['ticks'] for report in reports),
-        'accepted': sum(report['accepted'] for report in reports),
-        'rejected': sum(sum(report['rejected'].values()) for report in reports),
-        'contradictions': sum(len(report['contradictions']) for report in reports),
-    }
-    return json.dumps(tree, indent=2, allow_nan=False) + '\n'
+    """Return the reports of all bags for programs."""
+    return as_json({'bags': [asdict(outcome) for outcome in outcomes]})
 
 
 def many_as_markdown(outcomes: Sequence[BagOutcome]) -> str:
     """Return the reports of all bags for a person: a line each, and what failed."""
     columns = (
-        'bag',
-        'ticks',
-        'with one hypothesis',
-        'contradictory',
-        'measurements',
-        'rejected',
-        'median width, widest robot',
-        'truth inside',
-        'ended',
+        *('bag', 'ticks', 'with one hypothesis', 'contradictory', 'measurements', 'rejected'),
+        *('median width, by robot', 'truth inside', 'ended'),
     )
-    rows = [columns, ['---'] * len(columns), *map(_cells, outcomes)]
-    lines = ['| ' + ' | '.join(map(str, row)) + ' |' for row in rows]
-    return '\n'.join([f'# {len(outcomes)} bags', '', *lines]) + '\n'
+    rows = [_cells(outcome) for outcome in outcomes]
+    return as_markdown(f'{len(outcomes)} bags', [Table(columns, rows)])
 
 
 def _cells(outcome: BagOutcome) -> list[Any]:
     """Return the row of one bag."""
     report = outcome.report
     if report is None:
-        return [outcome.name, *[''] * 7, ' '.join(outcome.error.split())]
-    widths_m = report['median_enclosure_width_m'].values()
-    if report['ticks_by_hypotheses'].keys() <= {'0'}:
-        width = 'no placement'
-    else:
-        width = 'not bounded' if None in widths_m else f'{max(widths_m):.2f} m'
+        return [outcome.name, *[''] * 7, outcome.error]
     truth = report['truth']
-    ended = ' '.join(filter(None, [report['ending'], *report['damage'], outcome.error]))
     return [
         outcome.name,
         report['ticks'],
@@ -192,9 +143,10 @@ def _cells(outcome: BagOutcome) -> list[Any]:
         sum(found['ticks'] for found in report['contradictions']),
         report['accepted'],
         sum(report['rejected'].values()),
-        width,
+        ', '.join(width_text(report, robot) for robot in report['median_enclosure_width_m']),
         f'{truth["held"]} of {truth["compared"]}' if truth else '',
-        ended or 'at its end',
+        ' '.join(filter(None, [report['ending'], *report['damage'], outcome.error]))
+        or 'at its end',
     ]
 
 

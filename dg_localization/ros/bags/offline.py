@@ -4,20 +4,22 @@
 """What the node does, without the node: in the time of a bag, into another bag."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from enum import Enum
 import math
+import os
 from pathlib import Path
-from typing import Any
 
+import rclpy
+from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.bag import NS_PER_S, BagError
 from dg_localization.ros.bags.reading import BagMessage
 from dg_localization.ros.bags.writer import BagWriter
-from dg_localization.ros.hidden_node import hidden_localizer
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
@@ -29,33 +31,22 @@ from dg_localization.ros.interface.outputs import (
     outline,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
+from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
 from msg_adapters.diagnostics import diagnostics_to_cdr
 
-DIAGNOSTICS_HZ = 1.0
-
-SILENCE_S = 60.0
+SILENCE_NS = 60 * NS_PER_S
 """A bag without a message of any input for longer has a gap: nothing is answered in it."""
 
-AFTER_LAST_S = 10.0
+AFTER_LAST_NS = 10 * NS_PER_S
 """For how long into a gap answers go on, so that the last ones are not taken to be fresh."""
+
+NO_DISCOVERY = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
 
 
 @dataclass(frozen=True)
 class Task:
-    """
-    What is to be done, as the node would do it.
-
-    Attributes
-    ----------
-    settings : Settings
-        The parameters, without limits that depend on a clock.
-    node : str
-        Full name of the node, without the first slash.
-    topics : mapping of str to str
-        Full names of the outputs.
-
-    """
+    """The parameters without limits of time, the name of the node, and those of its outputs."""
 
     settings: Settings
     node: str
@@ -64,27 +55,48 @@ class Task:
 
 def read_task(params: Path, arguments: Sequence[str]) -> Task:
     """Read a file of parameters, and arguments that win over it, exactly as the node does."""
-    with hidden_localizer(params, arguments) as node:
-        return _task_of(node)
+    with _hidden_localizer(params, arguments) as node:
+        settings = declare_settings(node)
+        fleet = settings.fleet
+        outputs = [*estimate_outputs(fleet.robots), DIAGNOSTICS]
+        unlimited = replace(
+            fleet,
+            memory_max_seconds=math.inf,
+            solver=replace(fleet.solver, max_seconds=math.inf, tighten_seconds=math.inf),
+            max_conflict_seconds=math.inf,
+        )
+        return Task(
+            replace(settings, fleet=unlimited),
+            node.get_fully_qualified_name().lstrip('/'),
+            {output.name: node.resolve_topic_name(output.name) for output in outputs},
+        )
 
 
-def _task_of(node: Node) -> Task:
-    settings = declare_settings(node)
-    fleet = settings.fleet
-    outputs = [*estimate_outputs(fleet.robots), DIAGNOSTICS]
-    return Task(
-        settings=replace(
-            settings,
-            fleet=replace(
-                fleet,
-                memory_max_seconds=math.inf,
-                solver=replace(fleet.solver, max_seconds=math.inf, tighten_seconds=math.inf),
-                max_conflict_seconds=math.inf,
-            ),
-        ),
-        node=node.get_fully_qualified_name().lstrip('/'),
-        topics={output.name: node.resolve_topic_name(output.name) for output in outputs},
-    )
+@contextmanager
+def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
+    """Make a node of the name of the localizer that no fleet at work sees, for its parameters."""
+    before = dict(os.environ)
+    os.environ.update(NO_DISCOVERY)
+    context = Context()
+    try:
+        with ros_arguments_checked():
+            rclpy.init(
+                args=['--ros-args', '--params-file', str(params), '--', *arguments],
+                context=context,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            node = Node(
+                'localizer', context=context, enable_rosout=False, start_parameter_services=False
+            )
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+        for name in NO_DISCOVERY:
+            os.environ.pop(name)
+            os.environ.update({name: before[name]} if name in before else {})
 
 
 @dataclass(frozen=True)
@@ -149,15 +161,6 @@ class BagLocalizer:
     """
     Does what the node does, at the times that the caller gives.
 
-    Parameters
-    ----------
-    task : Task
-    inputs : Inputs
-    writer : BagWriter
-        Where the answers go.
-    copied : collection of str
-        Topics whose messages go there too.
-
     Attributes
     ----------
     intake : Intake
@@ -179,15 +182,14 @@ class BagLocalizer:
         self._localizer = Localizer(task.settings.fleet)
         self.snapshot: Snapshot | None = None
         self.statuses: tuple[Status, ...] = ()
-        self._estimate: Estimate | None = None
-        self._outline: Any = None
+        self._outline: object = None
         settings = task.settings
         self.intake = Intake(self._localizer, settings.use_header_stamp, settings.ids)
         for output in (*estimate_outputs(task.settings.fleet.robots), DIAGNOSTICS):
             writer.add_output(task.topics[output.name], output.message_class, output.qos)
 
     def take(self, message: BagMessage) -> None:
-        """Take one recorded message."""
+        """Take one recorded message, and copy it where that was asked for."""
         if message.topic in self._copied:
             self._writer.copy(message.topic, message.time_ns, message.data)
         link = self._links[message.topic]
@@ -200,39 +202,34 @@ class BagLocalizer:
         estimate = self._localizer.estimate(snapshot, cancel)
         if cancel.is_set():
             return None
-        self._estimate, self.snapshot = estimate, snapshot
+        self.snapshot = snapshot
         settings = self._task.settings
         for name, message in estimate_messages(
             estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
-        diagnostics = self._diagnose(time_ns)
+        diagnostics = self._diagnose(estimate, in_seconds(time_ns))
         self.statuses = diagnostics.statuses
-        if outline(diagnostics) != self._outline:
-            self._write(time_ns, diagnostics)
+        # As the node does, on a change and every second.
+        second = time_ns // NS_PER_S
+        if (second, outline(diagnostics)) != self._outline:
+            self._outline = second, outline(diagnostics)
+            data = diagnostics_to_cdr(diagnostics)
+            self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, data)
         return estimate
 
-    def write_diagnostics(self, time_ns: int) -> None:
-        """Write the diagnostics."""
-        self._write(time_ns, self._diagnose(time_ns))
-
-    def _write(self, time_ns: int, diagnostics: Diagnostics) -> None:
-        self._outline = outline(diagnostics)
-        message = diagnostics_to_cdr(diagnostics)
-        self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, message)
-
-    def _diagnose(self, time_ns: int) -> Diagnostics:
-        now_s = in_seconds(time_ns)
+    def _diagnose(self, estimate: Estimate, now_s: float) -> Diagnostics:
+        settings = self._task.settings
         report = Report(
             node=self._task.node,
             trouble='',
             failure='',
             warnings=(),
             now_s=now_s,
-            lifetime_s=self._task.settings.lifetime_s,
-            localized_width_m=self._task.settings.localized_width_m,
-            estimate=self._estimate,
-            robots=self._task.settings.fleet.robots,
+            lifetime_s=settings.lifetime_s,
+            localized_width_m=settings.localized_width_m,
+            estimate=estimate,
+            robots=settings.fleet.robots,
             links=tuple(self._links.values()),
             inputs=self.intake.states(now_s),
             malformed=self.intake.malformed,
@@ -252,65 +249,35 @@ def in_seconds(time_ns: int) -> float:
     return time_ns * 1e-9
 
 
-class Event(Enum):
-    """What happens in the time of a bag."""
-
-    MESSAGE = 'message'
-    TICK = 'tick'
-    DIAGNOSTICS = 'diagnostics'
-    GAP = 'gap'
-
-
 def timeline(
-    messages: Iterable[BagMessage], start_ns: int, end_ns: int, rate_hz: float
-) -> Iterator[tuple[int, Event, BagMessage | None]]:
+    messages: Iterable[BagMessage],
+    span_ns: tuple[int, int],
+    rate_hz: float,
+    gaps_ns: list[tuple[int, int]],
+) -> Iterator[tuple[int, BagMessage | None]]:
     """
-    Yield messages, ticks and times for diagnostics in order; at the same time in this order.
+    Yield messages, and times of answers with None, in order; messages first at the same time.
 
-    The first tick is one period after the start, the last not after the end. A gap is yielded at
-    its end.
+    The first answer is one period after the start, the last not after the end. Times without a
+    message for long are left out, and added to the gaps.
     """
-    beats = _Beats(start_ns, rate_hz)
-    silence_ns, after_ns = round(SILENCE_S * NS_PER_S), round(AFTER_LAST_S * NS_PER_S)
-    last_ns = start_ns
+    start_ns, end_ns = span_ns
+    number, last_ns = 1, start_ns
+
+    def answers(until_ns: int) -> Iterator[tuple[int, None]]:
+        """Yield the times of answers before the next message."""
+        nonlocal number
+        is_gap = until_ns - last_ns > SILENCE_NS
+        stop_ns = last_ns + AFTER_LAST_NS if is_gap else until_ns
+        while (time_ns := start_ns + round(number * NS_PER_S / rate_hz)) < stop_ns:
+            number += 1
+            yield time_ns, None
+        if is_gap:
+            gaps_ns.append((last_ns, min(until_ns, end_ns)))
+            number = max(number, math.ceil((until_ns - start_ns) / NS_PER_S * rate_hz))
+
     for message in messages:
-        if message.time_ns - last_ns > silence_ns:
-            yield from beats.until(last_ns + after_ns)
-            yield message.time_ns, Event.GAP, None
-            beats.skip_to(message.time_ns)
-        yield from beats.until(message.time_ns)
-        yield message.time_ns, Event.MESSAGE, message
+        yield from answers(message.time_ns)
+        yield message.time_ns, message
         last_ns = max(last_ns, message.time_ns)
-    if end_ns - last_ns > silence_ns:
-        yield from beats.until(last_ns + after_ns)
-        yield end_ns, Event.GAP, None
-    else:
-        yield from beats.until(end_ns + 1)
-
-
-class _Beats:
-    """The times of ticks and diagnostics, one period after the start and so on."""
-
-    def __init__(self, start_ns: int, rate_hz: float) -> None:
-        self._start_ns = start_ns
-        self._rates_hz = {Event.TICK: rate_hz, Event.DIAGNOSTICS: DIAGNOSTICS_HZ}
-        self._numbers = dict.fromkeys(self._rates_hz, 1)
-
-    def _next_ns(self, event: Event) -> int:
-        return self._start_ns + round(self._numbers[event] * NS_PER_S / self._rates_hz[event])
-
-    def until(self, stop_ns: int) -> Iterator[tuple[int, Event, None]]:
-        """Yield the times that come next, before another time."""
-        while True:
-            event = min(self._rates_hz, key=self._next_ns)
-            time_ns = self._next_ns(event)
-            if time_ns >= stop_ns:
-                return
-            self._numbers[event] += 1
-            yield time_ns, event, None
-
-    def skip_to(self, time_ns: int) -> None:
-        """Leave out the times before another time."""
-        for event, rate_hz in self._rates_hz.items():
-            number = math.ceil((time_ns - self._start_ns) / NS_PER_S * rate_hz)
-            self._numbers[event] = max(self._numbers[event], number)
+    yield from answers(end_ns + 1)

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 import time
+from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -23,8 +24,9 @@ from rosgraph_msgs.msg import Clock
 
 from dg_localization.ros.bags.bag import NS_PER_S, BagError, Topic, open_bag
 from dg_localization.ros.bags.reading import BagMessage, Reading
+from dg_localization.ros.executables import print_line
 from dg_localization.ros.spinning import own_arguments, rclpy_running
-from dg_localization.ros.terminal import Progress, make_progress, number, print_line
+from dg_localization.ros.terminal import add_span, make_progress, number
 
 CLOCK = '/clock'
 QUEUE_DEPTH = 100
@@ -73,7 +75,7 @@ class Replayer:
             time.sleep(CLOCK_PERIOD_S)
         return count
 
-    def play(self, messages: Iterator[BagMessage], start_ns: int, progress: Progress) -> int:
+    def play(self, messages: Iterator[BagMessage], start_ns: int, progress: Any) -> int:
         """Publish messages, each after the time of it on `/clock`."""
         wall_start_s = time.monotonic()
         clock_ns = start_ns
@@ -93,7 +95,7 @@ class Replayer:
             count += 1
         return count
 
-    def _advance(self, clock_ns: int, now_ns: int, progress: Progress) -> int:
+    def _advance(self, clock_ns: int, now_ns: int, progress: Any) -> int:
         """Publish the time if it is later than the last one, and return the later of both."""
         if now_ns <= clock_ns:
             return clock_ns
@@ -136,10 +138,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--loop', action='store_true', help='begin again at the end, once a second at most'
     )
-    parser.add_argument(
-        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
-    )
-    parser.add_argument('--duration', type=seconds, metavar='S', help='play only this much')
+    add_span(parser)
     parser.add_argument('--topics', nargs='+', metavar='T', help='play only these topics')
     parser.add_argument(
         '--wait',

@@ -1,89 +1,53 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a bag holds of every input, for learning error bounds."""
+"""What a bag holds of every input, for learning error bounds, and the errors of it."""
 
-from collections import Counter, defaultdict
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 import math
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.fleet import (
-    FleetConfig,
-    LinkKey,
-    LinkKind,
-    Localizer,
-    Rejection,
-    SensorBounds,
-)
+from dg_localization.calibration.bounds import residuals
+from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
-from dg_localization.ros.bags.offline import Inputs, in_seconds
-from dg_localization.ros.bags.reading import BagMessage
-from dg_localization.ros.bags.truth import Truth
-from dg_localization.ros.interface.intake import Intake
-from dg_localization.ros.interface.parameters.settings import Settings
 
+FloatArray: TypeAlias = NDArray[np.float64]
 OdometryPiece: TypeAlias = list[tuple[float, Any, Any]]
 """Stamps in s, positions and quaternions, each newer than the one before."""
 
 
-@dataclass
-class Samples:
-    """
-    The readings of a bag by input, each with its stamp in s, oldest first as they arrived.
-
-    They are those that the localizer accepts.
-
-    Attributes
-    ----------
-    ranges : dict of LinkKey to list of (float, float)
-        Ranges in m.
-    rays : dict of LinkKey to list of (float, ndarray)
-        Unit vectors.
-    odometry : dict of str to list of OdometryPiece
-        By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
-
-    """
-
-    ranges: dict[LinkKey, list[tuple[float, float]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
-    rays: dict[LinkKey, list[tuple[float, Any]]] = field(default_factory=lambda: defaultdict(list))
-    odometry: dict[str, list[OdometryPiece]] = field(default_factory=lambda: defaultdict(list))
-
-    @property
-    def n_readings(self) -> int:
-        """How many ranges and rays there are."""
-        return sum(len(rows) for rows in (*self.ranges.values(), *self.rays.values()))
-
-    def stamps_s(self) -> list[float]:
-        """Return the stamps of all that was measured."""
-        found = [stamp_s for rows in self.ranges.values() for stamp_s, _ in rows]
-        found += [stamp_s for rows in self.rays.values() for stamp_s, _ in rows]
-        pieces = (piece for pieces in self.odometry.values() for piece in pieces)
-        return found + [stamp_s for piece in pieces for stamp_s, _, _ in piece]
-
-
-class _Gatherer(Localizer):
+class Gatherer(Localizer):
     """
     Keeps the readings that a localizer accepts, and is never asked to localize.
 
     What the node would reject is nothing to learn from: its bounds are for what it takes.
 
-    Parameters
+    Attributes
     ----------
-    config : FleetConfig
+    readings : dict of LinkKey to list of (float, float or ndarray)
+        By input, stamps in s with ranges in m or with unit vectors, as they arrived.
+    odometry : dict of str to list of OdometryPiece
+        By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
 
     """
 
     def __init__(self, config: FleetConfig) -> None:
         super().__init__(config)
-        self.samples = Samples()
+        self.readings: dict[LinkKey, list[tuple[float, Any]]] = defaultdict(list)
+        self.odometry: dict[str, list[OdometryPiece]] = defaultdict(list)
+
+    def stamps_s(self) -> list[float]:
+        """Return the stamps of all that was measured."""
+        found = [row[0] for rows in self.readings.values() for row in rows]
+        pieces = (piece for pieces in self.odometry.values() for piece in pieces)
+        return found + [row[0] for piece in pieces for row in piece]
 
     def add_range(
         self, observer: str, target: str, range_m: float, stamp_s: float, *args: Any, **others: Any
@@ -109,39 +73,34 @@ class _Gatherer(Localizer):
         position_xyz: ArrayLike,
         orientation_xyzw: ArrayLike,
         stamp_s: float,
-        now_s: float,
-        frame: str = '',
+        *args: Any,
+        **others: Any,
     ) -> Rejection | None:
         """Keep a pose that is accepted, as it was reported."""
         rejection = super().add_odometry(
-            robot, position_xyz, orientation_xyzw, stamp_s, now_s, frame
+            robot, position_xyz, orientation_xyzw, stamp_s, *args, **others
         )
         if rejection is None:
             turn = np.asarray(orientation_xyzw, dtype=float)
-            pose = np.array(position_xyz, dtype=float), turn / np.linalg.norm(turn)
-            pieces = self.samples.odometry[robot]
+            pieces = self.odometry[robot]
             if not pieces or self.odometry_restarted_s(robot) > pieces[-1][-1][0]:
                 pieces.append([])
-            pieces[-1].append((stamp_s, *pose))
+            place_m = np.array(position_xyz, dtype=float)
+            pieces[-1].append((stamp_s, place_m, turn / np.linalg.norm(turn)))
         return rejection
 
     def add_peers(
-        self,
-        observer: str,
-        readings: Iterable[PeerMeasurement],
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds | None = None,
+        self, observer: str, readings: Iterable[PeerMeasurement], *args: Any
     ) -> list[Rejection]:
         """Keep what is accepted of everything that one robot measured."""
         # Who measured, and when, is checked once. The rows go one by one: of all together the
         # answer does not say which were accepted.
-        rejections = super().add_peers(observer, (), stamp_s, now_s)
+        rejections = super().add_peers(observer, (), *args)
         for target, value in readings if not rejections else ():
-            of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s, bounds)
+            of_row = super().add_peers(observer, [(target, value)], *args)
             rejections += of_row
             if not of_row:
-                self._keep(observer, target, value, stamp_s)
+                self._keep(observer, target, value, args[0])
         return rejections
 
     def _keep(self, observer: str, target: str, value: Any, stamp_s: float) -> None:
@@ -150,55 +109,67 @@ class _Gatherer(Localizer):
             # Infinity is accepted where it proves that the target is far; it has no error.
             if math.isfinite(value):
                 key = LinkKey(LinkKind.RANGE, observer, target)
-                self.samples.ranges[key].append((stamp_s, value))
+                self.readings[key].append((stamp_s, value))
             return
         taken = in_body_frame(self.config.sensors.get(observer), value)
         if not isinstance(taken, Rejection):
             taken = interpret_ray(taken, self.config.dimension)
         if not isinstance(taken, Rejection):
             key = LinkKey(LinkKind.BEARING, observer, target)
-            self.samples.rays[key].append((stamp_s, taken))
+            self.readings[key].append((stamp_s, taken))
 
 
-class Collector:
+@dataclass(frozen=True, eq=False)
+class Errors:
     """
-    Gathers the readings of a bag.
+    The errors of some readings, oldest first, each with shape (m,).
 
-    Parameters
-    ----------
-    settings : Settings
-    inputs : Inputs
-    truth : TruthReader
-
-    Attributes
-    ----------
-    samples : Samples
-    rejected : Counter of str
-        By reason, the messages that could be read and of which something was not accepted.
-
+    Values are ranges in m, and NaN for rays; errors are in m or in rad.
     """
 
-    def __init__(self, settings: Settings, inputs: Inputs, truth: Truth) -> None:
-        self._links = {link.topic: link for link in inputs.links}
-        self._truth = truth
-        self._gatherer = _Gatherer(settings.fleet)
-        self._intake = Intake(self._gatherer, settings.use_header_stamp, settings.ids)
-        self.samples = self._gatherer.samples
-        self.rejected: Counter[str] = Counter()
+    stamps_s: FloatArray
+    values: FloatArray
+    errors: FloatArray
 
-    @property
-    def malformed(self) -> int:
-        """How many messages could not be read."""
-        of_inputs = sum(wrong.count for wrong in self._intake.malformed.values())
-        return of_inputs + self._truth.malformed
+    def chosen(self, rows: NDArray[np.bool_]) -> 'Errors':
+        """Return some of them."""
+        return Errors(self.stamps_s[rows], self.values[rows], self.errors[rows])
 
-    def take(self, message: BagMessage, message_class: type) -> None:
-        """Take one recorded message."""
-        now_s = in_seconds(message.time_ns)
-        if message.topic in self._truth.topics:
-            self._truth.take(message, message_class)
-        # The odometry of one input may serve as the truth of another.
-        if link := self._links.get(message.topic):
-            rejection = self._intake.take(link, message.data, now_s)
-            if rejection is not None:
-                self.rejected[rejection.reason.value] += 1
+    @classmethod
+    def joined(cls, parts: Iterable['Errors']) -> 'Errors':
+        """Return the readings of all parts."""
+        columns = [(part.stamps_s, part.values, part.errors) for part in parts]
+        return cls(*map(np.concatenate, zip(*columns, strict=True)))
+
+
+def errors_of(
+    gatherer: Gatherer,
+    tracks: Mapping[str, TrueTrack] | None,
+    offsets_s: Mapping[LinkKey, float] | None = None,
+) -> dict[LinkKey, Errors]:
+    """
+    Return the errors of ranges and rays beside the truth, where that is known.
+
+    Without a truth they are what each reading is off what its neighbors in time let expect, which
+    in space is not known of rays. The offsets are added to the stamps first.
+    """
+    dimension, found = gatherer.config.dimension, {}
+    for key, rows in gatherer.readings.items():
+        is_range = key.kind is LinkKind.RANGE
+        order = sorted(rows, key=lambda row: row[0])
+        stamps_s, read = (np.array(column) for column in zip(*order, strict=True))
+        stamps_s = stamps_s + (offsets_s or {}).get(key, 0.0)
+        if tracks is None:
+            if not is_range and dimension == 3:
+                continue
+            seen = read if is_range else np.arctan2(read[:, 1], read[:, 0])
+            errors = residuals(stamps_s, seen, angles=not is_range)
+        elif {key.observer, key.target} <= tracks.keys():
+            errors_beside = range_errors_m if is_range else ray_errors_rad
+            ends = tracks[key.observer], tracks[key.target]
+            errors = errors_beside(*ends, stamps_s, read, dimension)
+        else:
+            continue
+        values = read if is_range else np.full(len(stamps_s), np.nan)
+        found[key] = Errors(stamps_s, values, errors).chosen(np.isfinite(errors))
+    return found

@@ -6,38 +6,20 @@ The messages in the files of a rosbag2, in the order in which they were written.
 
 A file is read from its beginning to its end, by the package mcap or by SQLite. The index of an
 .mcap is not used: one that is damaged hides messages without a word. An .mcap has checksums where
-the recorder wrote them, and they are checked. SQLite has none: the structure of a .db3 is checked,
-the bytes of a message cannot be.
+the recorder wrote them, and they are checked. The bytes in a .db3 cannot be checked.
 """
 
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 import sqlite3
 from typing import Any, TypeAlias
-import zlib
-
-# After the field of its checksum an .mcap has its magic; the checksum has 4 bytes.
-MCAP_MAGIC_BYTES = 8
-MCAP_CHECKSUM_BYTES = 4
 
 
 @dataclass(frozen=True)
 class Channel:
-    """
-    What a file says of a topic.
-
-    Attributes
-    ----------
-    topic, type_name : str
-    encoding, definition : str
-        The definition of its type, and in which language; empty where the file has none.
-    offered_qos : str
-        The profiles that its publishers offered, in YAML.
-
-    """
+    """What a file says of a topic; definition and profiles are empty where it has none."""
 
     topic: str
     type_name: str
@@ -59,9 +41,9 @@ class StorageFile:
     channels : list of Channel
         Those that were met so far, with messages or without.
     damage : list of str
-        What was found wrong, a sentence each.
+        What was found to be wrong so far, a sentence each.
     checksums : bool
-        Whether every message is protected by one, so that a flipped bit is noticed.
+        Whether all messages so far are protected by one.
 
     """
 
@@ -69,46 +51,26 @@ class StorageFile:
         self.path = path
         self.channels: list[Channel] = []
         self.damage: list[str] = []
-        self.checksums = True
+        self.checksums = path.suffix == '.mcap'
 
     def records(self) -> Iterator[Record]:
         """Yield the messages, up to the first damage that hides where the next one begins."""
         try:
-            yield from self._records()
+            yield from self._mcap() if self.path.suffix == '.mcap' else self._sqlite()
         except Exception as error:  # on damaged bytes whatever the parsers stumble over
-            text = str(error) or type(error).__name__
-            self.add_damage(f'{text}; what follows is not read')
-
-    def check(self) -> None:
-        """Look for damage that reading the messages does not show."""
+            self.add_damage(f'{error or type(error).__name__}; what follows is not read')
 
     def add_damage(self, text: str) -> None:
         """Add a sentence on what is wrong."""
         self.damage.append(f'{self.path.name}: {text}')
 
-    def _records(self) -> Iterator[Record]:
-        raise NotImplementedError
-
-
-class McapFile(StorageFile):
-    """A file of the format MCAP."""
-
-    def _records(self) -> Iterator[Record]:
-        from mcap.records import (
-            Channel as McapChannel,
-            Chunk,
-            DataEnd,
-            Footer,
-            Message,
-            Schema,
-            Statistics,
-        )
+    def _mcap(self) -> Iterator[Record]:
+        from mcap.records import Channel as McapChannel, Chunk, DataEnd, Message, Schema
         from mcap.stream_reader import StreamReader, breakup_chunk
 
         size = self.path.stat().st_size
         schemas: dict[int, Any] = {}
         known: dict[int, Channel] = {}
-        counts: Counter[int] = Counter()
         ended, all_in_chunks = False, True
         with self.path.open('rb') as file:
             reader = StreamReader(
@@ -124,7 +86,6 @@ class McapFile(StorageFile):
                 for one in inside:
                     # What follows the data repeats it for the index.
                     if isinstance(one, Message):
-                        counts[one.channel_id] += 1
                         yield known[one.channel_id], one.log_time, one.data
                     elif isinstance(one, Schema) and not ended:
                         schemas[one.id] = one
@@ -134,53 +95,8 @@ class McapFile(StorageFile):
                 if isinstance(record, DataEnd):
                     ended = True
                     self.checksums &= all_in_chunks or bool(record.data_section_crc)
-                elif isinstance(record, Statistics):
-                    self._compare(record, counts)
-                elif isinstance(record, Footer):
-                    self._check_summary(record)
-            if file.read(1):
-                self.add_damage('something follows after its end')
 
-    def _compare(self, statistics: Any, counts: Counter[int]) -> None:
-        """Compare the numbers of messages with those that the file states."""
-        # Writers may leave out the counts by channel.
-        said = +Counter(statistics.channel_message_counts) or counts
-        if counts != said or counts.total() != statistics.message_count:
-            self.add_damage(
-                f'its statistics say {statistics.message_count} messages, '
-                f'{counts.total()} are readable'
-            )
-
-    def _check_summary(self, footer: Any) -> None:
-        if not footer.summary_start or not footer.summary_crc:
-            return
-        with self.path.open('rb') as file:
-            file.seek(footer.summary_start)
-            actual = zlib.crc32(file.read()[: -MCAP_MAGIC_BYTES - MCAP_CHECKSUM_BYTES])
-        if actual != footer.summary_crc:
-            self.add_damage('the checksum of its summary, which has the index, is wrong')
-
-
-def _channel_of(channel: Any, schema: Any) -> Channel:
-    encoding, definition, type_name = '', '', ''
-    if schema is not None:
-        type_name, encoding = schema.name, schema.encoding
-        definition = schema.data.decode(errors='replace')
-    if channel.message_encoding != 'cdr':
-        type_name = f'{type_name} in {channel.message_encoding}'
-    qos = channel.metadata.get('offered_qos_profiles', '')
-    return Channel(channel.topic, type_name, encoding, definition, qos)
-
-
-class SqliteFile(StorageFile):
-    """A database of SQLite, with the tables of any version of rosbag2."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.checksums = False
-
-    def check(self) -> None:
-        """Look for what a recorder left, and for a wrong structure."""
+    def _sqlite(self) -> Iterator[Record]:
         for ending in ('-wal', '-journal'):
             left = self.path.with_name(self.path.name + ending)
             if left.exists() and left.stat().st_size:
@@ -188,20 +104,9 @@ class SqliteFile(StorageFile):
                     f'{left.name}: the recorder did not come to its end, and what this file holds '
                     f"is not read; 'sqlite3 {self.path.name} .tables' completes the bag"
                 )
-        try:
-            with closing(self._connect()) as base:
-                for (text,) in base.execute('PRAGMA integrity_check(3)'):
-                    if text != 'ok':
-                        self.add_damage(text)
-        except sqlite3.Error as error:
-            self.add_damage(str(error))
-
-    def _connect(self) -> sqlite3.Connection:
-        return sqlite3.connect(f'{self.path.absolute().as_uri()}?immutable=1', uri=True)
-
-    def _records(self) -> Iterator[Record]:
-        with closing(self._connect()) as base:
-            known = dict(self._topics(base))
+        uri = f'{self.path.absolute().as_uri()}?immutable=1'
+        with closing(sqlite3.connect(uri, uri=True)) as base:
+            known = dict(self._sqlite_topics(base))
             self.channels += known.values()
             wrong = 0
             rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY rowid')
@@ -215,20 +120,16 @@ class SqliteFile(StorageFile):
             if wrong:
                 self.add_damage(f'{wrong} rows of the table messages are no messages of a topic')
 
-    def _topics(self, base: sqlite3.Connection) -> Iterator[tuple[int, Channel]]:
+    def _sqlite_topics(self, base: sqlite3.Connection) -> Iterator[tuple[int, Channel]]:
+        """Yield the topics of a database of any version of rosbag2 by their numbers."""
         definitions = {}
         if list(base.execute('PRAGMA table_info(message_definitions)')):
-            definitions = {
-                name: (encoding, text)
-                for name, encoding, text in base.execute(
-                    'SELECT topic_type, encoding, encoded_message_definition '
-                    'FROM message_definitions'
-                )
-            }
-        cursor = base.execute('SELECT * FROM topics')
-        columns = [column[0] for column in cursor.description]
-        for values in cursor:
-            row = dict(zip(columns, values, strict=True))
+            query = 'SELECT topic_type, encoding, encoded_message_definition'
+            rows = base.execute(f'{query} FROM message_definitions')
+            definitions = {name: (encoding, text) for name, encoding, text in rows}
+        base.row_factory = sqlite3.Row
+        for found in base.execute('SELECT * FROM topics'):
+            row = dict(found)
             if not (isinstance(row['name'], str) and isinstance(row['type'], str)):
                 self.add_damage('a row of the table topics names no topic or no type')
                 continue
@@ -236,7 +137,15 @@ class SqliteFile(StorageFile):
             encoding, text = definitions.get(row['type'], ('', ''))
             qos = str(row.get('offered_qos_profiles') or '')
             yield row['id'], Channel(row['name'], row['type'] + other, encoding, text, qos)
+        base.row_factory = None
 
 
-STORAGES = {'.mcap': McapFile, '.db3': SqliteFile}
-"""What reads a file, by its ending."""
+def _channel_of(channel: Any, schema: Any) -> Channel:
+    encoding, definition, type_name = '', '', ''
+    if schema is not None:
+        type_name, encoding = schema.name, schema.encoding
+        definition = schema.data.decode(errors='replace')
+    if channel.message_encoding != 'cdr':
+        type_name = f'{type_name} in {channel.message_encoding}'
+    qos = channel.metadata.get('offered_qos_profiles', '')
+    return Channel(channel.topic, type_name, encoding, definition, qos)

@@ -1,11 +1,12 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the robots truly were: in topics of a bag, or in tables."""
+"""Where the robots truly were: in topics of a bag, or in tables of a spreadsheet or of TUM."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from dg_localization.fleet import FleetConfig
 from dg_localization.ros.bags.bag import Bag, BagError, find_message_class
 from dg_localization.ros.bags.offline import in_seconds
 from dg_localization.ros.bags.reading import BagMessage, Reading
-from dg_localization.ros.bags.truth_table import Poses, read_table
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters.geometry import xyz_from_message, xyzw_from_message
@@ -33,27 +33,24 @@ POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 ROBOT = '{robot}'
 TABLES = ('.csv', '.tsv', '.txt', '.tum')
 
+Poses = dict[str, list[tuple[float, Any, Any]]]
+"""By robot its stamps in s, positions and quaternions."""
 
-def is_table(name: str) -> bool:
-    """Return whether a ground truth is that of a file."""
-    return name.lower().endswith(TABLES)
+COLUMNS = ('stamp', 'robot', 'x', 'y')
+QUATERNION = ('qx', 'qy', 'qz', 'qw')
+TUM = ('stamp', 'x', 'y', 'z', *QUATERNION)
+"""The columns of a file without a first line that names them."""
+
+SYNONYMS = {'timestamp': 'stamp', 'time': 'stamp', 't': 'stamp', 'name': 'robot'}
+SYNONYMS |= {f't{axis}': axis for axis in 'xyz'}
+
+UNITS = (('nanoseconds', 1e-9, 1e17), ('microseconds', 1e-6, 1e14), ('milliseconds', 1e-3, 1e11))
+"""What stamps are in that are greater than any time in seconds may be, and from where on."""
 
 
 @dataclass
 class Truth:
-    """
-    A ground truth.
-
-    Attributes
-    ----------
-    poses : Poses
-        By robot its stamps in s, positions and quaternions.
-    topics : dict of str to str
-        By topic that it is read of, the robot; empty for the poses of all robots.
-    notices, damage : list of str
-        What is passed over or not known, and what is wrong with the bag, a sentence each.
-
-    """
+    """A ground truth; a topic without a robot has the poses of all robots."""
 
     settings: Settings
     topics: dict[str, str] = field(default_factory=dict)
@@ -62,7 +59,7 @@ class Truth:
     damage: list[str] = field(default_factory=list)
     malformed: int = 0
 
-    def take(self, message: BagMessage, message_class: type) -> None:
+    def take(self, message: BagMessage, message_class: type | None) -> None:
         """Take a message on one of the topics; it may have another number of poses: BagError."""
         robot = self.topics[message.topic]
         try:
@@ -105,7 +102,7 @@ class Truth:
 def choose_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
     """Read the tables that a command line names, or find its topics."""
     fleet, truth = settings.fleet, Truth(settings)
-    files = [name for name in names if is_table(name)]
+    files = [name for name in names if name.lower().endswith(TABLES)]
     if not files:
         truth.topics = _find_topics(names, fleet.robots, bag.types)
         return truth
@@ -135,9 +132,7 @@ def read_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
         reading = Reading(bag, truth.topics)
         classes = {topic.name: topic.message_class for topic in reading.topics}
         for message in reading.messages():
-            message_class = classes[message.topic]
-            assert message_class is not None, 'only topics with a class are read'
-            truth.take(message, message_class)
+            truth.take(message, classes[message.topic])
         truth.malformed += reading.unreadable.total()
         truth.damage += reading.damage
         truth.notices += reading.notices
@@ -173,3 +168,125 @@ def _find_topics(
                 raise BagError(f'{topic}: its type {recorded[topic][0]} is not installed')
         found.update(present)
     return found
+
+
+def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) -> list[str]:
+    """
+    Add a ground truth in text to some poses, and return what there is to say of it.
+
+    A table of one robot needs no names of robots; other names are passed over. In space z has to
+    be known, and a yaw alone is no orientation.
+
+    Raises
+    ------
+    UsageError
+        If the file is no such table; the message names the line.
+
+    """
+    try:
+        columns, rows = _split(path.read_text(encoding='utf-8-sig'))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f'{path} is no table in UTF-8: {error}') from None
+    _check_columns(path, columns, robots, dimension)
+    found: Poses = {}
+    for number, cells in rows:
+        try:
+            row = {**dict.fromkeys(columns, ''), **dict(zip(columns, cells, strict=False))}
+            name = row['robot'] if 'robot' in columns else robots[0]
+            found.setdefault(name, []).append(_pose_of(row, dimension))
+        except ValueError as error:
+            raise UsageError(f'{path}, line {number}: {error}') from None
+    if found and found.keys().isdisjoint(robots):
+        raise UsageError(
+            f'{path} is the truth of {", ".join(found)}; the robots are {", ".join(robots)}'
+        )
+    first_s = min((stamp_s for kept in found.values() for stamp_s, _, _ in kept), default=0.0)
+    unit, notices = 1.0, []
+    for name, one, least in UNITS:
+        if first_s >= least:
+            unit = one
+            notices = [f'{path}: stamps from {first_s:.0f} on are taken as {name}, not in seconds']
+            break
+    for name in filter(found.__contains__, robots):
+        poses[name] += [(stamp * unit, place, turn) for stamp, place, turn in found[name]]
+    return notices
+
+
+def _split(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
+    """Return the names of the columns, and the cells of each line with its number."""
+    lines = [(n, line.strip()) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    plain = next((line for _, line in lines if line[0] != '#'), '')
+    mark = next((mark for mark in ';\t,' if mark in plain), None)
+    names: list[str] = []
+    rows: list[tuple[int, list[str]]] = []
+    is_named = False
+    for number, line in lines:
+        cells = [cell.strip(' "') for cell in line.lstrip('#').split(mark)]
+        if mark == ';':
+            # Commas may part the decimals then.
+            cells = [cell.replace(',', '.') for cell in cells]
+        is_data = cells[:1] and cells[0][:1] in '+-.0123456789n' and cells[0] != 'name'
+        # A comment may name the columns, as that of a file of TUM does.
+        if not rows and not is_named and not is_data:
+            names = [SYNONYMS.get(cell.lower(), cell.lower()) for cell in cells]
+            is_named = line[0] != '#'
+        elif line[0] != '#':
+            rows.append((number, cells))
+    n_cells = len(rows[0][1]) if rows else 0
+    return (TUM if n_cells == len(TUM) and 'x' not in names else names), rows
+
+
+def _check_columns(
+    path: Path, columns: Sequence[str], robots: Sequence[str], dimension: int
+) -> None:
+    """Check that a table has what a ground truth needs."""
+    wanted = [name for name in COLUMNS if name != 'robot' or len(robots) > 1]
+    wanted += ['z'] if dimension == 3 else []
+    if not set(QUATERNION).isdisjoint(columns):
+        wanted += QUATERNION
+    missing = [name for name in wanted if name not in columns]
+    if missing == ['robot']:
+        raise UsageError(
+            f'{path} does not say which robot it is of: it needs a column robot, or a name with '
+            "{robot} such as 'truth_{robot}.tum' for one file of each"
+        )
+    if missing:
+        raise UsageError(
+            f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
+            'robot, x, y, in space z, and where they are known z, and yaw or qx, qy, qz and qw'
+        )
+
+
+def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:
+    """Return stamp, position and quaternion of one row; ValueError where one is wrong."""
+    flat = '0' if dimension == 2 else ''
+    stamp, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
+    z = float(row.get('z') or flat)
+    yaw_rad, *turn = (float(row.get(name) or math.nan) for name in ('yaw', *QUATERNION))
+    if row.get('robot') == '':
+        raise ValueError('it names no robot')
+    if not math.isfinite(stamp):
+        raise ValueError(f'stamp {stamp} is not a finite number')
+    if any(map(math.isinf, (x, y, z, yaw_rad, *turn))):
+        raise ValueError('no position and no orientation is infinite')
+    if dimension == 2 and any(map(math.isnan, turn)):
+        turn = [0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)]
+    return stamp, np.array([x, y, z]), np.array(turn)
+
+
+def apart_text(truth_s: Sequence[float], others_s: Sequence[float], what: str) -> str:
+    """Return how the stamps of a ground truth and of something else miss each other, if so."""
+    if not (len(truth_s) and len(others_s)):
+        return ''
+    first_s, last_s = min(truth_s), max(truth_s)
+    begin_s, end_s = min(others_s), max(others_s)
+    if first_s <= end_s and begin_s <= last_s:
+        return ''
+    hint = f'they are {max(first_s - end_s, begin_s - last_s):.1f} s apart.'
+    if last_s - first_s < begin_s and first_s < 1e6 < begin_s:
+        hint = f'those of the ground truth look counted from zero: add {begin_s:.3f}.'
+    return (
+        f'The ground truth is of {first_s:.3f} to {last_s:.3f} s, {what} are of {begin_s:.3f} to '
+        f'{end_s:.3f} s: these times do not meet. Stamps must be in seconds, on the same clock; '
+        f'{hint}'
+    )

@@ -4,17 +4,14 @@
 """The answers of a bag beside a ground truth: counted tick by tick, and summed up at the end."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
 from dg_localization.calibration.answers import FleetTruth, TruePlacement
-from dg_localization.calibration.truth import MOST_GAP_S
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.ros.bags.tables import Runs, table
-from dg_localization.ros.bags.truth_table import apart_text
+from dg_localization.ros.bags.report import Runs, Tree
+from dg_localization.ros.bags.truth import apart_text
 from dg_localization.solver.result import Verdict
 
 OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
@@ -23,44 +20,29 @@ OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
 
 class TruthTally:
     """
-    Counts answers that hold the truth.
-
-    Parameters
-    ----------
-    truth : FleetTruth
+    Counts answers that hold the truth; `tree` returns the sums.
 
     Attributes
     ----------
-    compared : int
-        Answers of whose time the truth is known, with placements or a proof that there is none.
-    held : int
-        Those of them that hold it.
-    infeasible : int
-        Those without a placement, because the measurements contradict each other.
-    unlisted : int
-        Those of which none that is listed holds it, and not all are listed.
-    misses : Runs of tuple of str
+    compared, uncompared : int
+        Answers with placements, or with a proof that there is none, of whose time the truth is
+        known, and not known.
+    held, infeasible, unlisted : int
+        Of those compared: the ones that hold it, those without a placement, and those of which
+        none that is listed holds it, while not all are listed.
+    misses : Runs
         The others: the robots that the nearest hypothesis does not hold.
-    uncompared : int
-        Answers as those compared, of whose time no truth is known.
-    unknown : tuple of str
-        The robots without a truth.
 
     """
 
     def __init__(self, truth: FleetTruth) -> None:
-        self.compared = 0
-        self.held = 0
-        self.infeasible = 0
-        self.unlisted = 0
-        self.misses: Runs[tuple[str, ...]] = Runs()
-        self.answers_s: list[float] = []
-        self.uncompared = 0
+        self.compared = self.uncompared = 0
+        self.held = self.infeasible = self.unlisted = 0
+        self.misses = Runs()
         self._truth = truth
         self._robots = truth.fleet.robots
-        self.unknown = tuple(name for name in self._robots if name not in truth.tracks)
-        self._errors_m: dict[str, list[float]] = defaultdict(list)
-        self._errors_rad: dict[str, list[float]] = defaultdict(list)
+        self._answers_s: list[float] = []
+        self._errors: dict[tuple[str, str], list[float]] = defaultdict(list)
         self._ticks = 0
         self._nees: list[float] = []
         self._beyond, self._n_deviations = 0, 0
@@ -68,9 +50,13 @@ class TruthTally:
     def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
         """Compare an answer to a snapshot with the truth, for a time from the start of the bag."""
         self._ticks += 1
-        self.answers_s = [*self.answers_s[:1], snapshot.stamp_s]
+        self._answers_s = [*self._answers_s[:1], snapshot.stamp_s]
         if estimate.verdict is Verdict.INFEASIBLE:
-            self._add_infeasible(snapshot)
+            # A proof that no placement agrees is refuted where the truth is known.
+            is_known = self._truth.beside(OF_TRUTH, snapshot).tells
+            self.compared += is_known
+            self.infeasible += is_known
+            self.uncompared += not is_known
             return
         answers: list[Estimate | Group] = [estimate, *estimate.groups]
         placed = [answer for answer in answers if answer.placements]
@@ -91,23 +77,11 @@ class TruthTally:
             for robot in robots
         )
         if missed:
-            self.misses.add(missed, self._ticks, time_s)
+            self.misses.add(self._ticks, time_s, robots=missed)
         elif any(robots for _, robots in compared):
             self.unlisted += 1
         else:
             self.held += 1
-
-    def apart(self) -> str:
-        """Return how the times of answers and truth miss each other; empty where they meet."""
-        return apart_text(self._truth.stamps_s(), self.answers_s, 'the answers')
-
-    def _add_infeasible(self, snapshot: Snapshot) -> None:
-        """Count a proof that no placement agrees, which the truth refutes where it is known."""
-        if self._truth.beside(OF_TRUTH, snapshot).tells:
-            self.compared += 1
-            self.infeasible += 1
-        else:
-            self.uncompared += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
         """Return whom the placement that is nearest to the truth misses; None if that is open."""
@@ -116,19 +90,15 @@ class TruthTally:
         if not truth.tells:
             return None
         chosen = min(answer.placements, key=lambda placement: _distance_of(placement, truth))
-        self._add_errors(chosen, truth)
-        self._add_deviations(chosen, truth)
-        return tuple(np.array(self._robots)[truth.outside(chosen)].tolist())
-
-    def _add_errors(self, placement: Placement, truth: TruePlacement) -> None:
-        """Keep how far off a placement is."""
-        for errors, found in (
-            (self._errors_m, truth.point_errors_m(placement)),
-            (self._errors_rad, truth.heading_errors_rad(placement)),
+        for name, found in (
+            ('point_m', truth.point_errors_m(chosen)),
+            ('heading_rad', truth.heading_errors_rad(chosen)),
         ):
             for robot, error in zip(self._robots, found.tolist(), strict=True):
                 if np.isfinite(error):
-                    errors[robot].append(error)
+                    self._errors[robot, name].append(error)
+        self._add_deviations(chosen, truth)
+        return tuple(np.array(self._robots)[truth.outside(chosen)].tolist())
 
     def _add_deviations(self, placement: Placement, truth: TruePlacement) -> None:
         """Compare how far a placement is off with the covariance that it states."""
@@ -145,23 +115,30 @@ class TruthTally:
                 self._n_deviations += dimension
                 self._nees.append(float(error_m @ np.linalg.pinv(stated) @ error_m) / dimension)
 
-    def consistency(self) -> tuple[float, float] | None:
-        """Return how well errors agree with stated covariances; None where there are none."""
-        if not self._nees:
-            return None
-        return self._beyond / self._n_deviations, float(np.median(self._nees))
-
-    def errors(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """Return how far best points and headings are off the truth in the nearest hypothesis."""
-        found: dict[str, dict[str, tuple[float, float]]] = {}
-        for robot in self._robots:
-            kinds = {'point_m': self._errors_m[robot], 'heading_rad': self._errors_rad[robot]}
-            found[robot] = {
-                name: (float(np.median(errors)), float(np.percentile(errors, 95.0)))
-                for name, errors in kinds.items()
-                if errors
+    def tree(self) -> Tree:
+        """Return what was counted, and how far best points and headings are off."""
+        errors: Tree = {robot: {} for robot in self._robots}
+        for (robot, name), found in self._errors.items():
+            median, high = np.percentile(found, [50.0, 95.0]).tolist()
+            errors[robot][name] = {'median': median, 'percentile_95': high}
+        consistency = {}
+        if self._nees:
+            consistency = {
+                'beyond_3_deviations': self._beyond / self._n_deviations,
+                'median_nees': float(np.median(self._nees)),
             }
-        return found
+        return {
+            'compared': self.compared,
+            'held': self.held,
+            'infeasible': self.infeasible,
+            'unlisted': self.unlisted,
+            'uncompared': self.uncompared,
+            'without_truth': [name for name in self._robots if name not in self._truth.tracks],
+            'missed': self.misses,
+            'consistency': consistency,
+            'errors': errors,
+            'apart': apart_text(self._truth.stamps_s(), self._answers_s, 'the answers'),
+        }
 
 
 def _distance_of(placement: Placement, truth: TruePlacement) -> tuple[int, float]:
@@ -169,86 +146,3 @@ def _distance_of(placement: Placement, truth: TruePlacement) -> tuple[int, float
     errors_m = truth.point_errors_m(placement)
     worst_m = float(np.max(errors_m, initial=0.0, where=np.isfinite(errors_m)))
     return int(np.count_nonzero(truth.outside(placement))), worst_m
-
-
-def truth_tree(tally: TruthTally) -> dict[str, Any]:
-    """Return what is said of the truth, for programs."""
-    return {
-        'compared': tally.compared,
-        'held': tally.held,
-        'infeasible': tally.infeasible,
-        'unlisted': tally.unlisted,
-        'uncompared': tally.uncompared,
-        'without_truth': list(tally.unknown),
-        'missed': [
-            {
-                'first_s': run.first_s,
-                'last_s': run.last_s,
-                'ticks': run.ticks,
-                'robots': list(run.what),
-            }
-            for run in tally.misses
-        ],
-        'consistency': dict(
-            zip(('beyond_3_deviations', 'median_nees'), tally.consistency() or (), strict=False)
-        ),
-        'errors': {
-            robot: {
-                name: {'median': median, 'percentile_95': high}
-                for name, (median, high) in kinds.items()
-            }
-            for robot, kinds in tally.errors().items()
-        },
-    }
-
-
-def truth_paragraphs(tally: TruthTally) -> Iterator[str]:
-    """Yield what is said of the truth, for a person."""
-    if tally.unknown:
-        yield f'There is no ground truth of {", ".join(tally.unknown)}.'
-    if not tally.compared:
-        text = f'No answer has a ground truth at its time.{_gaps_text(tally)}'
-        yield f'{text} {tally.apart()}'.rstrip()
-        return
-    text = f'The truth is inside a hypothesis in {tally.held} of {tally.compared} answers.'
-    if tally.infeasible:
-        text += (
-            f' {tally.infeasible} answers have no placement at all: the measurements contradict '
-            'each other.'
-        )
-    if tally.unlisted:
-        text += (
-            f' {tally.unlisted} answers have more hypotheses than max_hypotheses, and those that '
-            'are left out were not compared.'
-        )
-    if tally.uncompared:
-        text += f' {tally.uncompared} answers have no ground truth at their time.'
-    yield text + _gaps_text(tally)
-    rows = [(when, ', '.join(robots)) for robots, when in tally.misses.merged().items()]
-    yield table('truth outside', 'of', rows)
-    if consistency := tally.consistency():
-        yield (
-            f'{100.0 * consistency[0]:.1f} % of the coordinates are off by more than three of '
-            f'their stated deviations; the median NEES per coordinate is {consistency[1]:.2f}.'
-        )
-    errors = {robot: kinds for robot, kinds in tally.errors().items() if kinds}
-    yield table(
-        'robot',
-        'off the truth in the nearest hypothesis, median (95 %)',
-        [(robot, _errors_text(kinds)) for robot, kinds in errors.items()],
-    )
-
-
-def _gaps_text(tally: TruthTally) -> str:
-    """Return why the truth may be unknown at some times, where that matters."""
-    if not tally.uncompared:
-        return ''
-    return f' Between samples that are more than {MOST_GAP_S:g} s apart no truth is known.'
-
-
-def _errors_text(kinds: Mapping[str, tuple[float, float]]) -> str:
-    """Return how far point and heading of a robot are off."""
-    return ', '.join(
-        f'{median:.2f} {name.rpartition("_")[2]} ({high:.2f})'
-        for name, (median, high) in kinds.items()
-    )

@@ -1,0 +1,447 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Error bounds from the readings of a bag, beside a ground truth or beside each other."""
+
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from dg_localization.calibration.answers import FleetTruth
+from dg_localization.calibration.bounds import (
+    Choice,
+    Shape,
+    excluded_ranges,
+    fit_half_width_rad,
+    fit_range,
+    missing_m,
+    range_holds,
+    rounded_outward,
+    shape_of,
+    shortest_band,
+)
+from dg_localization.calibration.truth import TrueTrack, range_errors_m
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel
+from dg_localization.ros.bags.bag import BagError
+from dg_localization.ros.bags.fit_odometry import fit_all_odometry
+from dg_localization.ros.bags.samples import Errors, Gatherer, errors_of
+from dg_localization.ros.bags.truth import apart_text
+from dg_localization.ros.interface.links import ANY_OBSERVER
+
+Pair: TypeAlias = tuple[str, str]
+"""Observer and target; an empty name stands for all."""
+
+EVERYTHING: Pair = ('', '')
+GROUPS = ('link', 'sensor', 'all')
+# Fewer readings get the bounds of the next larger group.
+READINGS = 20
+# Readings of one link that are nearer in time are named together, and so many times are named.
+GAP_S, NAMED = 1.0, 20
+# The delays that are told, over which time distances are seen to change, and which share of the
+# variance of the errors a delay must explain.
+DELAYS_S, STEP_S, EXPLAINED = (0.02, 1.0), 0.05, 0.5
+
+
+@dataclass(frozen=True)
+class GroupFit:
+    """
+    The bounds of one group of readings.
+
+    Attributes
+    ----------
+    count, excluded : int
+        Its readings, and those that the bounds do not hold.
+    seen : str
+        What was seen, in words.
+    bounds : dict of str to float
+        By the name of the parameter without its prefix.
+    share_of_rest : float, optional
+        Of the readings of the second half of the recording, the share that bounds learned of the
+        first half alone exclude; None where that was not tried.
+
+    """
+
+    count: int
+    excluded: int
+    seen: str
+    bounds: dict[str, float]
+    share_of_rest: float | None = None
+
+    @property
+    def text(self) -> str:
+        """What was seen and what that is worth, in words."""
+        share = 100.0 * self.excluded / self.count
+        text = f'{self.count} readings, {self.seen}; {share:.2f} % excluded'
+        if self.share_of_rest is None:
+            return text
+        rest = 100.0 * self.share_of_rest
+        return f'{text}; learned of the first half alone, {rest:.2f} % of the second excluded'
+
+
+@dataclass
+class Fit:
+    """
+    What was learned from a bag.
+
+    Attributes
+    ----------
+    groups : dict of LinkKind to dict of (str, str) to GroupFit
+        Ranges and bearings, by observer and target: those of a sensor with an empty target, of
+        all with empty names.
+    odometry : dict of str to float
+        By the name of the parameter without its prefix; of all robots.
+    robot_odometry : dict of str to dict of str to float
+        The same by robot.
+    judged : frozenset of LinkKey
+        The inputs of ranges and bearings that had a reading to learn from.
+    kept : frozenset of LinkKind
+        Ranges, bearings, where no bounds become narrower than those stated.
+    offsets_s : dict of LinkKey to float
+        What is to be added to the stamps of links.
+    notes : list of str
+        Sentences on what was learned, and what cannot be.
+
+    """
+
+    groups: dict[LinkKind, dict[Pair, GroupFit]] = field(default_factory=dict)
+    odometry: dict[str, float] = field(default_factory=dict)
+    robot_odometry: dict[str, dict[str, float]] = field(default_factory=dict)
+    judged: frozenset[LinkKey] = frozenset()
+    kept: frozenset[LinkKind] = frozenset()
+    offsets_s: dict[LinkKey, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def group_of(self, kind: LinkKind, pair: Pair) -> GroupFit | None:
+        """Return the smallest group of ranges or of bearings that a link belongs to."""
+        # Peers have no target, and the bounds of their observer.
+        found = self.groups.get(kind, {})
+        return next((found[group] for group in _groups(pair, 'link') if group in found), None)
+
+    def of_all(self, kind: LinkKind) -> GroupFit | None:
+        """Return the bounds of all ranges or of all bearings, if there are any."""
+        return self.groups.get(kind, {}).get(EVERYTHING)
+
+    def is_judged(self, kind: LinkKind, pair: Pair) -> bool:
+        """Return whether there was a range or a bearing of a link, or of its peers, to judge."""
+        observer, target = pair
+        return any(
+            key.kind is kind
+            and observer in (key.observer, ANY_OBSERVER)
+            and target in (key.target, '')
+            for key in self.judged
+        )
+
+
+def _groups(pair: Pair, per: str) -> tuple[Pair, ...]:
+    """Return the groups that a pair belongs to, the smallest first."""
+    return (pair, (pair[0], ''), EVERYTHING)[GROUPS.index(per) :]
+
+
+def _gathered(errors: Mapping[LinkKey, Errors], kind: LinkKind, per: str) -> dict[Pair, Errors]:
+    """Join the readings of all members of each group that is large enough."""
+    members: dict[Pair, list[Errors]] = defaultdict(list)
+    for key, one in errors.items():
+        if key.kind is kind and len(one.errors):
+            for group in _groups((key.observer, key.target), per):
+                members[group].append(one)
+    joined = {group: Errors.joined(found) for group, found in members.items()}
+    return {
+        group: one
+        for group, one in joined.items()
+        if len(one.errors) >= (1 if group == EVERYTHING else READINGS)
+    }
+
+
+def range_parameters(model: RangeErrorModel) -> dict[str, float]:
+    """Return bounds by the names of the parameters of the node."""
+    return {
+        'min_error': model.min_error_m,
+        'max_error': model.max_error_m,
+        'min_error_relative': model.min_error_relative,
+        'max_error_relative': model.max_error_relative,
+        'sigma_factor': model.sigma_factor,
+    }
+
+
+def fit(
+    gatherer: Gatherer,
+    truth: FleetTruth | None,
+    links: Collection[LinkKey],
+    per: str,
+    choice: Choice,
+    bias_m: Sequence[float] | None,
+) -> Fit:
+    """
+    Learn bounds from readings and a ground truth, or without one from their scatter.
+
+    Without a truth no bounds become narrower than those stated, but those of ranges whose bias is
+    between two known numbers.
+    """
+    fleet, learned = gatherer.config, Fit()
+    tracks = truth.tracks if truth else None
+    errors = errors_of(gatherer, tracks)
+    if tracks is not None:
+        stated = errors
+        delays_s = dict(_delays_s(errors, tracks, fleet.dimension))
+        learned.offsets_s = {key: -delays_s[key][0] for key in delays_s if key in links}
+        learned.notes += _delay_texts(delays_s, learned.offsets_s)
+        errors = errors_of(gatherer, tracks, learned.offsets_s)
+    learned.judged = frozenset(key for key, one in errors.items() if len(one.errors))
+    ranges = _gathered(errors, LinkKind.RANGE, per)
+    shape = Shape()
+    if tracks is not None and EVERYTHING in ranges:
+        every = ranges[EVERYTHING]
+        shape = shape_of(every.values, every.errors, choice)
+    learned.groups = {
+        LinkKind.RANGE: {
+            pair: _range_group(one, choice, shape)
+            if tracks is not None
+            else _scatter_group(one, fleet.range_error_of(*pair), choice, bias_m)
+            for pair, one in ranges.items()
+        },
+        LinkKind.BEARING: {
+            pair: _bearing_group(
+                one,
+                choice,
+                fleet,
+                None if tracks is not None else fleet.bearing_half_width_of(*pair),
+            )
+            for pair, one in _gathered(errors, LinkKind.BEARING, per).items()
+        },
+    }
+    if tracks is None:
+        learned.kept = frozenset({LinkKind.BEARING, *([] if bias_m else [LinkKind.RANGE])})
+        if not learned.judged:
+            raise BagError('no input has five readings within a second: nothing can be learned')
+        learned.notes += _limits_without_truth(gatherer, bias_m)
+        return learned
+    odometry = fit_all_odometry(gatherer, tracks, per, choice)
+    learned.odometry, learned.robot_odometry = odometry.of_all, odometry.of_robots
+    learned.notes += odometry.notes
+    if not (learned.judged or learned.odometry):
+        assert truth is not None
+        raise BagError(
+            'no reading has a ground truth at its time: are the stamps of both on one clock '
+            "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'? "
+            + apart_text(truth.stamps_s(), gatherer.stamps_s(), 'the readings')
+        )
+    unknown = sum(map(len, gatherer.readings.values()))
+    if unknown := unknown - sum(len(one.errors) for one in stated.values()):
+        learned.notes.append(
+            f'{unknown} readings have no ground truth at their time: of places, and of headings '
+            'for rays and for sensors away from the center of a robot.'
+        )
+    learned.notes += _advice(learned, fleet)
+    learned.notes += broken_bounds(fleet, stated)
+    return learned
+
+
+def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
+    """Return the bounds of ranges whose errors are known."""
+    model = fit_range(one.values, one.errors, choice, shape)
+    low_m, high_m, median_m = one.errors.min(), one.errors.max(), np.median(one.errors)
+    rest_m = one.errors - shape.slope * one.values
+    band_m = shortest_band(rest_m, choice.keep)
+    kept = one.chosen((band_m[0] <= rest_m) & (rest_m <= band_m[1]))
+    seen = f'error {low_m:.2f} to {high_m:.2f} m, median {median_m:.2f}{_gross_text(kept)}'
+    bounds = {
+        **range_parameters(model),
+        'expected_error': model.expected_error_m or 0.0,
+        'expected_error_relative': model.expected_error_relative,
+    }
+
+    def excluded_of(first: Errors, second: Errors) -> int:
+        half = shape_of(first.values, first.errors, choice)
+        model = fit_range(first.values, first.errors, choice, half)
+        return excluded_ranges(model, second.values, second.errors)
+
+    excluded = excluded_ranges(model, one.values, one.errors)
+    return GroupFit(len(one.errors), excluded, seen, bounds, _share_of_rest(one, excluded_of))
+
+
+def _scatter_group(
+    one: Errors, stated: RangeErrorModel, choice: Choice, bias_m: Sequence[float] | None
+) -> GroupFit:
+    """Return the stated bounds, no narrower than the scatter; those around a known bias."""
+    low_m, high_m = shortest_band(one.errors, choice.keep)
+    seen = f'scatter {low_m:.2f} to {high_m:.2f} m'
+    if bias_m is not None:
+        beyond = int(np.count_nonzero((one.errors < low_m) | (one.errors > high_m)))
+        extra_m = choice.margin * (high_m - low_m)
+        model = rounded_outward(bias_m[0] + low_m - extra_m, bias_m[1] + high_m + extra_m)
+        return GroupFit(len(one.errors), beyond, seen, range_parameters(model))
+    relative = stated.max_error_relative - stated.min_error_relative
+    stated_m = np.abs(stated.max_error_m - stated.min_error_m + relative * one.values)
+    extra_m, beyond = missing_m(one.errors, 0.5 * stated_m, choice)
+    if extra_m > 0.0:
+        seen += (
+            f', which the stated bounds, {stated_m.min():.2f} m apart at the shortest reading, '
+            'cannot hold: widened'
+        )
+    wide = rounded_outward(stated.min_error_m - extra_m, stated.max_error_m + extra_m)
+    bounds = range_parameters(stated)
+    bounds |= {'min_error': wide.min_error_m, 'max_error': wide.max_error_m}
+    return GroupFit(len(one.errors), beyond, seen, bounds)
+
+
+def _bearing_group(
+    one: Errors, choice: Choice, fleet: FleetConfig, stated_rad: float | None
+) -> GroupFit:
+    """Return the half width of bearings, no narrower than one that is stated without a truth."""
+    half_width_rad = max(fit_half_width_rad(one.errors, choice), stated_rad or 0.0)
+    excluded = int(np.count_nonzero(np.abs(one.errors) > half_width_rad))
+    span = f'{one.errors.min():.3f} to {one.errors.max():.3f} rad'
+    bounds = {'half_width': half_width_rad}
+    if stated_rad is not None:
+        return GroupFit(len(one.errors), excluded, f'scatter {span}', bounds)
+    bias_rad = float(np.median(one.errors))
+    if fleet.dimension == 2:
+        # In space the errors are angles without a sign, and say nothing of the vertical axis.
+        bounds['expected_error'] = bias_rad
+
+    def excluded_of(first: Errors, second: Errors) -> int:
+        half_rad = fit_half_width_rad(first.errors, choice)
+        return int(np.count_nonzero(np.abs(second.errors) > half_rad))
+
+    seen, rest = f'error {span}, median {bias_rad:.3f}', _share_of_rest(one, excluded_of)
+    return GroupFit(len(one.errors), excluded, seen, bounds, rest)
+
+
+def _share_of_rest(one: Errors, excluded_of: Callable[[Errors, Errors], int]) -> float | None:
+    """Return what share of the second half bounds of the first exclude; None for few readings."""
+    is_first = one.stamps_s <= 0.5 * (one.stamps_s.min() + one.stamps_s.max())
+    first, second = one.chosen(is_first), one.chosen(~is_first)
+    if min(len(first.errors), len(second.errors)) < READINGS:
+        return None
+    return excluded_of(first, second) / len(second.errors)
+
+
+def _gross_text(kept: Errors) -> str:
+    """Return which single reading sets a bound that would be half as wide without; or nothing."""
+    if len(kept.errors) < 3:
+        return ''
+    order = np.argsort(kept.errors, kind='stable')
+    for one, rest in ((order[-1], order[:-1]), (order[0], order[1:])):
+        if np.ptp(kept.errors) > 2.0 * np.ptp(kept.errors[rest]):
+            return (
+                f'; one reading at {kept.stamps_s[one]:.3f} s, off by {kept.errors[one]:.2f} m, '
+                'sets a bound that would be less than half as wide without it: a smaller --keep '
+                'leaves it out'
+            )
+    return ''
+
+
+def _delays_s(
+    errors: Mapping[LinkKey, Errors], tracks: Mapping[str, TrueTrack], dimension: int
+) -> Iterator[tuple[LinkKey, tuple[float, float]]]:
+    """
+    Yield the ranges whose stamps are late, by how much, and the standard deviation of that.
+
+    A range that is stamped late by t is that of the distance t before: its error is -t times the
+    rate of the distance, and the slope of a regression on that rate shows it.
+    """
+    for key, one in errors.items():
+        if key.kind is not LinkKind.RANGE or len(one.errors) < READINGS:
+            continue
+        ends, zeros = (tracks[key.observer], tracks[key.target]), np.zeros(len(one.errors))
+        ahead, behind = (
+            -range_errors_m(*ends, one.stamps_s + step_s, zeros, dimension)
+            for step_s in (STEP_S, -STEP_S)
+        )
+        rates = (ahead - behind) / (2.0 * STEP_S)
+        known = np.isfinite(rates)
+        if np.count_nonzero(known) < READINGS or not rates[known].std():
+            continue
+        rate = rates[known] - rates[known].mean()
+        off_m = one.errors[known] - np.median(one.errors[known])
+        delay_s = -float(rate @ off_m / (rate @ rate))
+        spread_s = float((off_m + delay_s * rate).std() / np.sqrt(rate @ rate))
+        is_told = delay_s**2 * rate.var() > EXPLAINED * off_m.var()
+        if is_told and DELAYS_S[0] < abs(delay_s) < DELAYS_S[1]:
+            yield key, (delay_s, spread_s)
+
+
+def _delay_texts(
+    delays_s: Mapping[LinkKey, tuple[float, float]], offsets_s: Mapping[LinkKey, float]
+) -> Iterator[str]:
+    """Yield which inputs have stamps that are late or early."""
+    for key, (delay_s, spread_s) in delays_s.items():
+        late = 'late' if delay_s > 0.0 else 'early'
+        todo = 'its link states' if key in offsets_s else 'its input may state'
+        yield (
+            f'Stamps of {key} are {abs(delay_s):.3f} s {late} (+-{2.0 * spread_s:.3f}), as its '
+            f'errors change with the rate of the distance: {todo} stamp_offset={-delay_s:.3f}.'
+        )
+
+
+def _advice(learned: Fit, fleet: FleetConfig) -> Iterator[str]:
+    """Yield what to do about readings that the bounds leave out."""
+    groups = filter(None, map(learned.of_all, learned.groups))
+    excluded = sum(group.excluded for group in groups)
+    if excluded and not (fleet.window_outliers or fleet.max_outliers):
+        yield (
+            f'The bounds leave {excluded} readings out, and one of them may exclude the truth: '
+            'window_outliers: 1 lets one reading of each pair in memory.seconds be wrong, '
+            'max_outliers: 1 one of a moment.'
+        )
+
+
+def _limits_without_truth(gatherer: Gatherer, bias_m: Sequence[float] | None) -> Iterator[str]:
+    """Yield what a recording without truth cannot tell."""
+    yield (
+        'Without a ground truth only the scatter of the readings is seen. An error that all '
+        'readings of a pair share for a second and longer, a bias, is not seen.'
+    )
+    if bias_m is None:
+        yield (
+            'Without --truth the bounds are those that you stated, widened where the scatter does '
+            'not fit between them. They become narrower with --truth, or with --bias LOW HIGH, '
+            'known from elsewhere.'
+        )
+    else:
+        yield f'The bias is taken to be between {bias_m[0]:g} and {bias_m[1]:g} m, as stated.'
+    if any(key.kind is LinkKind.BEARING for key in gatherer.readings):
+        yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
+    if gatherer.odometry:
+        yield 'Without a ground truth scale and bounds of odometry cannot be learned.'
+
+
+def broken_bounds(fleet: FleetConfig, errors: Mapping[LinkKey, Errors]) -> list[str]:
+    """Return sentences on the readings that break the bounds stated for them, oldest first."""
+    found = []
+    for key, one in errors.items():
+        if key.kind is LinkKind.BEARING:
+            half_width_rad = fleet.bearing_half_width_of(key.observer, key.target)
+            broken, unit = np.abs(one.errors) > half_width_rad, 'rad'
+        else:
+            model = fleet.range_error_of(key.observer, key.target)
+            if model.sigma_factor > 0.0:
+                # The bounds depend on the variance of each reading, which is not gathered.
+                continue
+            pairs = zip(one.values.tolist(), one.errors.tolist(), strict=True)
+            held = [range_holds(model, value, value - error) for value, error in pairs]
+            broken, unit = ~np.array(held, dtype=bool), 'm'
+        wrong = one.chosen(broken)
+        ends = np.flatnonzero(np.diff(wrong.stamps_s) > GAP_S) + 1
+        for times_s, sizes in zip(
+            np.split(wrong.stamps_s, ends), np.split(np.abs(wrong.errors), ends), strict=True
+        ):
+            if len(times_s):
+                text = (
+                    f'The stated bounds of {key} are broken from {times_s[0]:.1f} to '
+                    f'{times_s[-1]:.1f} s: {len(times_s)} times, by readings that are off by up '
+                    f'to {sizes.max():.2f} {unit}'
+                )
+                found.append((float(times_s[0]), text))
+    found.sort()
+    # The truth is that of the stamp: a robot that moves is elsewhere when a clock is wrong.
+    condition = ', if stamps are right' if fleet.stamp_error_s > 0.0 else ''
+    sentences = [f'{text}{condition}.' for _, text in found[:NAMED]]
+    if len(found) > NAMED:
+        sentences.append(
+            f'The stated bounds are broken {len(found) - NAMED} times more{condition}.'
+        )
+    return sentences

@@ -1,0 +1,142 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Small bags of three robots that range each other, and what `localize_bag` makes of them."""
+
+import json
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from dg_localization.ros.executables import localize_bag
+from msg_adapters import adapter_for
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE.register(get_types_from_msg('float64 x', 'strange_msgs/msg/Odd'))
+TYPES = STORE.types
+RANGE = 'sensor_msgs/msg/Range'
+POSE = 'geometry_msgs/msg/PoseStamped'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+START_NS = 1_700_000_000_000_000_000
+PERIOD_NS = 100_000_000
+# Two sides and the hypotenuse of a right triangle.
+TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
+PLACES = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
+PARAMETERS = {'robots': ['a', 'b', 'c'], 'max_speed': 0.1}
+
+
+def stamped(time_ns, frame_id=''):
+    stamp = TYPES['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
+    return TYPES['std_msgs/msg/Header'](stamp, frame_id)
+
+
+def range_message(time_ns, range_m, frame_id=''):
+    header = stamped(time_ns, frame_id)
+    return bytes(STORE.serialize_cdr(TYPES[RANGE](header, 0, 0.0, 0.0, 0.0, range_m, 0.0), RANGE))
+
+
+def _pose(x=0.0, y=0.0):
+    point = TYPES['geometry_msgs/msg/Point'](x, y, 0.0)
+    turn = TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    return TYPES['geometry_msgs/msg/Pose'](point, turn)
+
+
+def pose_message(time_ns, place):
+    return STORE.serialize_cdr(TYPES[POSE](stamped(time_ns), _pose(*place)), POSE)
+
+
+def odometry_at_rest(time_ns, frame_id):
+    zero = TYPES['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
+    twist = TYPES['geometry_msgs/msg/Twist'](zero, zero)
+    message = TYPES[ODOMETRY](
+        stamped(time_ns, frame_id),
+        '',
+        TYPES['geometry_msgs/msg/PoseWithCovariance'](_pose(), np.zeros(36)),
+        TYPES['geometry_msgs/msg/TwistWithCovariance'](twist, np.zeros(36)),
+    )
+    return STORE.serialize_cdr(message, ODOMETRY)
+
+
+class Recorder:
+    """Writes a bag; messages on a topic of their own are 0.1 s apart."""
+
+    def __init__(self, path, plugin=StoragePlugin.MCAP):
+        self.path = path
+        self._writer = Writer(path, version=9, storage_plugin=plugin)
+        self._writer.open()
+        self._connections = {}
+
+    def add(self, topic, type_name=RANGE, qos=()):
+        self._connections[topic] = self._writer.add_connection(
+            topic, type_name, typestore=STORE, offered_qos_profiles=list(qos)
+        )
+
+    def write(self, topic, step, data, type_name=RANGE):
+        if topic not in self._connections:
+            self.add(topic, type_name)
+        self._writer.write(self._connections[topic], START_NS + step * PERIOD_NS, data)
+
+    def write_triangle(self, steps, ranges_m=TRIANGLE):
+        for step in steps:
+            for (observer, target), range_m in ranges_m.items():
+                data = range_message(START_NS + step * PERIOD_NS, range_m)
+                self.write(f'/{observer}/range/{target}', step, data)
+
+    def close(self):
+        self._writer.close()
+        return self.path
+
+
+class Localize:
+    """
+    Localizes bags with parameters.
+
+    A call returns the exit code and the report, where there is one; `output` is the last bag.
+    """
+
+    def __init__(self, folder):
+        self.folder, self.output, self.n_runs = folder, None, 0
+
+    def __call__(self, bag, *arguments, **parameters):
+        run = self.folder / f'run_{self.n_runs}'
+        self.n_runs += 1
+        run.mkdir()
+        given = {**PARAMETERS, **{name.replace('__', '.'): v for name, v in parameters.items()}}
+        params = run / 'params.yaml'
+        # JSON is YAML.
+        params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+        report, self.output = run / 'report.json', run / 'out'
+        paths = ('-o', self.output, '--params', params, '--report', report)
+        code = localize_bag([str(text) for text in (bag, *paths, *arguments)])
+        return code, json.loads(report.read_text()) if report.exists() else None
+
+
+def read(path, topic):
+    """Return the log times in ns and the values of the messages on a topic."""
+    with AnyReader([path], default_typestore=STORE) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        assert connections, topic
+        value_of = adapter_for(connections[0].msgtype).from_message
+        messages = [
+            (time_ns, value_of(reader.deserialize(data, connection.msgtype)))
+            for connection, time_ns, data in reader.messages(connections)
+        ]
+    return [time_ns for time_ns, _ in messages], [value for _, value in messages]
+
+
+def counts(path):
+    with AnyReader([path], default_typestore=STORE) as reader:
+        return {name: info.msgcount for name, info in reader.topics.items()}
+
+
+def write_table(path, places, stamps_s):
+    """Write a ground truth as a table; the places are a function of the stamp."""
+    rows = [
+        f'{START_NS * 1e-9 + stamp_s:.3f},{robot},{x},{y}'
+        for stamp_s in stamps_s
+        for robot, (x, y) in places(stamp_s).items()
+    ]
+    path.write_text('\n'.join(['stamp,robot,x,y', *rows]) + '\n')
+    return path
