@@ -16,9 +16,9 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.constraints.angles import Angles
 from dg_localization.fleet.constraints.constrain import constrain
-from dg_localization.fleet.constraints.triangulation import triangulate
+from dg_localization.fleet.constraints.distances import triangulate
+from dg_localization.fleet.constraints.rays import Angles
 
 NOW_S = 5.0
 
@@ -56,8 +56,9 @@ def test_the_angle_of_two_rays_has_the_errors_of_both():
     localizer.add_bearing('a', 'b', ray(0.0), NOW_S, NOW_S)
     localizer.add_bearing('a', 'c', ray(0.5), NOW_S, NOW_S)
     angles = constrain(localizer.snapshot(NOW_S)).angles
-    assert angles.low_rad[0] <= 0.3 and angles.low_rad[0] == pytest.approx(0.3)
-    assert angles.high_rad[0] >= 0.7 and angles.high_rad[0] == pytest.approx(0.7)
+    low_rad, high_rad = angles.bounds_rad()
+    assert low_rad[0] <= 0.3 and low_rad[0] == pytest.approx(0.3)
+    assert high_rad[0] >= 0.7 and high_rad[0] == pytest.approx(0.7)
 
 
 def test_rays_of_one_image_do_not_widen_against_each_other():
@@ -122,7 +123,8 @@ def test_a_robot_that_is_only_seen_is_triangulated():
 )
 def test_triangulation_holds_every_triangle(at_a, at_b):
     corners = np.array([[0, 1, 2], [1, 0, 2]])
-    angles = Angles(corners, *np.array([at_a, at_b]).T)
+    low, high = np.array([at_a, at_b]).T
+    angles = Angles(corners, 0.5 * (low + high), 0.5 * (high - low) + 1e-15)
     lower, upper = np.zeros((3, 3)), np.full((3, 3), np.inf)
     np.fill_diagonal(upper, 0.0)
     lower[0, 1] = lower[1, 0] = upper[0, 1] = upper[1, 0] = 100.0
@@ -136,7 +138,7 @@ def test_triangulation_holds_every_triangle(at_a, at_b):
 
 
 def test_two_rays_of_one_target_make_no_triangle():
-    angles = Angles(np.array([[0, 1, 1]]), np.array([0.1]), np.array([0.2]))
+    angles = Angles(np.array([[0, 1, 1]]), np.array([0.15]), np.array([0.05]))
     lower, upper = np.zeros((3, 3)), np.full((3, 3), np.inf)
     triangulate(lower, upper, angles)
     assert np.isinf(upper).all()
@@ -187,9 +189,9 @@ def test_pitch_does_not_bend_a_ray_in_the_plane():
     localizer.add_odometry('a', [0.0, 0.0, 0.0], pitched, NOW_S, NOW_S)
     localizer.add_bearing('a', 'b', ray(math.pi / 4.0), NOW_S - 1.0, NOW_S)
     localizer.add_bearing('a', 'c', ray(math.pi / 2.0), NOW_S, NOW_S)
-    angles = constrain(localizer.snapshot(NOW_S)).angles
-    assert angles.low_rad[0] <= math.pi / 4.0 <= angles.high_rad[0]
-    assert angles.high_rad[0] - angles.low_rad[0] < 1e-9
+    low_rad, high_rad = constrain(localizer.snapshot(NOW_S)).angles.bounds_rad()
+    assert low_rad[0] <= math.pi / 4.0 <= high_rad[0]
+    assert high_rad[0] - low_rad[0] < 1e-9
 
 
 def test_robots_above_each_other_may_be_at_one_place_of_the_plane():
@@ -221,5 +223,5 @@ def test_a_steep_ray_tells_less_of_the_plane():
     seen = math.cos(0.045) * true + math.sin(0.045) * np.array([0.0, 1.0, 0.0])
     localizer.add_bearing('a', 'b', seen, NOW_S, NOW_S)
     localizer.add_bearing('a', 'c', ray(math.pi / 2.0), NOW_S, NOW_S)
-    angles = constrain(localizer.snapshot(NOW_S)).angles
-    assert angles.low_rad[0] <= math.pi / 2.0 <= angles.high_rad[0]
+    low_rad, high_rad = constrain(localizer.snapshot(NOW_S)).angles.bounds_rad()
+    assert low_rad[0] <= math.pi / 2.0 <= high_rad[0]

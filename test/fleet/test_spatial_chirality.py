@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from dg_localization.fleet.constraints.chirality import _greatest_sine, _spatial_sign
+from dg_localization.fleet.constraints.rays import spatial_sign
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 
 KEY = LinkKey(LinkKind.BEARING, 'a', 'b')
@@ -46,18 +46,9 @@ def test_a_certain_sign_survives_the_worst_errors(share):
             RayReading(KEY, 0.0, ray, float(error))
             for ray, error in zip(rays, errors_rad, strict=True)
         ]
-        sign = _spatial_sign(readings)
+        sign = spatial_sign(readings)
         if sign:
             certain += 1
             assert sign * np.linalg.det(rays) > 0.0
             assert sign * worst_volume(rays, errors_rad, sign) > -1e-12
     assert certain > 20
-
-
-@pytest.mark.parametrize('angle_rad', [0.0, 0.4, 1.5, np.pi / 2, 1.7, 3.0, np.pi])
-@pytest.mark.parametrize('half_width_rad', [0.0, 0.1, 0.3, 1.0])
-def test_the_greatest_sine_is_that_of_some_angle(angle_rad, half_width_rad):
-    low, high = max(0.0, angle_rad - half_width_rad), min(np.pi, angle_rad + half_width_rad)
-    samples = np.sin([*np.linspace(low, high, 1001), np.clip(np.pi / 2, low, high)])
-    found = _greatest_sine(angle_rad, half_width_rad)
-    assert samples.max() - 1e-15 <= found <= samples.max() + 1e-12

@@ -151,7 +151,7 @@ def test_a_ray_of_a_mounted_camera_may_be_of_another_time_than_what_is_mounted(a
     # The estimate is for `stamp_s` by the clock of the node, where the robot has turned on.
     to_target, to_robot = target - camera_at(stamp_s), [3.0, 3.0] - camera_at(stamp_s)
     cosine = to_target @ to_robot / np.linalg.norm(to_target) / arm_m
-    ((low_rad, high_rad),) = zip(angles.low_rad, angles.high_rad, strict=True)
+    ((low_rad, high_rad),) = zip(*angles.bounds_rad(), strict=True)
     assert low_rad <= math.acos(cosine) <= high_rad < low_rad + 0.3
 
 

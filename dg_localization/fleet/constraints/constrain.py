@@ -16,16 +16,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.constraints.angles import Angles, angles_of
-from dg_localization.fleet.constraints.chirality import planar_chiralities, spatial_chiralities
 from dg_localization.fleet.constraints.distances import (
     PairBounds,
     given_distances,
     share_on_robots,
+    triangulate,
 )
 from dg_localization.fleet.constraints.graph import connected_to
-from dg_localization.fleet.constraints.rays import RayBundle, include_displacement
-from dg_localization.fleet.constraints.triangulation import triangulate
+from dg_localization.fleet.constraints.rays import Angles, RayBundle, include_displacement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
 from dg_localization.solver.contract.angles import ANGLE_SWEEPS, contract_by_angles
@@ -82,14 +80,6 @@ class Constraints:
         Return whether the measured distances leave a placement free to move.
 
         That a robot may turn about its only point that anybody measured does not count.
-
-        Parameters
-        ----------
-        positions : numpy.ndarray, shape (n, q)
-            In m.
-        robots : sequence of str
-            The robot or anchor that each point belongs to.
-
         """
         names = np.array(robots)
         joins = self.measured & (names[:, None] != names[None])
@@ -136,37 +126,18 @@ def constrain(
     dropped: frozenset[LinkKey] = frozenset(),
     remembered: Iterable[PairBounds] = (),
 ) -> Constraints:
-    """
-    Return what a snapshot says about the points, some links left out.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    dropped : frozenset of LinkKey
-        Links that do not count.
-    remembered : iterable of (int, int, float, float)
-        Pairs of points with bounds of their squared distance in m^2, from a window.
-
-    Returns
-    -------
-    Constraints
-
-    """
+    """Return what a snapshot says about the points, some links left out."""
     config = snapshot.config
     rows = {name: row for row, name in enumerate(config.points)}
     lower, upper = given_distances(snapshot, dropped, rows, remembered)
     measured = lower.copy(), upper.copy()
     share_on_robots(snapshot, rows, lower, upper)
     bundles = _bundles(snapshot, dropped, rows, lower)
-    pairs = {observer: bundle.pairs() for observer, bundle in bundles.items()}
+    by_observer = [bundle.angles() for bundle in bundles.values()]
     chiralities = list(snapshot.anchors.chiralities)
-    for observer, bundle in bundles.items():
-        chiralities.extend(
-            planar_chiralities(pairs[observer])
-            if config.dimension == 2
-            else spatial_chiralities(bundle)
-        )
-    angles = angles_of(pairs.values())
+    for seen in by_observer if config.dimension == 2 else bundles.values():
+        chiralities.extend(seen.chiralities())
+    angles = Angles.joined(by_observer)
     _narrow_by_angles(lower, upper, angles)
     if snapshot.mounts.distances:
         _narrow_by_angles(*measured, angles)

@@ -12,21 +12,7 @@ BoolArray = NDArray[np.bool_]
 
 
 def connected_to(joined: BoolArray, start: int) -> set[int]:
-    """
-    Return the points that a chain of joined pairs connects to one of them.
-
-    Parameters
-    ----------
-    joined : numpy.ndarray of bool, shape (n, n)
-        Which pairs are joined.
-    start : int
-
-    Returns
-    -------
-    set of int
-        `start` included.
-
-    """
+    """Return the points that a chain of joined pairs connects to one of them."""
     reached = {start}
     pending = [start]
     while pending:

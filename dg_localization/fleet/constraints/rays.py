@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Rays of one observer, brought into common body frames.
+Rays of one observer, brought into common body frames, and the angles and chiralities they show.
 
 Rays of one image need no motion to be compared. Rays of different times do: the rotation of the
 observer between them turns them, and what is not known of it widens them.
@@ -10,7 +10,7 @@ observer between them turns them, and what is not known of it widens them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 from dg_localization.fleet.directions import angles_rad
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.vocabulary import RayReading
-from dg_localization.interval.angles import angle_up, arcsine_up
+from dg_localization.interval.angles import angle_up, arcsine_up, cosine
+from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import quotient_up, sqrt_down, sum_up
+from dg_localization.solver.problem import Chirality
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -33,9 +35,9 @@ SHORTEST_PROJECTION = 1e-6
 
 
 @dataclass(frozen=True)
-class RayPairs:
+class Angles:
     """
-    All pairs of rays of one observer.
+    Angles under which observers see pairs of points.
 
     Parameters
     ----------
@@ -53,6 +55,42 @@ class RayPairs:
     angles_rad: FloatArray
     half_widths_rad: FloatArray
 
+    def bounds_rad(self) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of the sizes of the angles, in [0, pi]."""
+        sizes, widths = np.abs(self.angles_rad), self.half_widths_rad
+        return np.maximum(sizes - widths, 0.0), np.minimum(sizes + widths, math.pi)
+
+    def cosines(self) -> FloatArray:
+        """Return bounds of the cosines, shape (m, 2)."""
+        bounds = cosine(Interval(*self.bounds_rad()))
+        return np.stack([bounds.lower, bounds.upper], axis=1)
+
+    def of(self, points: Sequence[int], n_points: int) -> Angles:
+        """Return the angles between some of the `n_points` points, renumbered as listed."""
+        row_of = np.full(n_points, -1)
+        row_of[list(points)] = np.arange(len(points))
+        corners = row_of[self.corners]
+        kept = (corners >= 0).all(axis=1)
+        return Angles(corners[kept], self.angles_rad[kept], self.half_widths_rad[kept])
+
+    @classmethod
+    def joined(cls, parts: Iterable[Angles]) -> Angles:
+        """Return the angles of all observers, without those that say nothing."""
+        nothing = cls(np.empty((0, 3), dtype=np.int64), np.empty(0), np.empty(0))
+        every = [nothing, *parts]
+        widths = np.concatenate([part.half_widths_rad for part in every])
+        corners = np.concatenate([part.corners for part in every])
+        angles = np.concatenate([part.angles_rad for part in every])
+        known = widths < math.pi
+        return cls(corners[known], angles[known], widths[known])
+
+    def chiralities(self) -> Iterator[Chirality]:
+        """Yield the chirality of an observer in the plane with two targets, where certain."""
+        low, high = np.abs(self.angles_rad), np.abs(self.angles_rad) + self.half_widths_rad
+        for row in np.flatnonzero((self.half_widths_rad < low) & (high < math.pi)):
+            sign = 1 if self.angles_rad[row] > 0.0 else -1
+            yield Chirality(tuple(self.corners[row].tolist()), sign)
+
 
 def include_displacement(ray: RayReading, s_lower_m2: float) -> RayReading:
     """
@@ -60,18 +98,6 @@ def include_displacement(ray: RayReading, s_lower_m2: float) -> RayReading:
 
     A vector of length d whose tip moves by D < d turns by at most asin(D / d), and the same
     holds looking back from the new vector: the distance may be that of either time.
-
-    Parameters
-    ----------
-    ray : RayReading
-    s_lower_m2 : float
-        Lower bound of the squared distance of its ends.
-
-    Returns
-    -------
-    RayReading
-        In the same body frame, with the displacement in its half width.
-
     """
     turn_rad = _turn_by_displacement_rad(ray.displacement_m, s_lower_m2)
     half_width_rad = angle_up(sum_up(ray.half_width_rad, turn_rad))
@@ -88,6 +114,7 @@ def _turn_by_displacement_rad(displacement_m: float, s_lower_m2: float) -> float
     return arcsine_up(quotient_up(displacement_m, d_lower_m))
 
 
+@dataclass(frozen=True)
 class RayBundle:
     """
     The newest rays of one observer.
@@ -106,19 +133,11 @@ class RayBundle:
 
     """
 
-    def __init__(
-        self,
-        rays: Sequence[RayReading],
-        measured: int,
-        rows: Mapping[str, int],
-        motion: Motion,
-        dimension: int,
-    ) -> None:
-        self._rays = rays
-        self._measured = measured
-        self._rows = rows
-        self._motion = motion
-        self._dimension = dimension
+    rays: Sequence[RayReading]
+    measured: int
+    rows: Mapping[str, int]
+    motion: Motion
+    dimension: int
 
     def now(self, now_s: float) -> tuple[RayReading, ...]:
         """
@@ -128,47 +147,48 @@ class RayBundle:
         time then.
         """
         rays = self.at(now_s)
-        if self._motion.between_stamps_s == 0.0:
+        if self.motion.between_stamps_s == 0.0:
             return rays
-        _, error_rad = self._motion.turn(self._rays[0].key.observer, now_s, now_s)
+        _, error_rad = self.motion.turn(self.rays[0].key.observer, now_s, now_s)
         return tuple(
             replace(ray, half_width_rad=sum_up(ray.half_width_rad, error_rad))
-            if before.stamp_s == now_s and row < self._measured
+            if before.stamp_s == now_s and row < self.measured
             else ray
-            for row, (before, ray) in enumerate(zip(self._rays, rays, strict=True))
+            for row, (before, ray) in enumerate(zip(self.rays, rays, strict=True))
         )
 
     def at(self, stamp_s: float) -> tuple[RayReading, ...]:
         """Return all rays in the body frame of the observer at another time by its clock."""
-        observer = self._rays[0].key.observer
-        stamps_s = {ray.stamp_s for ray in self._rays}
-        turns = {s: self._motion.turn(observer, s, stamp_s) for s in stamps_s}
-        return tuple(self._turned(ray, stamp_s, *turns[ray.stamp_s]) for ray in self._rays)
+        observer = self.rays[0].key.observer
+        stamps_s = {ray.stamp_s for ray in self.rays}
+        turns = {s: self.motion.turn(observer, s, stamp_s) for s in stamps_s}
+        return tuple(self._turned(ray, stamp_s, *turns[ray.stamp_s]) for ray in self.rays)
 
-    def pairs(self) -> RayPairs:
+    def angles(self) -> Angles:
         """Return all pairs of rays, each in the body frame of the ray that is listed later."""
         views = self._views
-        chosen = [(views[j][i], views[j][j]) for i, j in combinations(range(len(self._rays)), 2)]
-        corners = [self.corner(pair) for pair in chosen]
+        chosen = [(views[j][i], views[j][j]) for i, j in combinations(range(len(self.rays)), 2)]
         first = np.array([a.direction for a, _ in chosen]).reshape(-1, 3)
         second = np.array([b.direction for _, b in chosen]).reshape(-1, 3)
         widths = np.array([a.half_width_rad + b.half_width_rad for a, b in chosen])
         angles = angles_rad(first, second)
-        if self._dimension == 2:
+        if self.dimension == 2:
             turns_left = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
             angles = np.where(turns_left < 0.0, -angles, angles)
-        corner_rows = np.array(corners, dtype=np.int64).reshape(-1, 3)
-        return RayPairs(corner_rows, angles, angle_up(widths))
+        corners = np.array([self._corner(pair) for pair in chosen], dtype=np.int64)
+        return Angles(corners.reshape(-1, 3), angles, angle_up(widths))
 
-    def triples(self) -> Iterator[tuple[RayReading, ...]]:
-        """Yield all triples of rays, each in one body frame."""
-        for chosen in combinations(range(len(self._rays)), 3):
-            view = self._views[chosen[-1]]
-            yield tuple(view[i] for i in chosen)
+    def chiralities(self) -> Iterator[Chirality]:
+        """Yield the chirality of the observer in space with three targets, where it is certain."""
+        for chosen in combinations(range(len(self.rays)), 3):
+            rays = [self._views[chosen[-1]][i] for i in chosen]
+            sign = spatial_sign(rays)
+            if sign != 0:
+                yield Chirality(self._corner(rays), sign)
 
-    def corner(self, rays: Sequence[RayReading]) -> tuple[int, ...]:
+    def _corner(self, rays: Sequence[RayReading]) -> tuple[int, ...]:
         """Return the row of the observer and the rows of the targets of some rays."""
-        return (self._rows[rays[0].key.observer], *(self._rows[ray.key.target] for ray in rays))
+        return (self.rows[rays[0].key.observer], *(self.rows[ray.key.target] for ray in rays))
 
     @cached_property
     def _views(self) -> list[tuple[RayReading, ...]]:
@@ -177,8 +197,8 @@ class RayBundle:
 
         Those known from mounts are of the time of the estimate, not of any stamp.
         """
-        measured = self._rays[: self._measured]
-        known = self._rays[self._measured :]
+        measured = self.rays[: self.measured]
+        known = self.rays[self.measured :]
         at = {stamp_s: self.at(stamp_s) for stamp_s in {ray.stamp_s for ray in measured}}
         now = {stamp_s: self.now(stamp_s) for stamp_s in {ray.stamp_s for ray in known}}
         return [*(at[ray.stamp_s] for ray in measured), *(now[ray.stamp_s] for ray in known)]
@@ -190,7 +210,7 @@ class RayBundle:
         if ray.stamp_s == stamp_s:
             return ray
         direction = rotation @ ray.direction
-        if self._dimension == 2:
+        if self.dimension == 2:
             direction = direction * (1.0, 1.0, 0.0)
         length = math.sqrt(direction @ direction)
         if length < SHORTEST_PROJECTION:
@@ -201,3 +221,35 @@ class RayBundle:
             direction=direction / length,
             half_width_rad=sum_up(ray.half_width_rad, error_rad),
         )
+
+
+def spatial_sign(rays: Sequence[RayReading]) -> int:
+    """
+    Return the sign of the determinant of three rays, or 0 when in doubt.
+
+    With unit vectors u', v', w' within the half widths of u, v, w, the determinant changes by
+    det(u'-u, v, w) + det(u', v'-v, w) + det(u', v', w'-w). A difference is at most
+    2 sin(half width / 2) long, and the vector product it meets at most the sine of an angle.
+    """
+    u, v, w = (ray.direction for ray in rays)
+    e_u, e_v, e_w = (ray.half_width_rad for ray in rays)
+    if max(e_u, e_v, e_w) >= math.pi / 2:
+        return 0
+    vw, uw, uv = angles_rad(np.array([v, u, u]), np.array([w, w, v])).tolist()
+    change = (
+        2.0 * math.sin(e_u / 2.0) * _greatest_sine(vw, 0.0)
+        + 2.0 * math.sin(e_v / 2.0) * _greatest_sine(uw, e_u)
+        + 2.0 * math.sin(e_w / 2.0) * _greatest_sine(uv, e_u + e_v)
+    )
+    volume = float(np.linalg.det(np.stack([u, v, w])))
+    # The determinant of unit vectors is as exact as an angle.
+    if abs(volume) <= angle_up(change):
+        return 0
+    return 1 if volume > 0.0 else -1
+
+
+def _greatest_sine(angle_rad: float, half_width_rad: float) -> float:
+    """Return the greatest sine of an angle in [0, pi] within the half width."""
+    if abs(angle_rad - math.pi / 2) <= half_width_rad:
+        return 1.0
+    return max(math.sin(angle_rad - half_width_rad), math.sin(angle_rad + half_width_rad))
