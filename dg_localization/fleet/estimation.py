@@ -36,7 +36,7 @@ from dg_localization.fleet.contradictions.window_suspects import (
     suspects_in_window,
 )
 from dg_localization.fleet.estimate import Estimate, Group
-from dg_localization.fleet.frames.finders import fit_headed
+from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID
 from dg_localization.fleet.snapshot import Snapshot
@@ -118,9 +118,19 @@ def estimate_snapshot(
         forgotten = (*by_memory, *estimate.forgotten)
         suspects = _suspects(snapshot, recalled, in_window)
         return replace(estimate, suspects_in_window=suspects, forgotten=forgotten), ()
-    refit = partial(fit_headed, snapshot, constraints)
+    parts: list[Answer | Group] = [found, *found.groups]
+    alone = [
+        plan
+        for plan, part in zip((plans.main, *plans.others), parts, strict=True)
+        if plan is not None and part.n_hypotheses == 1
+    ]
+    refit = partial(fit_with_past, snapshot, constraints, alone)
     narrowed = narrow_answer(found, plans, recalled, refit)
-    estimate = _answered(snapshot, narrowed.answer, plans)
+    found_now = narrowed.answer
+    if found_now is found and plans.main is not None and len(found.placements) == 1:
+        fitted = refit(plans.main, found.placements[0]).placement
+        found_now = replace(found, placements=(fitted,))
+    estimate = _answered(snapshot, found_now, plans)
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     estimate = replace(
         estimate,

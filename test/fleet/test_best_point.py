@@ -21,19 +21,8 @@ from dg_localization.fleet import (
 from dg_localization.fleet.best_point.best_point import BestPointFinder
 from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
 from dg_localization.fleet.best_point.normal_equations import eliminate, normal_equations
-from dg_localization.fleet.best_point.past import past_of
-from dg_localization.fleet.best_point.terms import (
-    STEP,
-    TURN,
-    PackedTerms,
-    PlaceTerm,
-    RangeTerm,
-    RayTerm,
-)
-from dg_localization.fleet.constraints.constrain import constrain
+from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN, Term, Terms
 from dg_localization.fleet.error_models import likeliest_distance_m
-from dg_localization.fleet.frames.finders import finder_of
-from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
 
@@ -98,14 +87,22 @@ def inside(placement):
     return bool((low <= points).all() and (points <= high).all())
 
 
+def distance(first, second, distance_m, half_width_m):
+    return Term(RANGE, first, second, (distance_m, 0.0, 0.0), half_width_m)
+
+
 def random_terms(rng, bodies):
     """Return some terms of every kind, with arms."""
-    terms = [PlaceTerm(0, rng.normal(size=3), 0.3)]
+    terms = [Term(PLACE, 0, 0, rng.normal(size=3), 0.3)]
     for first, second in permutations(range(bodies), 2):
         arms = rng.normal(size=(2, 3))
         ray = rng.normal(size=3)
-        terms.append(RangeTerm(first, second, rng.uniform(1.0, 4.0), 0.2, *arms))
-        terms.append(RayTerm(first, second, ray / np.linalg.norm(ray), 0.1, *arms))
+        terms.append(
+            distance(first, second, rng.uniform(1.0, 4.0), 0.2)._replace(
+                first_arm_m=arms[0], second_arm_m=arms[1]
+            )
+        )
+        terms.append(Term(RAY, first, second, ray / np.linalg.norm(ray), 0.1, *arms))
     return terms
 
 
@@ -116,13 +113,12 @@ def random_steps(rng, bodies):
     axes = rng.normal(size=(len(pairs), 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     kinds = np.array([STEP, TURN] * (bodies - 1))
-    return PackedTerms(kinds, pairs, arms_m, axes, np.full(len(pairs), 5.0))
+    return Terms(kinds, pairs, arms_m, axes, np.full(len(pairs), 5.0))
 
 
 def cost_and_slope(packed, robust, positions_m, rotations, columns):
     matrix, vector = np.empty((18, 18)), np.empty(18)
-    fields = packed.kinds, packed.bodies, packed.arms_m, packed.values, packed.weights
-    cost = normal_equations(*fields, robust, positions_m, rotations, columns, matrix, vector)
+    cost = normal_equations(*packed, robust, positions_m, rotations, columns, matrix, vector)
     return cost, matrix, vector
 
 
@@ -139,7 +135,7 @@ def turn(axis, angle_rad):
 @pytest.mark.parametrize('robust', [False, True])
 def test_the_gradient_is_that_of_the_cost(seed, robust):
     rng = np.random.default_rng(seed)
-    packed = PackedTerms.joined([PackedTerms.of(random_terms(rng, 3)), random_steps(rng, 3)])
+    packed = Terms.joined([Terms.of(random_terms(rng, 3)), random_steps(rng, 3)])
     columns = np.arange(18).reshape(3, 6)
     positions_m = rng.normal(size=(3, 3))
     rotations = np.array([rotation(rng, 3) for _ in range(3)])
@@ -180,7 +176,7 @@ def test_a_fit_is_never_worse_than_its_start_and_stays_in_its_bounds(seed, robus
         start_m + rng.uniform(0.0, 0.5, (3, 3)),
         rng.random((3, 6)) < 0.7,
     )
-    packed = PackedTerms.of(random_terms(rng, 3))
+    packed = Terms.of(random_terms(rng, 3))
     fit = fit_terms(packed, start, robust=robust)
     fixed = replace(start, free=np.zeros((3, 6), dtype=bool))
     assert fit.cost < fit_terms(packed, fixed, robust=robust).cost
@@ -261,7 +257,7 @@ def test_points_of_several_hypotheses_are_in_their_own():
 def test_many_fits_of_a_large_fleet_end_at_their_budget(monkeypatch):
     places = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
     box = Interval(places - 1.0, places + 1.0)
-    finder = BestPointFinder(triangle(0.0, 9.0), [RangeTerm(0, 1, 4.5, 0.1)], ())
+    finder = BestPointFinder(triangle(0.0, 9.0), [distance(0, 1, 4.5, 0.1)], ())
     monkeypatch.setattr('dg_localization.fleet.best_point.best_point.MOST_EFFORT', 6**3)
     among = np.zeros((3, 3)), np.full((3, 3), 81.0) * (1.0 - np.eye(3))
     assert (finder.find(places, box, among).positions_m != places).any()
@@ -436,7 +432,7 @@ BOX = Interval(np.array([[0.0, 0.0], [0.0, 0.0], [-2.0, 0.0]]), np.array([[0, 0]
 
 def test_a_point_that_readings_pull_out_of_the_bounds_is_taken_back_until_it_agrees():
     problem = triangle(0.7, 1.2)
-    terms = [RangeTerm(i, j, 3.0, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
+    terms = [distance(i, j, 3.0, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
     best = BestPointFinder(problem, terms, ()).find(START_M, BOX)
     assert best.proved and agrees(problem, best.positions_m)
     # At least most of the way to the bounds that stop it.
@@ -445,7 +441,7 @@ def test_a_point_that_readings_pull_out_of_the_bounds_is_taken_back_until_it_agr
 
 def test_nothing_is_proved_where_neither_start_nor_point_agrees():
     problem = triangle(5.0, 6.0)
-    terms = [RangeTerm(i, j, 1.5, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
+    terms = [distance(i, j, 1.5, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
     finder = BestPointFinder(problem, terms, ())
     best = finder.find(START_M, BOX)
     assert not best.proved
@@ -486,7 +482,7 @@ def test_the_covariance_is_that_of_uniform_errors_and_not_wider_than_the_enclosu
     """Two ranges at a right angle: each coordinate has the variance of its range."""
     places = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
     box = Interval(places - [[1.0, 1.0], [0, 0], [0, 0]], places + [[1.0, 1.0], [0, 0], [0, 0]])
-    terms = [RangeTerm(0, 1, 4.0, 0.3), RangeTerm(0, 2, 3.0, 0.06)]
+    terms = [distance(0, 1, 4.0, 0.3), distance(0, 2, 3.0, 0.06)]
     best = BestPointFinder(triangle(0.0, 9.0), terms, ()).find(places, box)
     deviations = np.sqrt(np.diagonal(best.covariances[0])[:2])
     assert deviations == pytest.approx([0.3 / math.sqrt(3.0), 0.06 / math.sqrt(3.0)], rel=0.02)
@@ -573,16 +569,6 @@ def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
             localizer.add_range('a', target, range_m, stamp_s, stamp_s)
         if b_saw_a and stamp_s < 5.0:
             localizer.add_bearing('b', 'a', [0.0, -1.0, 0.0], stamp_s, stamp_s)
-    snapshot = localizer.snapshot(NOW_S)
-    constraints = constrain(snapshot)
-    plan = plan_frames(snapshot, constraints, [constraints])[0].main
-    solved = constraints.of(plan.points)
-    truth_m = np.array([{**landmarks_m, **places_m}[name] for name in solved.points])
-    low_m, high_m = truth_m - 2.5, truth_m + 2.5
-    for row, box in plan.by_row(snapshot.anchors.boxes).items():
-        low_m[row], high_m[row] = box.lower, box.upper
-    start_m = np.clip(truth_m + [1.5, 0.7], low_m, high_m)
-    finder = finder_of(snapshot, solved, plan, past_of(snapshot, solved))
-    among = solved.lower, solved.upper
-    best_m = finder.find(start_m, Interval(low_m, high_m), among).positions_m
-    assert np.linalg.norm(best_m - truth_m, axis=1).max() < 0.1
+    (placement,) = localizer.step(NOW_S).placements
+    truth_m = [places_m['a'], places_m['b']]
+    assert np.linalg.norm(placement.positions_m - truth_m, axis=1).max() < 0.1

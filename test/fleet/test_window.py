@@ -23,7 +23,7 @@ from dg_localization.fleet import (
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimate import FixedFrame, FrameKind
 from dg_localization.fleet.estimation import estimate_snapshot
-from dg_localization.fleet.frames.finders import FittedPlacement, fit_headed
+from dg_localization.fleet.frames.finders import FittedPlacement, fit_with_past
 from dg_localization.fleet.frames.odometry_frame import BodyPose, frame_turn, in_odometry_frame
 from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.rotations import rotation_angle_rad, yaw_of
@@ -452,12 +452,12 @@ def test_a_point_that_the_window_pulls_into_another_hypothesis_stays():
     constraints = constrain(snapshot)
     (plans,) = plan_frames(snapshot, constraints, [constraints])
     bare = replace(placement, fitted_yaws_rad=np.full(3, np.nan))
-    fitted = fit_headed(snapshot, constraints, plans.main, bare)
+    fitted = fit_with_past(snapshot, constraints, (), plans.main, bare)
     assert math.isfinite(fitted.cost)
     assert np.isfinite(fitted.placement.fitted_yaws_rad).all()
     for share in (1.0 - 1e-9, 1.5):
         elsewhere = replace(bare, lower_m=share * placement.upper_m)
-        left = fit_headed(snapshot, constraints, plans.main, elsewhere)
+        left = fit_with_past(snapshot, constraints, (), plans.main, elsewhere)
         assert left.cost == math.inf
         assert left.placement is elsewhere
 

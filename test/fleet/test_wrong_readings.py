@@ -46,7 +46,7 @@ class Lying:
 
     def add_range(self, observer, target, range_m, stamp_s, now_s):
         off_m = self._lies(observer, target, stamp_s) or 0.0
-        range_m = max(0.0, range_m + off_m)
+        range_m = max(0.01, range_m + off_m)
         return self.localizer.add_range(observer, target, range_m, stamp_s, now_s)
 
     def add_bearing(self, observer, target, ray, stamp_s, now_s):

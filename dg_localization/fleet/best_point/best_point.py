@@ -12,10 +12,11 @@ the start that does.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms, matrix_at
 from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, eliminate
 from dg_localization.fleet.best_point.past import Past
-from dg_localization.fleet.best_point.terms import (
-    LEAST_HALF_WIDTH,
-    PackedTerms,
-    RayTerm,
-    Term,
-)
+from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, Term, Terms
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.fleet.rotations import rotations_about_z
 from dg_localization.interval.arrays import Interval
@@ -102,69 +98,16 @@ class BestPoint:
         return np.where(fitted, yaws, np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Sensor:
-    """
-    A point that moves with a body.
-
-    Parameters
-    ----------
-    row, body : int
-        Rows of the point and of the body.
-    arm_m : numpy.ndarray, shape (3,)
-        Where it is in the body frame.
-
-    """
+class Sensor(NamedTuple):
+    """A point that moves with a body: rows of both, and where it is in the body frame, (3,)."""
 
     row: int
     body: int
     arm_m: FloatArray
 
-    def ray(self) -> list[RayTerm]:
-        """Return the direction in which the body has the sensor; none at its origin."""
-        reach_m = float(np.linalg.norm(self.arm_m))
-        if reach_m == 0.0:
-            return []
-        return [RayTerm(self.body, self.row, self.arm_m / reach_m, LEAST_HALF_WIDTH)]
-
-
-def rays_by_body(
-    terms: Iterable[Term], sensors: Iterable[Sensor], held: Collection[int]
-) -> dict[int, list[RayTerm]]:
-    """Return the rays of each body that turns: of what it saw, and to its sensors."""
-    found: dict[int, list[RayTerm]] = {}
-    for term in terms:
-        if isinstance(term, RayTerm) and term.observer not in held:
-            found.setdefault(term.observer, []).append(term)
-    for sensor in sensors:
-        rays = [] if sensor.body in held else sensor.ray()
-        if rays:
-            found.setdefault(sensor.body, []).extend(rays)
-    return found
-
 
 class BestPointFinder:
-    """
-    Finds the best points of the hypotheses of one problem.
-
-    Parameters
-    ----------
-    problem : Problem
-        What the published placement has to agree with.
-    terms : sequence of Term
-        What was measured; bodies are the points of the problem. A body that observes a ray turns.
-    held : collection of int
-        Bodies whose rotation is that of the fixed frame.
-    sensors : sequence of Sensor, optional
-        Points that move with a body.
-    past : Past, optional
-        What is remembered of bodies whose rotation something tells.
-    beside_past : sequence of Term
-        What was measured but is not in `past`.
-    yaws_rad : mapping of int to float
-        Where the fit of bodies without rays starts, whose headings are known otherwise.
-
-    """
+    """Finds the best points of the hypotheses of one problem."""
 
     def __init__(
         self,
@@ -172,21 +115,21 @@ class BestPointFinder:
         terms: Sequence[Term],
         held: Collection[int],
         sensors: Sequence[Sensor] = (),
-        past: Past | None = None,
-        beside_past: Sequence[Term] = (),
-        yaws_rad: Mapping[int, float] = MappingProxyType({}),
     ) -> None:
         self._problem = problem
-        self._terms = PackedTerms.of(terms)
-        self._rays_of = rays_by_body(terms, sensors, held)
+        self._terms = Terms.of(terms)
         self._held = held
         self._sensors = sensors
-        self._yaws_rad = yaws_rad
-        self._past = None
-        if past is not None:
-            self._past = replace(
-                past, terms=PackedTerms.joined([PackedTerms.of(beside_past), past.terms])
-            )
+        # The body has each sensor in the direction of its arm.
+        to_sensors = [
+            Term(RAY, body, row, arm_m / np.linalg.norm(arm_m), LEAST_HALF_WIDTH)
+            for row, body, arm_m in sensors
+            if arm_m.any()
+        ]
+        sights = Terms.joined([self._terms, Terms.of(to_sensors)])
+        turns = (sights.kinds == RAY) & ~np.isin(sights.bodies[:, 0], list(held))
+        self._sights = sights.chosen(turns)
+        self.turning = frozenset(self._sights.bodies[:, 0].tolist())
         self._effort = 0
 
     def find(
@@ -194,25 +137,10 @@ class BestPointFinder:
         start_m: FloatArray,
         enclosure: Interval,
         among: tuple[FloatArray, FloatArray] | None = None,
+        past: Past | None = None,
+        yaws_rad: Mapping[int, float] = MappingProxyType({}),
     ) -> BestPoint:
-        """
-        Return the best point of a hypothesis, or the start where the effort is used up.
-
-        Parameters
-        ----------
-        start_m : numpy.ndarray, shape (n, q)
-            A placement inside the enclosure.
-        enclosure : Interval, shape (n, q)
-            In m. A coordinate without width is given by the frame.
-        among : tuple of numpy.ndarray, shape (n, n), optional
-            Bounds of the squared distances in m^2 that tell the hypothesis from others. None when
-            it is the only one: what agrees with the problem is in it.
-
-        Returns
-        -------
-        BestPoint
-
-        """
+        """Return the best point of a hypothesis, or the start where the effort is used up."""
         problem = self._problem
         if among is not None:
             problem = Problem(*among, dimension=problem.dimension, chiralities=problem.chiralities)
@@ -227,55 +155,52 @@ class BestPointFinder:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
-        information, n_terms = fit.matrix, len(self._terms.kinds)
-        if self._past is not None:
-            n_terms = len(self._past.terms.kinds)
-            bodies = self._with_past(self._past, fit, bodies)
-            self._effort += int(bodies.free.sum()) ** 3
-            rough = fit_terms(self._past.terms, bodies)
+        information, terms = fit.matrix, self._terms
+        if past is not None:
+            terms = past.terms
+            bodies = self._with_past(past, fit, bodies, yaws_rad)
+            rough = fit_terms(terms, bodies)
             bodies = replace(bodies, positions_m=rough.positions_m, rotations=rough.rotations)
-            fit = fit_terms(self._past.terms, bodies, robust=True)
-            information = matrix_at(self._past.terms.counted_once(), fit)
+            fit = fit_terms(terms, bodies, robust=True)
+            information = matrix_at(terms.counted_once(), fit)
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
         covariances = _covariances(fit, bodies, information, n_points)
-        cost = fit.cost / max(1, n_terms)
+        cost = fit.cost / max(1, len(terms.kinds))
         return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances, cost)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
         """Return the positions of a fit, with the sensors where their bodies have them."""
         positions_m = fit.positions_m[: len(enclosure.lower)].copy()
-        for sensor in self._sensors:
-            arm_m = fit.rotations[sensor.body] @ sensor.arm_m
-            positions_m[sensor.row] = positions_m[sensor.body] + arm_m
+        for row, body, arm_m in self._sensors:
+            positions_m[row] = positions_m[body] + fit.rotations[body] @ arm_m
         positions_m = positions_m[:, : enclosure.lower.shape[1]]
         return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
 
-    def _with_past(self, past: Past, fit: Fit, bodies: Bodies) -> Bodies:
+    def _with_past(
+        self, past: Past, fit: Fit, bodies: Bodies, yaws_rad: Mapping[int, float]
+    ) -> Bodies:
         """Return where a fit with what is remembered starts: at that of the moment."""
         positions_m, rotations = fit.positions_m.copy(), fit.rotations.copy()
         free = bodies.free.copy()
         for row in {*past.rows.tolist()} - {*self._held}:
-            if row in self._rays_of:
-                free[row, 5] = True
-            elif row in self._yaws_rad:
-                free[row, 5] = True
-                rotations[row] = rotations_about_z(np.array([self._yaws_rad[row]]))[0]
-            elif row in past.guesses:
-                # It has seen nothing lately.
-                free[row, 5] = True
-                x, y, yaw = past.guesses[row]
+            free[row, 5] = True
+            if row in self.turning:
+                continue
+            if row not in past.guesses:
+                yaw_rad = yaws_rad[row]
+            else:
+                x, y, yaw_rad = past.guesses[row]
                 guess_m = np.clip([x, y, 0.0], bodies.lower_m[row], bodies.upper_m[row])
                 positions_m[row] = np.where(free[row, :3], guess_m, positions_m[row])
-                rotations[row] = rotations_about_z(np.array([yaw]))[0]
+            rotations[row] = rotations_about_z(np.array([yaw_rad]))[0]
         turns = rotations[past.rows]
         arms_m = _in_space(past.poses[:, :2])
         unbounded = np.full((len(arms_m), 3), math.inf)
+        before_m = positions_m[past.rows] + np.einsum('kij,kj->ki', turns, arms_m)
         return Bodies(
-            np.vstack(
-                [positions_m, positions_m[past.rows] + np.einsum('kij,kj->ki', turns, arms_m)]
-            ),
+            np.vstack([positions_m, before_m]),
             np.vstack([rotations, turns @ rotations_about_z(past.poses[:, 2])]),
             np.vstack([bodies.lower_m, -unbounded]),
             np.vstack([bodies.upper_m, unbounded]),
@@ -288,17 +213,17 @@ class BestPointFinder:
         free = np.zeros((n_points, 6), dtype=bool)
         free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
         free[[sensor.row for sensor in self._sensors]] = False
-        free[list(self._rays_of), 3 if dimension == 3 else 5 :] = True
+        free[list(self.turning), 3 if dimension == 3 else 5 :] = True
         rotations = np.tile(np.eye(3), (n_points, 1, 1))
-        for observer, rays in self._rays_of.items():
-            seen = np.array([ray.direction[:dimension] for ray in rays])
-            targets = start_m[[ray.target for ray in rays]]
-            # How other bodies are turned is not known yet, and those that do not turn are upright.
-            arms = [(0.0,) * 3 if r.target in self._rays_of else r.target_arm_m for r in rays]
-            lines = targets + np.array(arms)[:, :dimension] - start_m[observer]
-            weights = np.array([1.0 / max(ray.half_width_rad, LEAST_HALF_WIDTH) for ray in rays])
-            turn = best_rotation(seen, unit_vectors(lines), weights)
-            rotations[observer, :dimension, :dimension] = turn
+        observers, targets = self._sights.bodies.T
+        # How other bodies are turned is not known yet, and those that do not turn are upright.
+        upright = ~np.isin(targets, list(self.turning))
+        ends_m = start_m[targets] + upright[:, None] * self._sights.arms_m[:, 1, :dimension]
+        lines = unit_vectors(ends_m - start_m[observers])
+        for observer in self.turning:
+            own = observers == observer
+            seen, weights = self._sights.values[own, :dimension], self._sights.weights[own]
+            rotations[observer, :dimension, :dimension] = best_rotation(seen, lines[own], weights)
         return Bodies(
             _in_space(start_m),
             rotations,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.descent import descend
 from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, normal_equations
-from dg_localization.fleet.best_point.terms import PackedTerms
+from dg_localization.fleet.best_point.terms import Terms
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -68,58 +68,19 @@ class Fit:
     matrix: FloatArray
 
 
-def fit_terms(terms: PackedTerms, start: Bodies, *, robust: bool = False) -> Fit:
-    """
-    Lower the sum of squared residuals from a start, within bounds.
-
-    Parameters
-    ----------
-    terms : PackedTerms
-    start : Bodies
-    robust : bool
-        Whether readings far beyond their bounds pull little; see `normal_equations`.
-
-    Returns
-    -------
-    Fit
-        A local minimum, or what a limited number of steps makes of it: its positions lie within
-        the bounds, and its cost is at most that of the start.
-
-    """
+def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
+    """Lower the sum of squared residuals from a start, within bounds."""
     columns = np.full(start.free.shape, LEFT_OUT, dtype=np.int64)
     size = int(start.free.sum())
     columns[start.free] = np.arange(size)
-    cost, positions_m, rotations, matrix = descend(
-        terms.kinds,
-        terms.bodies,
-        terms.arms_m,
-        terms.values,
-        terms.weights,
-        robust,
-        start.positions_m,
-        start.rotations,
-        start.lower_m,
-        start.upper_m,
-        columns,
-        size,
-    )
+    placed = start.positions_m, start.rotations, start.lower_m, start.upper_m
+    cost, positions_m, rotations, matrix = descend(*terms, robust, *placed, columns, size)
     return Fit(positions_m, rotations, float(cost), columns, matrix)
 
 
-def matrix_at(terms: PackedTerms, fit: Fit) -> FloatArray:
+def matrix_at(terms: Terms, fit: Fit) -> FloatArray:
     """Return the matrix of the normal equations of other terms at the result of a fit."""
     matrix, vector = np.empty_like(fit.matrix), np.empty(len(fit.matrix))
-    normal_equations(
-        terms.kinds,
-        terms.bodies,
-        terms.arms_m,
-        terms.values,
-        terms.weights,
-        True,
-        fit.positions_m,
-        fit.rotations,
-        fit.columns,
-        matrix,
-        vector,
-    )
+    placed = fit.positions_m, fit.rotations, fit.columns
+    normal_equations(*terms, True, *placed, matrix, vector)
     return matrix

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The way of a robot in the plane as its odometry states it, and how wrong it may be.
+The way of a robot in the plane as its odometry states it: its bodies now and before.
 
 Plain floating point: it serves an estimate. What is proved comes from `fleet.odometry`.
 """
@@ -10,74 +10,102 @@ Plain floating point: it serves an estimate. What is proved comes from `fleet.od
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Iterator
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.odometry import MotionLimits
-from dg_localization.fleet.odometry_error import OdometryErrorModel
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, STEP, TURN, Terms
+from dg_localization.fleet.snapshot import Snapshot
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 MOST_SAMPLES = 200
 """Between them the way is straight."""
 
+STEP_ERROR = 1e-3
+"""Odometry is never as exact as its bounds may say, in m and in rad."""
+
 
 class StatedWay:
-    """
-    Odometry since some time, thinned.
+    """The odometry of a robot since a time, thinned; `row` is its body of now."""
 
-    Parameters
-    ----------
-    track : tuple of OdometryReading
-        Oldest first, at least one.
-    since_s : float
-        What is older is left out.
-    error : OdometryErrorModel
-    limits : MotionLimits
-        They bound what the robot did where odometry was silent.
-
-    """
-
-    def __init__(
-        self,
-        track: tuple[OdometryReading, ...],
-        since_s: float,
-        error: OdometryErrorModel,
-        limits: MotionLimits,
-    ) -> None:
-        self._error, self._limits = error, limits
-        first = max(0, bisect_left(track, since_s, key=lambda reading: reading.stamp_s) - 1)
+    def __init__(self, snapshot: Snapshot, robot: str, oldest_s: float, row: int) -> None:
+        config, track = snapshot.config, snapshot.motion.odometry[robot]
+        self._error = config.odometry_error_of(robot)
+        self._limits = config.speed_m_s(robot), config.max_turn_rate_rad_s
+        self.row, self._now_s, self._oldest_s = row, snapshot.stamp_s, oldest_s
+        first = max(0, bisect_left(track, oldest_s, key=lambda one: one.stamp_s) - 1)
         every = max(1, (len(track) - first) // MOST_SAMPLES)
         # The newest one counts most.
         readings = track[::-1][: len(track) - first : every][::-1]
-        self.stamps_s = np.array([reading.stamp_s for reading in readings])
-        self._positions_m = np.array([reading.position_m[:2] for reading in readings])
+        self._stamps_s = np.array([reading.stamp_s for reading in readings])
+        # Where it was before its odometry began, or started anew, is not known.
+        self.since_s = max(oldest_s, float(self._stamps_s[0]))
+        positions_m = np.array([reading.position_m[:2] for reading in readings])
         rotations = np.array([reading.rotation for reading in readings])
-        self._yaws_rad = np.unwrap(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
-        steps_m = np.linalg.norm(np.diff(self._positions_m, axis=0), axis=1)
+        yaws_rad = np.unwrap(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
+        self._columns = (*positions_m.T, yaws_rad)
+        steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
         self._way_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-        self._turned_rad = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self._yaws_rad)))])
+        self._turned_rad = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(yaws_rad)))])
         stamps_s = np.array([reading.stamp_s for reading in track[first:]])
         steps_s = np.diff(stamps_s)
-        silent_s = np.where(steps_s > error.max_gap_s, steps_s, 0.0)
+        silent_s = np.where(steps_s > self._error.max_gap_s, steps_s, 0.0)
         self._sampled_s = stamps_s, np.concatenate([[0.0], np.cumsum(silent_s)])
+        self.place_bodies(row + 1, 1)
 
-    def poses(self, times_s: FloatArray) -> FloatArray:
+    def place_bodies(self, first_past: int, count: int) -> None:
+        """Give the robot bodies at `count` earlier times, numbered from `first_past`."""
+        span_s = self._now_s - self._oldest_s
+        self.times_s = self._now_s - np.linspace(0.0, span_s, count + 1)
+        self._bodies = np.concatenate([[self.row], first_past + np.arange(count)])
+        self._stated = self._poses(self.times_s)
+
+    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """
+        Return the bodies nearest to some times, and the pose at each time in their frames.
+
+        The last array, shape (m, 2), is what silent odometry leaves open of each, in m and rad.
+        """
+        spacing_s = self.times_s[0] - self.times_s[1]
+        nearest = np.rint((self.times_s[0] - stamps_s) / spacing_s).astype(int)
+        nearest = np.clip(nearest, 0, len(self.times_s) - 1)
+        unknown = self._unknown_motion(stamps_s, self.times_s[nearest])
+        poses = seen_from(self._stated[nearest], self._poses(stamps_s))
+        return self._bodies[nearest], poses, np.stack(unknown, axis=-1)
+
+    def poses_now(self, stamps_s: FloatArray) -> FloatArray:
+        """Return the poses at some times, seen from that of now, shape (m, 3)."""
+        return seen_from(self._stated[0], self._poses(stamps_s))
+
+    def steps(self) -> Iterator[Terms]:
+        """Yield the terms that odometry makes of the bodies."""
+        bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
+        between = seen_from(self._stated[:-1], self._stated[1:])
+        errors_m, errors_rad = self._errors(self.times_s[1:], self.times_s[:-1])
+        ends = np.zeros((len(bodies), 2, 3))
+        ends[:, 0, :2] = between[:, :2]
+        nothing = np.zeros((len(bodies), 3))
+        yield packed(STEP, bodies, ends, nothing, np.maximum(errors_m, STEP_ERROR))
+        axes = directions(between[:, 2])
+        errors_rad = np.maximum(errors_rad, STEP_ERROR)
+        yield packed(TURN, bodies, np.zeros((len(bodies), 2, 3)), axes, errors_rad)
+
+    def _poses(self, times_s: FloatArray) -> FloatArray:
         """Return x, y and yaw at some times, shape (m, 3); the first and the last one beyond."""
-        columns = (*self._positions_m.T, self._yaws_rad)
-        return np.stack([np.interp(times_s, self.stamps_s, c) for c in columns], axis=-1)
+        return np.stack([np.interp(times_s, self._stamps_s, c) for c in self._columns], axis=-1)
 
-    def errors(self, before_s: FloatArray, after_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _errors(self, before_s: FloatArray, after_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the greatest errors between some times, in m and in rad."""
         error = self._error
         ways, turns = (
-            np.interp(after_s, self.stamps_s, sums) - np.interp(before_s, self.stamps_s, sums)
+            np.interp(after_s, self._stamps_s, sums) - np.interp(before_s, self._stamps_s, sums)
             for sums in (self._way_m, self._turned_rad)
         )
-        unknown_m, unknown_rad = self.unknown_motion(before_s, after_s)
+        unknown_m, unknown_rad = self._unknown_motion(before_s, after_s)
         of_way_m = error.translation_per_m * ways + error.translation_per_rad * turns
         of_way_rad = error.rotation_per_m * ways + error.rotation_per_rad * turns
         return (
@@ -85,7 +113,7 @@ class StatedWay:
             of_way_rad + error.constant_rad + unknown_rad,
         )
 
-    def unknown_motion(
+    def _unknown_motion(
         self, first_s: FloatArray, second_s: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """
@@ -98,12 +126,25 @@ class StatedWay:
         silent_s = np.abs(self._silent_s(second_s) - self._silent_s(first_s))
         late_s = np.minimum(self._error.latency_s, np.abs(second_s - first_s))
         open_s = math.sqrt(3.0) * silent_s + late_s
-        return self._limits.speed_m_s * open_s, self._limits.turn_rate_rad_s * open_s
+        return self._limits[0] * open_s, self._limits[1] * open_s
 
     def _silent_s(self, times_s: FloatArray) -> FloatArray:
         """Return for how long odometry was silent up to some times, after its last message too."""
         stamps_s, silent_s = self._sampled_s
         return np.interp(times_s, stamps_s, silent_s) + np.maximum(times_s - stamps_s[-1], 0.0)
+
+
+def packed(
+    kind: int, bodies: IntArray, arms_m: FloatArray, values: FloatArray, half_widths: FloatArray
+) -> Terms:
+    """Return terms of one kind."""
+    weights = 1.0 / np.maximum(half_widths, LEAST_HALF_WIDTH)
+    return Terms(np.full(len(bodies), kind), bodies, arms_m, values, weights)
+
+
+def directions(angles_rad: FloatArray) -> FloatArray:
+    """Return unit vectors in the plane, shape (m, 3)."""
+    return np.stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))], axis=-1)
 
 
 def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:

@@ -13,12 +13,17 @@ A robot that moves is one body now and others before: steps and turns of its odo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from dg_localization.fleet.constraints.constrain import Constraints
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.vocabulary import LinkKey
+from dg_localization.interval.arrays import Interval
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,81 +36,25 @@ LEAST_HALF_WIDTH = 1e-6
 """A reading without error would outweigh all others beyond the digits of a number."""
 
 
-@dataclass(frozen=True, eq=False)
-class RangeTerm:
+class Term(NamedTuple):
     """
-    The distance between two bodies.
+    A likeliest reading between two bodies.
 
-    Parameters
-    ----------
-    first, second : int
-        Rows of the bodies.
-    distance_m : float
-        The likeliest one.
-    half_width_m : float
-    first_arm_m, second_arm_m : array_like, shape (3,)
-        The ends, in the body frames.
-
+    The value of a `RANGE` is the distance in its first number, that of a `RAY` a unit vector in
+    the body frame of the first, that of a `PLACE` the position of the first. Arms are the ends in
+    the body frames.
     """
 
+    kind: int
     first: int
     second: int
-    distance_m: float
-    half_width_m: float
-    first_arm_m: Sequence[float] | FloatArray = AT_ORIGIN
-    second_arm_m: Sequence[float] | FloatArray = AT_ORIGIN
+    value: ArrayLike
+    half_width: float
+    first_arm_m: ArrayLike = AT_ORIGIN
+    second_arm_m: ArrayLike = AT_ORIGIN
 
 
-@dataclass(frozen=True, eq=False)
-class RayTerm:
-    """
-    The direction from a body to another.
-
-    Parameters
-    ----------
-    observer, target : int
-        Rows of the bodies.
-    direction : numpy.ndarray, shape (3,)
-        The likeliest one: a unit vector in the body frame of the observer.
-    half_width_rad : float
-    observer_arm_m, target_arm_m : array_like, shape (3,)
-        The ends, in the body frames.
-
-    """
-
-    observer: int
-    target: int
-    direction: FloatArray
-    half_width_rad: float
-    observer_arm_m: Sequence[float] | FloatArray = AT_ORIGIN
-    target_arm_m: Sequence[float] | FloatArray = AT_ORIGIN
-
-
-@dataclass(frozen=True, eq=False)
-class PlaceTerm:
-    """
-    The position of a body.
-
-    Parameters
-    ----------
-    body : int
-        Row of the body.
-    position_m : numpy.ndarray, shape (3,)
-        The likeliest one.
-    half_width_m : float
-
-    """
-
-    body: int
-    position_m: FloatArray
-    half_width_m: float
-
-
-Term: TypeAlias = RangeTerm | RayTerm | PlaceTerm
-
-
-@dataclass(frozen=True, eq=False)
-class PackedTerms:
+class Terms(NamedTuple):
     """
     Terms as the kernel reads them.
 
@@ -117,7 +66,7 @@ class PackedTerms:
     bodies : numpy.ndarray of int, shape (m, 2)
     arms_m : numpy.ndarray, shape (m, 2, 3)
     values : numpy.ndarray, shape (m, 3)
-        A distance has one number only, a step none; a turn has the axis seen from the first body.
+        A step has none; a turn has the axis seen from the first body.
     weights : numpy.ndarray, shape (m,)
         One over the half widths.
 
@@ -130,34 +79,26 @@ class PackedTerms:
     weights: FloatArray
 
     @classmethod
-    def of(cls, terms: Sequence[Term]) -> PackedTerms:
+    def of(cls, terms: Sequence[Term]) -> Terms:
         """Pack terms."""
-        count = len(terms)
-        packed = cls(
-            np.empty(count, dtype=np.int64),
-            np.zeros((count, 2), dtype=np.int64),
-            np.zeros((count, 2, 3)),
-            np.zeros((count, 3)),
-            np.empty(count),
+        columns = [list(column) for column in zip(*terms, strict=True)] or [[]] * len(Term._fields)
+        kinds, first, second, values, widths, *arms = columns
+        return cls(
+            np.array(kinds, dtype=np.int64),
+            np.array([first, second], dtype=np.int64).T.copy(),
+            np.array(arms, dtype=float).reshape(2, -1, 3).transpose(1, 0, 2).copy(),
+            np.array(values, dtype=float).reshape(-1, 3),
+            1.0 / np.maximum(np.array(widths, dtype=float), LEAST_HALF_WIDTH),
         )
-        for row, term in enumerate(terms):
-            packed._put(row, term)
-        return packed
 
     @classmethod
-    def joined(cls, parts: Sequence[PackedTerms]) -> PackedTerms:
+    def joined(cls, parts: Sequence[Terms]) -> Terms:
         """Return the terms of all parts."""
-        return cls(
-            np.concatenate([part.kinds for part in parts]),
-            np.concatenate([part.bodies for part in parts]),
-            np.concatenate([part.arms_m for part in parts]),
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.weights for part in parts]),
-        )
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
-    def chosen(self, rows: IntArray) -> PackedTerms:
+    def chosen(self, rows: IntArray | NDArray[np.bool_]) -> Terms:
         """Return some of the terms."""
-        return PackedTerms(
+        return Terms(
             self.kinds[rows],
             self.bodies[rows],
             self.arms_m[rows],
@@ -165,23 +106,57 @@ class PackedTerms:
             self.weights[rows],
         )
 
-    def counted_once(self) -> PackedTerms:
+    def counted_once(self) -> Terms:
         """Return the terms so that those of one kind and of the same bodies weigh as one."""
         keys = np.column_stack([self.kinds, self.bodies])
         _, groups, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-        return replace(self, weights=self.weights / np.sqrt(counts[groups.ravel()]))
+        return self._replace(weights=self.weights / np.sqrt(counts[groups.ravel()]))
 
-    def _put(self, row: int, term: Term) -> None:
-        """Write a term."""
-        if isinstance(term, PlaceTerm):
-            self.kinds[row], self.bodies[row] = PLACE, term.body
-            self.values[row], half_width = term.position_m, term.half_width_m
-        elif isinstance(term, RayTerm):
-            self.kinds[row], self.bodies[row] = RAY, (term.observer, term.target)
-            self.arms_m[row] = term.observer_arm_m, term.target_arm_m
-            self.values[row], half_width = term.direction, term.half_width_rad
-        else:
-            self.kinds[row], self.bodies[row] = RANGE, (term.first, term.second)
-            self.arms_m[row] = term.first_arm_m, term.second_arm_m
-            self.values[row, 0], half_width = term.distance_m, term.half_width_m
-        self.weights[row] = 1.0 / max(half_width, LEAST_HALF_WIDTH)
+
+def terms_of(
+    snapshot: Snapshot,
+    solved: Constraints,
+    dropped: frozenset[LinkKey],
+    anchors: Mapping[int, Interval],
+) -> Iterator[Term]:
+    """
+    Yield a term for each reading of a snapshot that counts, between the points of `solved`.
+
+    `anchors` are the coordinates of the anchors by row, where these give the frame.
+    """
+    rows = solved.rows
+    config, arms_m = snapshot.config, snapshot.mounts.arms_m
+
+    def end(point: str) -> tuple[int, ArrayLike]:
+        """Return the body of a point, and where on the body it is."""
+        return rows[config.robot_of(point)], arms_m.get(point, AT_ORIGIN)
+
+    for reading in snapshot.distances:
+        key = reading.key
+        counts = key not in dropped and math.isfinite(reading.likeliest_m)
+        if counts and rows.keys() >= {key.observer, key.target}:
+            (first, first_arm_m), (second, second_arm_m) = end(key.observer), end(key.target)
+            half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
+            value = (reading.likeliest_m, 0.0, 0.0)
+            if first != second:
+                yield Term(RANGE, first, second, value, half_width_m, first_arm_m, second_arm_m)
+    for observer, rays in solved.rays.items():
+        for ray in rays:
+            (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
+            # Who may look anywhere has seen nothing.
+            if row != target and ray.half_width_rad < math.pi:
+                error_rad = config.bearing_expected_error_of(observer, ray.key.target)
+                direction = _turned_back(ray.direction, error_rad)
+                yield Term(RAY, row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
+    for row, box in anchors.items():
+        if (box.lower < box.upper).any():
+            place_m = 0.5 * (box.lower + box.upper)
+            half_width_m = 0.5 * float((box.upper - box.lower).max())
+            yield Term(PLACE, row, row, (*place_m, 0.0)[:3], half_width_m)
+
+
+def _turned_back(direction: np.ndarray, error_rad: float) -> np.ndarray:
+    """Return a direction without an error about the vertical axis."""
+    c, s = math.cos(error_rad), math.sin(error_rad)
+    x, y, z = direction
+    return np.array([c * x + s * y, c * y - s * x, z])

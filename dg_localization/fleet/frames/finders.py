@@ -1,21 +1,20 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Finders of best points: for what is placed, and again when a window has told headings."""
+"""The best points of placements: by all readings of the moment, and by what is remembered."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 import math
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor, rays_by_body
-from dg_localization.fleet.best_point.past import Past, past_of, robots_that_saw
-from dg_localization.fleet.best_point.readings import terms_of
+from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
+from dg_localization.fleet.best_point.past import past_of
+from dg_localization.fleet.best_point.terms import Terms, terms_of
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.plan import FramePlan
@@ -32,27 +31,23 @@ def finder_of(
     snapshot: Snapshot,
     solved: Constraints,
     plan: FramePlan,
-    past: Past | None,
     dropped: frozenset[LinkKey] = frozenset(),
-    yaws_rad: Mapping[int, float] = MappingProxyType({}),
 ) -> BestPointFinder:
-    """Return what finds the best points of the placements of a plan, by all readings."""
-    rows, by_anchors = solved.rows, plan.frame.kind is FrameKind.ANCHORS
-    anchors = plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
-    terms = list(terms_of(snapshot, solved, dropped, anchors))
+    """Return what finds the best points of placements of a plan; `solved` are of its points."""
+    rows = solved.rows
     sensors = [
         Sensor(rows[point], rows[snapshot.config.robot_of(point)], arm_m)
         for point, arm_m in snapshot.mounts.arms_m.items()
         if point in rows
     ]
-    beside_past = []
-    if past is not None:
-        turning = rays_by_body(terms, sensors, plan.held)
-        past = past.of_robots({*plan.held, *turning, *past.guesses, *yaws_rad})
-        in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
-        beside_past = list(terms_of(snapshot, solved, dropped | in_past, anchors))
-    problem = solved.problem()
-    return BestPointFinder(problem, terms, plan.held, sensors, past, beside_past, yaws_rad)
+    terms = list(terms_of(snapshot, solved, dropped, anchors_of(snapshot, plan)))
+    return BestPointFinder(solved.problem(), terms, plan.held, sensors)
+
+
+def anchors_of(snapshot: Snapshot, plan: FramePlan) -> dict[int, Interval]:
+    """Return the coordinates of the anchors by row, where these give the frame."""
+    by_anchors = plan.frame.kind is FrameKind.ANCHORS
+    return plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
 
 
 @dataclass(frozen=True)
@@ -72,53 +67,62 @@ class FittedPlacement:
     cost: float = math.inf
 
 
-def fit_headed(
-    snapshot: Snapshot, constraints: Constraints, plan: FramePlan, placement: Placement
+def fit_with_past(
+    snapshot: Snapshot,
+    constraints: Constraints,
+    alone: Collection[FramePlan],
+    plan: FramePlan,
+    placement: Placement,
 ) -> FittedPlacement:
     """
-    Return a placement with the best point by headings that a window has told.
+    Return a placement in the plane with the best point by what is remembered as well.
 
-    The heading of a robot without cameras is not known when it is placed. With it, what the robot
-    measured before counts, too.
+    What a robot measured before counts where its rotation is known: it is fitted to rays, or its
+    heading is known otherwise, by its sensors or by the window. `constraints` are those of all
+    points of the fleet, `alone` the plans with one hypothesis. The placement stays as it is where
+    nothing is remembered.
     """
-    solved, points = constraints.of(plan.points), list(plan.points)
-    robots, n_robots = snapshot.config.robots, len(snapshot.config.robots)
-    headed = [
-        robot
-        for robot in _headed_by_window(snapshot, placement)
-        if robot in points and points.index(robot) not in plan.held
-    ]
-    if not headed:
+    if snapshot.config.dimension != 2 or placement.dropped:
         return FittedPlacement(placement)
-    past = past_of(snapshot, solved, [robots[robot] for robot in headed])
+    solved, points = constraints.of(plan.points), list(plan.points)
+    n_robots = len(snapshot.config.robots)
+    yaws_rad = {
+        row: yaw_of(placement.orientations_xyzw[point])
+        for row, point in enumerate(points)
+        if point < n_robots and placement.heading_known[point]
+    }
+    finder = finder_of(snapshot, solved, plan)
+    past = past_of(snapshot, solved, {*plan.held, *finder.turning, *yaws_rad})
     if past is None:
         return FittedPlacement(placement)
-    yaws_rad = {
-        points.index(robot): yaw_of(placement.orientations_xyzw[robot])
-        for robot in headed
-        if points.index(robot) in past.rows
-    }
-    bounds_m2 = _squared_bounds(solved.problem(), points, placement)
-    if not yaws_rad or np.any(bounds_m2[0] > bounds_m2[1]):
-        return FittedPlacement(placement)
-    places_m, boxes_m = _places_of_all(snapshot, placement)
-    boxes_m = boxes_m[points]
-    finder = finder_of(snapshot, solved, plan, past, yaws_rad=yaws_rad)
-    best = finder.find(places_m[points], Interval(boxes_m[:, 0], boxes_m[:, 1]), bounds_m2)
     # The enclosure of a hypothesis may hold points of another one.
-    if math.isinf(best.cost) or not (best.proved or _within(bounds_m2, best.positions_m)):
+    among = None if plan in alone else _squared_bounds(solved.problem(), points, placement)
+    if among and np.any(among[0] > among[1]):
+        return FittedPlacement(placement)
+    in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
+    beside = Terms.of([*terms_of(snapshot, solved, in_past, anchors_of(snapshot, plan))])
+    past = replace(past, terms=Terms.joined([beside, past.terms]))
+    places_m, boxes_m = _places_of_all(snapshot, placement)
+    enclosure = Interval(boxes_m[points, 0], boxes_m[points, 1])
+    best = finder.find(places_m[points], enclosure, among, past, yaws_rad)
+    is_another = among and not (best.proved or _within(among, best.positions_m))
+    if is_another or math.isinf(best.cost):
         return FittedPlacement(placement)
     places_m[points] = best.positions_m
     covariances = np.full((len(places_m), 6, 6), np.nan)
     covariances[points] = best.covariances
     fitted_yaws_rad = np.full(len(places_m), np.nan)
     fitted_yaws_rad[points] = best.fitted_yaws_rad()
+    if placement.covariances is not None:
+        for robot in np.flatnonzero(np.isnan(fitted_yaws_rad[:n_robots])):
+            covariances[robot, 3:] = placement.covariances[robot, 3:]
+            covariances[robot, :, 3:] = placement.covariances[robot, :, 3:]
     fitted = replace(
         placement,
         positions_m=places_m[:n_robots],
         landmarks_m=places_m[n_robots : n_robots + len(placement.landmarks_m)],
         proved=best.proved,
-        covariances=_with_unfitted(covariances[:n_robots], fitted_yaws_rad, placement),
+        covariances=covariances[:n_robots],
         fitted_yaws_rad=fitted_yaws_rad[:n_robots],
     )
     return FittedPlacement(fitted, best.cost)
@@ -138,28 +142,6 @@ def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray
         reach_m = math.hypot(x, y) + sensor.bound_m
         boxes_m.append(boxes_m[robot] + np.array([[-reach_m], [reach_m]]))
     return np.array(places_m), np.array(boxes_m)
-
-
-def _headed_by_window(snapshot: Snapshot, placement: Placement) -> list[int]:
-    """Return the robots whose headings are known, and were not fitted to what is remembered."""
-    if not placement.heading_known.any():
-        return []
-    seeing = robots_that_saw(snapshot)
-    fitted = np.array([robot in seeing for robot in snapshot.config.robots])
-    if placement.fitted_yaws_rad is not None:
-        fitted &= np.isfinite(placement.fitted_yaws_rad)
-    return np.flatnonzero(placement.heading_known & ~fitted).tolist()
-
-
-def _with_unfitted(
-    covariances: FloatArray, fitted_yaws_rad: FloatArray, placement: Placement
-) -> FloatArray:
-    """Return covariances with those of a placement for headings that were not fitted."""
-    if placement.covariances is not None:
-        for robot in np.flatnonzero(np.isnan(fitted_yaws_rad[: len(covariances)])):
-            covariances[robot, 3:] = placement.covariances[robot, 3:]
-            covariances[robot, :, 3:] = placement.covariances[robot, :, 3:]
-    return covariances
 
 
 def _within(bounds_m2: tuple[FloatArray, FloatArray], positions_m: FloatArray) -> bool:

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
-from dg_localization.fleet.best_point.past import past_of
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
@@ -180,9 +179,7 @@ class Placer:
     @cached_property
     def _best_points(self) -> BestPointFinder:
         """What finds the best points, by all readings; a contradiction does not need it."""
-        # What contradicts the rest now may have been wrong before.
-        past = None if self._dropped else past_of(self._snapshot, self._all)
-        return finder_of(self._snapshot, self._all, self._plan, past, self._dropped)
+        return finder_of(self._snapshot, self._all, self._plan, self._dropped)
 
     def _headings(
         self, best: BestPoint, enclosure: Interval, arcs_rad: Mapping[int, tuple[float, float]]
