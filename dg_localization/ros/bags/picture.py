@@ -220,10 +220,9 @@ class AnswerPicture:
             bottom, top = np.clip(low + turn, *limits), np.clip(high + turn, *limits)
             left, right = times_of_all_s - half_s, times_of_all_s + half_s
             corners = np.array([[left, left, right, right], [bottom, top, top, bottom]]).T
-            style = {'facecolor': _color(row), 'alpha': 0.25, 'linewidth': 0}
-            panel.add_collection(
-                PolyCollection(list(corners[top > bottom]), antialiased=False, **style)
-            )
+            bands = PolyCollection(list(corners[top > bottom]), antialiased=False, linewidth=0)
+            bands.set(facecolor=_color(row), alpha=0.25)
+            panel.add_collection(bands)
         panel.plot(times_of_all_s, best, '.', color=_color(row), markersize=2.5)
         true = np.array([moment.true[row, column] for moment in self._moments])
         if is_angle:
