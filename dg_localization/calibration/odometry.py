@@ -9,7 +9,7 @@ of the measured steps along the true headings, so that an error of the heading d
 as one of the way.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -22,23 +22,20 @@ from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, Odomet
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
-EVERY_S = 0.5
-SHORTER = 0.3
+WINDOWS_S, EVERY_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0), 0.5
+SHORTEST = 0.7
 """
-Windows are shorter by up to this share, and begin anywhere in their piece of time: over whole
-periods of a clock an error in step with it would not be seen.
+Windows are shorter by any share down to this: over whole periods of a clock an error in step with
+it would not be seen.
 """
-BEGIN, LENGTH = 0.5 * (5.0**0.5 - 1.0), 2.0**0.5
-"""Multiples of them, without their whole parts, are everywhere between 0 and 1 alike."""
-MOST_STRETCHED = 1.5
+STRETCHED = 1.5
 """A window that is this many times as long as it should be ends behind a gap of odometry."""
 
-LEAST_WAY_M, LEAST_TURN_RAD = 1.0, 1.0
+WAY_M, TURN_RAD = 1.0, 1.0
 """Of the longest way and the greatest turn of all windows: less tells no error per m or rad."""
 
-STEEPEST = 1.0
-SLOPES = 401
+SLOPES = np.linspace(0.0, 1.0, 401)
+"""Errors per m or rad that are tried."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +72,12 @@ class OdometryWindows:
     @property
     def tell_ways(self) -> bool:
         """Whether the robot went far enough to tell the scale and the errors of ways."""
-        return bool(self.way_m.max() >= LEAST_WAY_M)
+        return bool(self.way_m.max() >= WAY_M)
 
     @property
     def tell_turns(self) -> bool:
         """Whether the robot turned far enough to tell the errors of turns."""
-        return bool(self.turn_rad.max() >= LEAST_TURN_RAD)
+        return bool(self.turn_rad.max() >= TURN_RAD)
 
     def where_known(self) -> 'OdometryWindows':
         """Return the windows whose truth is known."""
@@ -148,11 +145,8 @@ def odometry_windows(
     if dimension == 3:
         steps_rad = _angles(turns[:-1], turns[1:])
     turned_rad = _cumulative(steps_rad)
-    # As many of each length: the short ones must not decide alone.
-    begins = _begins(stamps)
     parts = []
-    for seconds in WINDOWS_S:
-        first, last = _ends(stamps, begins, seconds)
+    for first, last in _spans(stamps):
         whole_m = np.array(
             [along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)]
         ).reshape(-1, 3)
@@ -238,37 +232,30 @@ def _least_squares_scale(windows: OdometryWindows) -> float:
 def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float, float]:
     """Return the constant and the slope that hold the errors and are least in the mean."""
     kept = n_kept(len(way), choice.keep)
-    slopes = np.linspace(0.0, STEEPEST, SLOPES)
-    constants = [max(0.0, np.partition(error - s * way, kept - 1)[kept - 1]) for s in slopes]
-    best = int(np.argmin(np.array(constants) + slopes * np.mean(way)))
-    widened = 1.0 + choice.margin
+    constants = np.array([np.partition(error - s * way, kept - 1)[kept - 1] for s in SLOPES])
+    constants = np.maximum(constants, 0.0)
+    best = int(np.argmin(constants + SLOPES * np.mean(way)))
     scale = 10.0**DECIMALS
-    constant, slope = np.ceil(np.array([constants[best], slopes[best]]) * widened * scale) / scale
+    widened = (1.0 + choice.margin) * scale * np.array([constants[best], SLOPES[best]])
+    constant, slope = np.ceil(widened) / scale
     return float(constant), float(slope)
 
 
-def _begins(stamps_s: FloatArray) -> IndexArray:
+def _spans(stamps_s: FloatArray) -> Iterator[tuple[IndexArray, IndexArray]]:
     """
-    Return a sample for every piece of time that has one, the first from some moment in it on.
+    Yield the first and the last samples of windows, as many of each length.
 
     It goes through the samples, not through the time between them: one wrong stamp makes that
     years long.
     """
-    since_s = stamps_s - stamps_s[0]
-    pieces = np.unique(np.floor(since_s / EVERY_S))
-    taken = np.unique(np.searchsorted(since_s, EVERY_S * (pieces + BEGIN * pieces % 1.0)))
-    return taken[taken < len(stamps_s)]
-
-
-def _ends(
-    stamps_s: FloatArray, begins: IndexArray, seconds: float
-) -> tuple[IndexArray, IndexArray]:
-    """Return the first and the last samples of the windows of one length."""
-    lengths_s = seconds * (1.0 - SHORTER * (LENGTH * np.arange(len(begins)) % 1.0))
-    ends = np.searchsorted(stamps_s, stamps_s[begins] + lengths_s)
-    before_s, after_s = stamps_s[begins], np.append(stamps_s, np.inf)[ends]
-    whole = after_s - before_s < MOST_STRETCHED * lengths_s
-    return begins[whole], ends[whole]
+    pieces = np.floor((stamps_s - stamps_s[0]) / EVERY_S)
+    first, rng = np.unique(pieces, return_index=True)[1], np.random.default_rng(0)
+    for seconds in WINDOWS_S:
+        lengths_s = seconds * rng.uniform(SHORTEST, 1.0, len(first))
+        last = np.searchsorted(stamps_s, stamps_s[first] + lengths_s)
+        spans_s = np.append(stamps_s, np.inf)[last] - stamps_s[first]
+        whole = spans_s < STRETCHED * lengths_s
+        yield first[whole], last[whole]
 
 
 def _cumulative(steps: FloatArray) -> FloatArray:

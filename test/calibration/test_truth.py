@@ -52,17 +52,6 @@ def test_nothing_is_known_beyond_and_in_long_gaps(time):
     assert np.isfinite(track.positions_at([0.1])).all()
 
 
-def test_a_sample_is_known_whatever_its_neighbors():
-    track = TrueTrack([0.0, 0.5, 10.0, 11.5, 13.0], np.arange(15.0).reshape(5, 3))
-    at_samples = track.positions_at([0.5, 10.0, 11.5, 13.0])
-    np.testing.assert_array_equal(at_samples, np.arange(3.0, 15.0).reshape(4, 3))
-    assert np.isnan(track.positions_at([9.999, 10.001, 12.0])).all()
-    places = np.array([[np.nan] * 3, [1.0] * 3, [2.0] * 3, [np.nan] * 3])
-    partly = TrueTrack([0.0, 0.5, 1.0, 1.5], places)
-    known = partly.positions_at([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5])[:, 0]
-    np.testing.assert_array_equal(known, [np.nan, np.nan, 1.0, 1.5, 2.0, np.nan, np.nan])
-
-
 @pytest.mark.parametrize('start_s', [0.0, 1.7e9])
 @pytest.mark.parametrize('off_s', [-5e-7, 5e-7])
 def test_the_ends_are_known_to_a_stamp_that_is_rounded_otherwise(start_s, off_s):
@@ -74,15 +63,6 @@ def test_the_ends_are_known_to_a_stamp_that_is_rounded_otherwise(start_s, off_s)
     np.testing.assert_array_equal(alone.positions_at([start_s + off_s]), [[1.0, 2.0, 3.0]])
     assert np.isnan(alone.positions_at([start_s - 1e-3, start_s + 1e-3])).all()
     assert np.isnan(track.positions_at(stamps[[0, -1]] + [-1e-5, 1e-5])).all()
-
-
-def test_stamps_of_messages_are_known_to_the_end():
-    """Nanoseconds times 1e-9 are not the seconds and nanoseconds of a header when rounded."""
-    later = [sec for sec in range(1, 2000) if (sec * 10**9) * 1e-9 > sec]
-    assert later
-    for sec in later:
-        track = TrueTrack([sec - 1.0, sec - 0.5, float(sec)], np.zeros((3, 3)))
-        assert np.isfinite(track.positions_at([(sec * 10**9) * 1e-9])).all()
 
 
 def test_an_anchor_is_known_at_all_times_and_has_no_heading():
@@ -131,13 +111,6 @@ def test_in_the_plane_heights_and_tilt_of_the_truth_are_no_errors_of_rays(height
     azimuth = 0.25 * math.pi - 0.3
     ray = [[math.cos(azimuth), math.sin(azimuth), 0.0]]
     assert ray_errors_rad(robot, target, [0.5], ray, 2) == pytest.approx([0.0], abs=1e-12)
-
-
-def test_in_space_the_tilt_of_the_truth_counts():
-    robot = TrueTrack([0.0, 1.0], [[0.0, 0.0, 0.0]] * 2, [pitched(0.0, 0.1)] * 2)
-    target = TrueTrack.at_rest((2.0, 0.0, 0.0))
-    errors = ray_errors_rad(robot, target, [0.5], [[1.0, 0.0, 0.0]], 3)
-    assert errors == pytest.approx([0.1], abs=1e-12)
 
 
 def test_in_the_plane_tilt_moves_no_sensor():

@@ -3,7 +3,6 @@
 
 """The examples that convert recordings: what they write is localized, with the truth inside."""
 
-import json
 import math
 from pathlib import Path
 import re
@@ -125,16 +124,6 @@ def test_mrclam_keeps_every_reading_of_the_text(tmp_path, shared):
             assert math.hypot(ray.vector.x, ray.vector.y) == pytest.approx(1.0)
 
 
-def test_dead_reckoning_follows_a_circle():
-    stamps = np.arange(0.0, 2.0 * math.pi, 0.001)
-    commands = np.column_stack([stamps, np.full(len(stamps), 0.5), np.full(len(stamps), 1.0)])
-    path = np.array(list(convert_mrclam.dead_reckoning(commands)))
-    np.testing.assert_allclose(path[:, 0], stamps)
-    np.testing.assert_allclose(path[:, 1], 0.5 * np.sin(stamps), atol=1e-6)
-    np.testing.assert_allclose(path[:, 2], 0.5 * (1.0 - np.cos(stamps)), atol=1e-6)
-    np.testing.assert_allclose(path[:, 3], stamps)
-
-
 def test_lias_is_localized_with_the_truth_inside(tmp_path, shared, localize):
     bag, tags = tmp_path / 'lias', list(convert_lias.TAGS)
     table = shared / LIAS / 'UWB_static_exp_8_14_pos1_deg_120.csv'
@@ -160,20 +149,6 @@ def test_true_places_of_lias_are_near_its_ranges(tmp_path, shared, capsys):
     lines = capsys.readouterr().out.splitlines()
     median = next(line for line in lines if ' all: ' in line).split('median ')[1].split(';')[0]
     assert 0.0 <= float(median) < 0.3
-
-
-def test_a_table_of_another_name_is_refused(tmp_path, shared):
-    with pytest.raises(ValueError, match="must be named like 'pos1_deg_120.csv'"):
-        convert_lias.convert(shared / LIAS / 'geometry.json', tmp_path / 'x.csv', tmp_path / 'bag')
-
-
-def test_parameters_name_the_anchors_of_the_recording(tmp_path, shared):
-    yaml = pytest.importorskip('yaml')
-    convert_mrclam.convert(shared / MRCLAM, tmp_path / 'bag')
-    parameters = yaml.safe_load((tmp_path / 'bag.yaml').read_text())['/**']['ros__parameters']
-    assert parameters['anchors']['names'] == [f'm{number}' for number in range(6, 21)]
-    assert parameters['anchors']['m6']['position'] == pytest.approx([0.588427, -4.282097])
-    assert json.dumps(parameters['robots']) == '["r1", "r2", "r3", "r4", "r5"]'
 
 
 def test_the_table_of_ranges_in_the_docs_is_localized(tmp_path, monkeypatch, localize):

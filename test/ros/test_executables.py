@@ -112,13 +112,6 @@ def test_every_executable_says_how_it_is_used(name, option):
     assert f'usage: {name} ' in done.stdout
 
 
-def test_help_of_the_simulation_has_every_parameter():
-    from dg_localization.ros.simulation.simulate_fleet import PARAMETERS
-
-    told = run('simulate_fleet', '--help').stdout
-    assert all(f'  {spec.name} ' in told for spec in PARAMETERS)
-
-
 @pytest.mark.parametrize('name', ['localizer', 'simulate_fleet'])
 def test_arguments_that_are_none_of_ros_are_named(name):
     done = run(name, '--params-file', 'fleet.yaml')

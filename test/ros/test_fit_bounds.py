@@ -193,23 +193,6 @@ def test_each_robot_has_a_scale_of_its_own(tmp_path, learn):
         assert error.translation_per_m < 0.08
 
 
-@pytest.mark.parametrize('per', ['all', 'link'])
-def test_numbers_of_a_robot_that_were_stated_are_not_mixed_with_learned_ones(tmp_path, learn, per):
-    """What was stated for one robot holds until the file that comes after says otherwise."""
-    bag = record(tmp_path / 'bag', seconds=20.0, odometry=True, cameras=False)
-    stated = json.loads(learn.params.read_text())
-    stated['/**']['ros__parameters']['robot_odometry'] = {'robot_2': {'translation_scale': 0.8}}
-    learn.params.write_text(json.dumps(stated))
-    code, _ = learn(bag, '--truth', TRUTH, '--keep', '1', '--per', per)
-    assert code == 0
-    bounds = tmp_path / 'bounds.yaml'
-    bounds.write_text(learn.output)
-    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
-    assert fleet.odometry_error_of('robot_2').translation_scale == pytest.approx(1.0, rel=0.06)
-    if per == 'all':
-        assert fleet.odometry_error_of('robot_2') == fleet.odometry_error
-
-
 def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
     count = 0
 
@@ -371,25 +354,6 @@ def test_without_truth_no_link_gets_narrower_bounds_than_it_states(
 
 
 @pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
-def test_without_truth_no_ray_gets_a_narrower_bound_than_its_link_states(
-    tmp_path, learn, told, per
-):
-    """Also where the bias of ranges is known; what is likeliest is not learned, and stays."""
-    link = '/r1/bearing/r3 geometry_msgs/msg/Vector3Stamped r1 r3 half_width=0.5'
-    state(learn, links=[f'{link} expected_error=0.2'], bearing={'half_width': 0.1})
-    recorder, rng = Recorder(), np.random.default_rng(0)
-    for stamp_s in START_S + np.arange(0.0, 10.0, 0.1):
-        for target in ('r2', 'r3'):
-            recorder.add_bearing('r1', target, rng.uniform(-0.01, 0.01), stamp_s, stamp_s)
-    recorder.write(tmp_path / 'bag')
-    code, _ = learn(tmp_path / 'bag', '--per', per, '--bias', '0.0', '0.1')
-    assert code == 0
-    assert told().bearing_half_width_of('r1', 'r3') == 0.5
-    assert told().bearing_expected_error_of('r1', 'r3') == 0.2
-    assert told().bearing_half_width_of('r1', 'r2') == 0.1
-
-
-@pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
 def test_a_bias_that_is_known_is_known_of_all_links(tmp_path, learn, told, per):
     state(learn, links=[WIDE_LINK])
     code, _ = learn(record_three(tmp_path / 'bag'), '--per', per, '--bias', '0.0', '1.6')
@@ -476,27 +440,6 @@ def test_of_peers_only_the_rows_that_are_accepted_are_learned_of():
     assert len(gatherer.add_peers('a', rows, 0.0, now_s)) == 1
 
 
-def test_odometry_is_learned_of_in_the_order_in_which_the_localizer_takes_it(tmp_path, learn):
-    """A pose of the future must not hide all that comes after it."""
-    recorder = Recorder()
-    for step, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
-        place_m = 0.3 * (stamp_s - START_S), 0.0
-        recorder.add_truth('r1', place_m, 0.0, stamp_s)
-        recorder.add_odometry('r1', place_m, 0.0, stamp_s)
-        if step == 50:
-            recorder.add_odometry('r1', (9.0, 9.0), 0.0, stamp_s + 1e6)
-            # It was received with those around it.
-            recorder._messages[-1] = (round(stamp_s * 1e9), *recorder._messages[-1][1:])
-    recorder.write(tmp_path / 'bag')
-    state(learn)
-    code, found = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--keep', '1')
-    assert code == 0
-    assert found['odometry']['translation_per_m'] < 0.01
-    assert '(1 future)' in learn.errors
-    windows = re.search(r'Odometry of r1: .*?; (\d+) windows', learn.output.replace('\n#  ', ''))
-    assert int(windows[1]) > 150
-
-
 def test_odometry_is_learned_of_between_its_restarts(tmp_path, learn):
     """It starts anew elsewhere once; the localizer forgets what was before."""
     recorder = Recorder()
@@ -572,41 +515,6 @@ def test_without_truth_relative_bounds_hold_the_scatter_of_near_readings(tmp_pat
     model = told().range_error_of('r1', 'r2')
     assert excluded_ranges(model, ranges_m, ranges_m - distances_m) == 0
     assert model.max_error_m < 0.35
-
-
-def test_without_truth_readings_that_no_bias_explains_are_excluded(tmp_path, learn):
-    count = 0
-
-    def jumps(topic, message):
-        nonlocal count
-        if topic == 'robot_1/range/robot_2':
-            count += 1
-            message.range, message.max_range = message.range + 30.0 * (count == 100), 100.0
-        return message
-
-    bag = record(tmp_path / 'bag', change=jumps, cameras=False, error=0.01)
-    learn(bag, '--keep', '0.99')
-    text = ' '.join(learn.output.replace('#', '').split())
-    one = re.search(r'robot_1->robot_2: (\d+) readings, [^;]*; (\S+) % excluded', text)
-    assert float(one[2]) == round(100.0 / int(one[1]), 2)
-    assert re.search(r'robot_1->robot_3: [^;]*; 0.00 % excluded', text)
-
-
-def test_odometry_that_is_no_pose_is_passed_over(tmp_path, learn):
-    """The node rejects it; here it must not hide what comes after it."""
-    count = 0
-
-    def broken(topic, message):
-        nonlocal count
-        if topic == 'robot_1/odom':
-            count += 1
-            message.pose.pose.position.x = np.nan if count == 2 else message.pose.pose.position.x
-            message.pose.pose.orientation.w *= 3.0 if count == 3 else 1.0
-        return message
-
-    bag = record(tmp_path / 'bag', change=broken, odometry=True, cameras=False)
-    learn(bag, '--truth', TRUTH)
-    assert 'Odometry of robot_1' in learn.output
 
 
 def test_links_of_elevations_keep_their_bounds(tmp_path, learn):

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import pytest
 
@@ -35,7 +34,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from dg_localization.ros import executables, terminal  # noqa: E402
+from dg_localization.ros import executables  # noqa: E402
 from dg_localization.ros.bags import replay  # noqa: E402
 from dg_localization.ros.bags.bag import Bag  # noqa: E402
 from dg_localization.ros.bags.reading import Reading  # noqa: E402
@@ -166,13 +165,6 @@ def test_every_message_arrives_after_its_time(bag_path, listener):
     assert f'{COUNT + 1} messages published' in told
 
 
-def test_a_storage_file_alone_is_a_bag_too(bag_path):
-    (storage,) = (path for path in bag_path.iterdir() if path.suffix in ('.db3', '.mcap'))
-    bag = Bag(storage)
-    assert len(list(Reading(bag, ['/a/range/b']).messages(0.0, None))) == COUNT
-    bag.close()
-
-
 def test_bytes_of_an_older_definition_are_brought_up_to_date(tmp_path):
     store = get_typestore(Stores.ROS2_HUMBLE)  # its Range has no variance
     types, name = store.types, 'sensor_msgs/msg/Range'
@@ -186,17 +178,6 @@ def test_bytes_of_an_older_definition_are_brought_up_to_date(tmp_path):
     bag.close()
     message = deserialize_message(published.data, Range)
     assert (message.range, message.variance, message.header.frame_id) == (2.5, 0.0, 'a')
-
-
-def test_start_duration_and_topics_choose_the_messages(small_bag):
-    bag = Bag(small_bag)
-    reading = Reading(bag, ['/a/range/b'])
-    assert [topic.name for topic in reading.topics] == ['/a/range/b']
-    chosen = list(reading.messages(0.25, 0.25))
-    assert [message.time_ns - START_NS for message in chosen] == [
-        k * STEP_NS for k in range(5, 10)
-    ]
-    bag.close()
 
 
 def test_rate_and_gaps_of_the_clock(small_bag, listener):
@@ -240,16 +221,6 @@ def test_loop_goes_on_until_interrupted(small_bag, listener):
     assert 'Traceback' not in told and 'interrupted' in told
     clocks = [time_ns(clock) for clock in listener.on('/clock')]
     assert sum(later < earlier for earlier, later in zip(clocks, clocks[1:], strict=False)) >= 2
-
-
-def test_a_bag_without_duration_is_looped_with_a_pause(small_bag, listener):
-    began = time.monotonic()
-    process = start(small_bag, '--loop', '--topics', '/name')  # one message
-    listener.spin_while(lambda: len(listener.on('/clock')) < 3)
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert told.count('1 messages published') <= 1.0 + (time.monotonic() - began)
 
 
 def test_without_subscribers_it_plays_after_the_timeout(small_bag):
@@ -301,44 +272,3 @@ def test_a_rate_that_is_no_pace_is_refused(text, capsys):
     with pytest.raises(SystemExit):
         replay.make_parser().parse_args(['bag', '--rate', text])
     assert f"'{text}' is not a number above 0" in capsys.readouterr().err
-
-
-def test_without_tqdm_the_package_is_named(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, 'find_spec', lambda name: None)
-    terminal.make_progress(1.0).update(0.5)
-    assert 'pip install tqdm' in capsys.readouterr().err
-
-
-def test_the_uwb_recording_is_read_in_place(shared):
-    bag = Bag(shared / 'data/tiers_uwb/rosbag2_shortbag')
-    reading = Reading(bag)
-    names = {topic.name for topic in reading.topics}
-    assert '/uwb/tof/n_7/n_5/distance' in names
-    assert len([name for name in names if name.startswith('/uwb/tof/')]) >= 28
-    passed_over = SimpleNamespace(unknown=0, empty=0)
-    for notice in reading.notices:
-        passed_over.unknown += 'not installed' in notice
-        passed_over.empty += 'no message' in notice
-    assert passed_over.unknown >= 1 and passed_over.empty >= 1
-    times = [message.time_ns for message in reading.messages()]
-    assert times == sorted(times)
-    assert times[0] >= bag.start_ns
-    assert bag.duration_s == pytest.approx(17.2, abs=0.1)
-    bag.close()
-
-
-def test_the_uwb_recording_arrives_over_dds(shared):
-    topic = '/uwb/tof/n_3/n_4/distance'
-    path = shared / 'data/tiers_uwb/rosbag2_shortbag'
-    bag = Bag(path)
-    expected = sum(1 for _ in Reading(bag, [topic]).messages(0.0, None))
-    bag.close()
-    listener = Listener({topic: Range})
-    process = start(path, '--rate', '8', '--topics', topic)
-    listener.spin_while(lambda: process.poll() is None)
-    listener.spin_while(lambda: len(listener.on(topic)) < expected, 2.0)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == 0, told
-    assert len(listener.on(topic)) == expected >= 100
-    assert all(0.5 < message.range < 10.0 for message in listener.on(topic))
-    listener.close()

@@ -6,7 +6,6 @@
 from importlib.util import find_spec
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 import time
@@ -28,7 +27,7 @@ from sensor_msgs.msg import Range  # noqa: E402
 
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.transforms import RigidPose  # noqa: E402
-from dg_localization.ros.simulation.messages import SimulatedFleet, quaternions  # noqa: E402
+from dg_localization.ros.simulation.messages import SimulatedFleet  # noqa: E402
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
     FleetSimulator,
@@ -163,16 +162,6 @@ def test_no_clock_that_is_set_back_stops_the_robots_or_turns_them_back(context, 
     simulator.destroy_node()
 
 
-def test_without_cameras_there_is_no_bearing_topic(context):
-    simulator = FleetSimulator(
-        context=context, parameter_overrides=[Parameter('cameras', value=False)]
-    )
-    names = {name for name, _ in simulator.get_topic_names_and_types()}
-    assert '/robot_1/range/robot_2' in names
-    assert not [name for name in names if 'bearing' in name or 'odom' in name]
-    simulator.destroy_node()
-
-
 @pytest.mark.parametrize(
     ('name', 'value', 'allowed'),
     [
@@ -241,14 +230,6 @@ def test_the_file_of_landmarks_is_that_of_the_simulation():
     }
 
 
-def test_odometry_names_its_frames():
-    fleet = simulated_fleet({**DEFAULTS, 'odometry': True})
-    messages = dict(fleet.odometry_messages(1.0, 2.0))
-    message = messages['robot_3/odom']
-    assert message.header.frame_id == 'robot_3/odom'
-    assert message.child_frame_id == 'robot_3/base_link'
-
-
 @pytest.mark.parametrize('odometry', [True, False])
 def test_true_transforms_lead_from_the_world_to_the_bodies(odometry):
     fleet = simulated_fleet({**DEFAULTS, 'odometry': odometry, 'rotation_per_m': 0.3})
@@ -271,30 +252,10 @@ def test_true_transforms_lead_from_the_world_to_the_bodies(odometry):
             assert abs(body.xyzw @ turn) == pytest.approx(1.0)
 
 
-def test_transforms_are_published_when_asked_for(context, transform_class):
-    node = FleetSimulator(
-        context=context,
-        parameter_overrides=[
-            Parameter('publish_tf', value=True),
-            Parameter('odometry', value=True),
-        ],
-    )
-    assert node.count_publishers('/tf') == 1
-    node.publish_odometry()
-    node.publish_measurements()
-    node.destroy_node()
-
-
 @pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
 def test_transforms_need_their_package(context):
     with pytest.raises(WrongParameterError, match='publish_tf.*tf2_msgs'):
         FleetSimulator(context=context, parameter_overrides=[Parameter('publish_tf', value=True)])
-
-
-def test_quaternions_turn_about_z():
-    np.testing.assert_allclose(
-        quaternions([0.0, np.pi / 2]), [[0, 0, 0, 1], [0, 0, 0.5**0.5, 0.5**0.5]]
-    )
 
 
 def start(*arguments):
@@ -306,29 +267,3 @@ def start(*arguments):
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_process_cleanly(number):
-    process = start('--ros-args', '-p', 'rate:=200')
-    assert 'measurement topics' in process.stdout.readline()
-    time.sleep(0.5)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert 'Traceback' not in errors and not errors.strip()
-
-
-def test_a_wrong_parameter_ends_the_process_with_a_sentence():
-    process = start('--ros-args', '-p', 'rate:=-5')
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert "'rate': -5" in errors and '>= 0.1' in errors
-    assert 'Traceback' not in errors
-
-
-def test_an_unknown_ros_argument_ends_the_process_with_a_sentence():
-    process = start('--ros-args', '--help')
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert errors == "wrong ROS arguments: ['--help']\n"

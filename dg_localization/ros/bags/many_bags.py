@@ -11,29 +11,18 @@ same whatever the number of processes.
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
 import subprocess
 import sys
 from typing import Any
 
-from dg_localization.ros.bags.report import Table, as_json, as_markdown, width_text
+from dg_localization.ros.bags.report import Table, Tree, as_json, as_markdown, width_text
 from dg_localization.ros.bags.writer import write_text, writing
 from dg_localization.ros.executables import EXIT_FAILED, UsageError, print_line, print_result
 
 REPORT, ANSWERS = 'report.json', 'answers'
 """What the report of one bag and the bag with its answers are called."""
-
-
-@dataclass(frozen=True)
-class BagOutcome:
-    """What became of a bag: the exit code, the last words of an error, and the report if any."""
-
-    name: str
-    exit_code: int
-    error: str
-    report: dict[str, Any] | None
 
 
 def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
@@ -54,17 +43,17 @@ def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
             futures[name] = threads.submit(_localize, name, options.output, arguments, running)
         try:
             for done, future in enumerate(as_completed(futures.values()), start=1):
-                print_line(f'{done} of {len(bags)} bags: {future.result().name}')
+                print_line(f'{done} of {len(bags)} bags: {future.result()["name"]}')
         except KeyboardInterrupt:
             threads.shutdown(wait=False, cancel_futures=True)
             for process in running:
                 process.terminate()
             raise
-    outcomes = [futures[name].result() for name in bags]
+    outcomes = [future.result() for future in futures.values()]
     if options.report is not None:
         write_text(options.report, MANY_REPORTS[options.report.suffix](outcomes))
     print_result(many_as_markdown(outcomes))
-    return max(outcome.exit_code for outcome in outcomes)
+    return max(outcome['exit_code'] for outcome in outcomes)
 
 
 def _arguments(
@@ -91,8 +80,8 @@ def _arguments(
 
 def _localize(
     name: str, output: Path, arguments: Sequence[str], running: list[subprocess.Popen[str]]
-) -> BagOutcome:
-    """Localize one bag in a process of its own."""
+) -> Tree:
+    """Localize one bag in a process of its own; return exit code, report and error."""
     (output / name).mkdir()
     report = output / name / REPORT
     # In a session of its own Ctrl-C does not reach it twice, which would end it at once.
@@ -108,19 +97,23 @@ def _localize(
     said = ''.join(errors.strip().splitlines()[-1:])
     # One that a signal ended has a negative code.
     code = process.returncode if process.returncode >= 0 else EXIT_FAILED
-    if not report.exists():
-        return BagOutcome(name, code or EXIT_FAILED, said, None)
-    found = json.loads(report.read_text(encoding='utf-8'))
-    is_told = not code or found['ending'] or found['damage']
-    return BagOutcome(name, code, '' if is_told else said, found)
+    found = json.loads(report.read_text(encoding='utf-8')) if report.exists() else None
+    is_told = found and (not code or found['ending'] or found['damage'])
+    error = '' if is_told else said
+    return {
+        'name': name,
+        'exit_code': code or (EXIT_FAILED if found is None else 0),
+        'error': error,
+        'report': found,
+    }
 
 
-def many_as_json(outcomes: Sequence[BagOutcome]) -> str:
+def many_as_json(outcomes: Sequence[Tree]) -> str:
     """Return the reports of all bags for programs."""
-    return as_json({'bags': [asdict(outcome) for outcome in outcomes]})
+    return as_json({'bags': list(outcomes)})
 
 
-def many_as_markdown(outcomes: Sequence[BagOutcome]) -> str:
+def many_as_markdown(outcomes: Sequence[Tree]) -> str:
     """Return the reports of all bags for a person: a line each, and what failed."""
     columns = (
         *('bag', 'ticks', 'with one hypothesis', 'contradictory', 'measurements', 'rejected'),
@@ -130,14 +123,14 @@ def many_as_markdown(outcomes: Sequence[BagOutcome]) -> str:
     return as_markdown(f'{len(outcomes)} bags', [Table(columns, rows)])
 
 
-def _cells(outcome: BagOutcome) -> list[Any]:
+def _cells(outcome: Tree) -> list[Any]:
     """Return the row of one bag."""
-    report = outcome.report
+    report = outcome['report']
     if report is None:
-        return [outcome.name, *[''] * 7, outcome.error]
+        return [outcome['name'], *[''] * 7, outcome['error']]
     truth = report['truth']
     return [
-        outcome.name,
+        outcome['name'],
         report['ticks'],
         report['ticks_by_hypotheses'].get('1', 0),
         sum(found['ticks'] for found in report['contradictions']),
@@ -145,12 +138,12 @@ def _cells(outcome: BagOutcome) -> list[Any]:
         sum(report['rejected'].values()),
         ', '.join(width_text(report, robot) for robot in report['median_enclosure_width_m']),
         f'{truth["held"]} of {truth["compared"]}' if truth else '',
-        ' '.join(filter(None, [report['ending'], *report['damage'], outcome.error]))
+        ' '.join(filter(None, [report['ending'], *report['damage'], outcome['error']]))
         or 'at its end',
     ]
 
 
-MANY_REPORTS: Mapping[str, Callable[[Sequence[BagOutcome]], str]] = {
+MANY_REPORTS: Mapping[str, Callable[[Sequence[Tree]], str]] = {
     '.json': many_as_json,
     '.md': many_as_markdown,
 }
