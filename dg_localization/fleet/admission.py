@@ -5,12 +5,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Set
+from typing import TypeAlias
+
+from numpy.typing import ArrayLike
+
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.error_models import finite_number, quoted
-from dg_localization.fleet.vocabulary import LinkKey, Rejection, RejectionReason
+from dg_localization.fleet.vocabulary import LinkKey, RefusedError, RejectionReason
 
 MOST_BEFORE_S = 0.15
 """How old an answer may be for the sake of odometry, when it is asked for."""
+
+PeerMeasurement: TypeAlias = tuple[str, float | ArrayLike]
+"""The target, and its distance in m or the ray to it."""
+
+_NO_ROWS = (str, bytes, Mapping)
+_NO_PAIR = (str, bytes, Mapping, Set)
+"""What has members that could be taken for rows, or for a target and a value."""
 
 
 def is_young(config: FleetConfig, stamp_s: float, now_s: float) -> bool:
@@ -19,14 +31,7 @@ def is_young(config: FleetConfig, stamp_s: float, now_s: float) -> bool:
 
 
 class Admission:
-    """
-    Checks names and stamps.
-
-    Parameters
-    ----------
-    config : FleetConfig
-
-    """
+    """Checks names and stamps; every check raises `RefusedError`."""
 
     def __init__(self, config: FleetConfig) -> None:
         self._config = config
@@ -34,68 +39,94 @@ class Admission:
         # Those that were checked: every reading asks for its own.
         self._links: set[LinkKey] = set()
 
-    def check_names(self, *names: str) -> Rejection | None:
-        """Return a rejection when a name is not one of the fleet."""
+    def check_names(self, *names: str) -> None:
+        """Refuse a name that is not one of the fleet."""
         for name in names:
             if name not in self._points:
                 text = f'{name!r} is not one of the robots and anchors {sorted(self._points)}'
-                return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
-        return None
+                raise RefusedError(RejectionReason.UNKNOWN_ROBOT, text)
 
-    def check_robot(self, name: str) -> Rejection | None:
-        """Return a rejection when a name is not that of a robot or anchor."""
+    def check_robot(self, name: str) -> None:
+        """Refuse a name that is not that of a robot or anchor."""
         if name in self._config.sensors:
             text = f'{name!r} is a sensor, and odometry is that of a robot'
-            return Rejection(RejectionReason.UNKNOWN_ROBOT, text)
-        return self.check_names(name)
+            raise RefusedError(RejectionReason.UNKNOWN_ROBOT, text)
+        self.check_names(name)
 
-    def check_elevated(self, name: str) -> Rejection | None:
-        """Return a rejection when a name is not that of a point with a stated elevation."""
+    def check_elevated(self, name: str) -> None:
+        """Refuse a name that is not that of a point with a stated elevation."""
         if name in self._points and name not in self._config.elevations_m:
             text = f'{name!r} has no stated elevation, which readings of it could narrow'
-            return Rejection(RejectionReason.INVALID_ELEVATION, text)
-        return self.check_names(name)
+            raise RefusedError(RejectionReason.INVALID_ELEVATION, text)
+        self.check_names(name)
 
-    def check_link(self, key: LinkKey) -> Rejection | None:
-        """Return a rejection when a link does not join points of two robots or anchors."""
+    def check_link(self, key: LinkKey) -> None:
+        """Refuse a link that does not join points of two robots or anchors."""
         if key in self._links:
-            return None
+            return
         if key.observer == key.target:
             text = f'{key.observer!r} is both observer and target'
-            return Rejection(RejectionReason.SAME_ROBOT, text)
+            raise RefusedError(RejectionReason.SAME_ROBOT, text)
         robot = self._config.robot_of(key.observer)
         if robot == self._config.robot_of(key.target):
             text = (
                 f'{key.observer!r} and {key.target!r} are both on robot {robot!r}: where they are '
                 'on it is known from its mounts'
             )
-            return Rejection(RejectionReason.SAME_ROBOT, text)
-        rejection = self.check_names(key.observer, key.target)
-        if not rejection:
-            self._links.add(key)
-        return rejection
+            raise RefusedError(RejectionReason.SAME_ROBOT, text)
+        self.check_names(key.observer, key.target)
+        self._links.add(key)
 
-    def check_stamp(self, stamp_s: float, now_s: float) -> Rejection | None:
-        """Return a rejection when a stamp, or now, is not a time, or they are too far apart."""
+    def checked_stamp(self, stamp_s: float, now_s: float) -> float:
+        """Return a stamp; refuse what is not a time, or too far from now."""
         now = finite_number(now_s)
         if now is None:
             text = f'the time now, {quoted(now_s)} s, is not a finite number'
-            return Rejection(RejectionReason.INVALID_STAMP, text)
+            raise RefusedError(RejectionReason.INVALID_STAMP, text)
         stamp = finite_number(stamp_s)
         if stamp is None:
             text = f'stamp {quoted(stamp_s)} s is not a finite number'
-            return Rejection(RejectionReason.INVALID_STAMP, text)
+            raise RefusedError(RejectionReason.INVALID_STAMP, text)
         if stamp == 0.0:
             text = 'stamp 0 s: the source does not fill it in'
-            return Rejection(RejectionReason.ZERO_STAMP, text)
+            raise RefusedError(RejectionReason.ZERO_STAMP, text)
         age_s = now - stamp
         if age_s > self._config.max_age_s:
             text = f'stamp {stamp} s is {age_s:.3f} s old, max_age is {self._config.max_age_s} s'
-            return Rejection(RejectionReason.TOO_OLD, text)
+            raise RefusedError(RejectionReason.TOO_OLD, text)
         if -age_s > self._config.max_future_s:
             text = (
                 f'stamp {stamp} s is {-age_s:.3f} s in the future, '
                 f'max_future is {self._config.max_future_s} s'
             )
-            return Rejection(RejectionReason.FUTURE, text)
-        return None
+            raise RefusedError(RejectionReason.FUTURE, text)
+        return stamp
+
+
+def rows_of_peers(readings: Iterable[PeerMeasurement]) -> Iterator[PeerMeasurement]:
+    """Yield the rows of peers up to where they cannot be read; refuse the rest."""
+    why = 'are not allowed'
+    try:
+        if not isinstance(readings, _NO_ROWS):
+            yield from readings
+            return
+    except Exception as error:  # whatever the iterable raises while it is read
+        why = f'cannot be read ({quoted(error)})'
+    text = (
+        f'peers {quoted(readings)} {why}, they must be pairs of a target, and its distance in m '
+        'or the ray to it'
+    )
+    raise RefusedError(RejectionReason.INVALID_PEER, text)
+
+
+def read_peer(row: PeerMeasurement) -> PeerMeasurement:
+    """Return the name of a target, and its distance or the ray to it."""
+    try:
+        target, value = () if isinstance(row, _NO_PAIR) else row
+        return str(target), value
+    except Exception:  # whatever the row raises while it is read
+        text = (
+            f'peer {quoted(row)} is not allowed, it must be a target, and its distance in m or '
+            'the ray to it'
+        )
+        raise RefusedError(RejectionReason.INVALID_PEER, text) from None

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.sensors import Mount, RangeErrorModel
-from dg_localization.fleet.vocabulary import Rejection, RejectionReason
+from dg_localization.fleet.vocabulary import RangeMessage, RefusedError, RejectionReason
 from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
 from dg_localization.interval.bounds import (
     product_down,
@@ -147,103 +147,90 @@ def likeliest_distance_m(model: RangeErrorModel, range_m: float) -> float:
     return max(0.0, range_m - error_m)
 
 
-def interpret_range(
-    model: RangeErrorModel,
-    range_m: float,
-    min_range_m: float | None = None,
-    max_range_m: float | None = None,
-    variance_m2: float | None = None,
-) -> tuple[float, float] | Rejection:
+def interpret_range(model: RangeErrorModel, message: RangeMessage) -> tuple[float, float]:
     """
-    Return all true distances a reading allows, following REP-117, or why it says nothing.
+    Return lower and upper bounds of all true distances that a reading allows, after REP-117.
 
-    Parameters
-    ----------
-    model : RangeErrorModel
-    range_m : float
-        NaN is no reading, +inf is nothing within `max_range_m`, -inf is closer than
-        `min_range_m`.
-    min_range_m, max_range_m : float, optional
-        Limits of the sensor. None and NaN mean not given, and so does a maximum of zero.
-    variance_m2 : float, optional
-        Variance of the reading.
-
-    Returns
-    -------
-    tuple of float or Rejection
-        Lower and upper distance in m.
-
+    NaN is no reading, +inf is nothing within the maximum of the sensor, -inf is closer than its
+    minimum. Limits that are None or NaN are not given, and neither is a maximum of zero.
     """
-    limits = []
-    for name, limit_m in (('min_range', min_range_m), ('max_range', max_range_m)):
-        limit = math.nan if limit_m is None else real_number(limit_m)
-        if limit is None:
-            text = f'{name} {quoted(limit_m)} is not allowed, it must be a number of meters'
-            return Rejection(RejectionReason.INVALID_RANGE, text)
-        limits.append(limit)
+    range_m, limits = required_number(message.range_m, 'range'), []
+    for name, limit_m in (('min_range', message.min_range_m), ('max_range', message.max_range_m)):
+        limits.append(math.nan if limit_m is None else required_number(limit_m, name))
     minimum = 0.0 if math.isnan(limits[0]) else limits[0]
     maximum = math.inf if not limits[1] or math.isnan(limits[1]) else limits[1]
-    variance = 0.0 if variance_m2 is None else real_number(variance_m2)
+    variance = 0.0 if message.variance_m2 is None else real_number(message.variance_m2)
     if variance is None or (model.sigma_factor > 0.0 and not variance >= 0.0):
-        text = f'variance {quoted(variance_m2)} m^2 is not allowed, it must be a number >= 0'
-        return Rejection(RejectionReason.INVALID_VARIANCE, text)
+        text = (
+            f'variance {quoted(message.variance_m2)} m^2 is not allowed, it must be a number >= 0'
+        )
+        raise RefusedError(RejectionReason.INVALID_VARIANCE, text)
     is_vague = math.isinf(variance) and model.sigma_factor > 0.0
     if is_vague:
         variance = 0.0
     if math.isinf(range_m):
         found = _interpret_infinite(model, range_m, minimum, maximum, variance)
     else:
-        rejection = _reject_reading(model, range_m, minimum, maximum)
-        found = rejection or distance_bounds_m(model, range_m, variance)
-    return (0.0, math.inf) if is_vague and not isinstance(found, Rejection) else found
+        _check_reading(model, range_m, minimum, maximum)
+        found = distance_bounds_m(model, range_m, variance)
+    return (0.0, math.inf) if is_vague else found
+
+
+def required_number(value: object, name: str) -> float:
+    """Return a number of meters in double precision; refuse anything else."""
+    number = real_number(value)
+    if number is None:
+        text = f'{name} {quoted(value)} is not allowed, it must be a number of meters'
+        raise RefusedError(RejectionReason.INVALID_RANGE, text)
+    return number
 
 
 def _interpret_infinite(
     model: RangeErrorModel, range_m: float, minimum: float, maximum: float, variance: float
-) -> tuple[float, float] | Rejection:
+) -> tuple[float, float]:
     """Return what a reading of +inf or -inf says."""
     if range_m > 0.0:
         if model.beyond_max_is_far and math.isfinite(maximum):
             return distance_bounds_m(model, maximum, variance)[0], math.inf
         text = 'range inf m is no reading: it says that nothing is within max_range'
-        return Rejection(RejectionReason.NOTHING_IN_RANGE, text)
+        raise RefusedError(RejectionReason.NOTHING_IN_RANGE, text)
     if minimum > 0.0 and math.isfinite(minimum):
         return 0.0, distance_bounds_m(model, minimum, variance)[1]
     text = 'range -inf m says closer than min_range, but the sensor states no min_range'
-    return Rejection(RejectionReason.TOO_CLOSE, text)
+    raise RefusedError(RejectionReason.TOO_CLOSE, text)
 
 
-def _reject_reading(
-    model: RangeErrorModel, range_m: float, minimum: float, maximum: float
-) -> Rejection | None:
-    """Return why a reading that is not infinite is none, if so."""
+def _check_reading(model: RangeErrorModel, range_m: float, minimum: float, maximum: float) -> None:
+    """Refuse a reading that is not infinite where it says nothing."""
     if math.isnan(range_m):
-        return Rejection(RejectionReason.NAN, 'range nan m is no reading')
-    if range_m < 0.0:
-        text = f'range {_short(range_m)} m is negative, it must be >= 0'
-        return Rejection(RejectionReason.NEGATIVE, text)
-    for name, limit_m, is_past in (
+        raise RefusedError(RejectionReason.NAN, 'range nan m is no reading')
+    least_m, most_m = model.min_reading_m, model.max_reading_m
+    reasons = (
+        (range_m < 0.0, RejectionReason.NEGATIVE, 'is negative, it must be >= 0'),
         (
-            'at or below min_reading',
-            model.min_reading_m,
-            range_m <= model.min_reading_m * (1.0 + SINGLE),
+            range_m <= least_m * (1.0 + SINGLE),
+            RejectionReason.NO_READING,
+            f'is no reading: it is at or below min_reading, {_short(least_m)} m',
         ),
         (
-            'at or above max_reading',
-            model.max_reading_m,
-            range_m >= model.max_reading_m * (1.0 - SINGLE),
+            range_m >= most_m * (1.0 - SINGLE),
+            RejectionReason.NO_READING,
+            f'is no reading: it is at or above max_reading, {_short(most_m)} m',
         ),
-    ):
-        if is_past:
-            text = f'range {_short(range_m)} m is no reading: it is {name}, {_short(limit_m)} m'
-            return Rejection(RejectionReason.NO_READING, text)
-    if range_m > maximum:
-        text = f'range {_short(range_m)} m is above max_range of the sensor, {_short(maximum)} m'
-        return Rejection(RejectionReason.ABOVE_MAX, text)
-    if range_m < minimum:
-        text = f'range {_short(range_m)} m is below min_range of the sensor, {_short(minimum)} m'
-        return Rejection(RejectionReason.BELOW_MIN, text)
-    return None
+        (
+            range_m > maximum,
+            RejectionReason.ABOVE_MAX,
+            f'is above max_range of the sensor, {_short(maximum)} m',
+        ),
+        (
+            range_m < minimum,
+            RejectionReason.BELOW_MIN,
+            f'is below min_range of the sensor, {_short(minimum)} m',
+        ),
+    )
+    for is_so, reason, text in reasons:
+        if is_so:
+            raise RefusedError(reason, f'range {_short(range_m)} m {text}')
 
 
 def _short(value_m: float) -> float:
@@ -251,9 +238,9 @@ def _short(value_m: float) -> float:
     return float(f'{value_m:.9g}')
 
 
-def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
+def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray:
     """
-    Return the unit vector of a measured ray, or why there is none.
+    Return the unit vector of a measured ray in the body frame; in the plane of its projection.
 
     Parameters
     ----------
@@ -272,7 +259,7 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
     ray = [] if components is None else components.tolist()
     if len(ray) != 3 or not all(map(math.isfinite, ray)):
         text = f'ray {quoted(ray or ray_xyz)} is not allowed, it must have three finite components'
-        return Rejection(RejectionReason.INVALID_RAY, text)
+        raise RefusedError(RejectionReason.INVALID_RAY, text)
     # Scaled first: the squares of tiny and of huge components would leave the number range.
     largest = max(map(abs, ray)) or 1.0
     x, y, z = (component / largest for component in ray)
@@ -282,13 +269,13 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray | Rejection:
     if not length > 1e-6:
         part = ' in the horizontal plane' if dimension == 2 else ''
         text = f'ray {ray} has no direction{part}'
-        return Rejection(RejectionReason.ZERO_RAY, text)
+        raise RefusedError(RejectionReason.ZERO_RAY, text)
     return np.array([x / length, y / length, z / length])
 
 
-def in_body_frame(mount: Mount | None, ray_xyz: ArrayLike) -> ArrayLike | Rejection:
+def in_body_frame(mount: Mount | None, ray_xyz: ArrayLike) -> ArrayLike:
     """
-    Return a measured ray in the frame of the robot, or why there is none.
+    Return a measured ray in the frame of the robot.
 
     Parameters
     ----------
@@ -301,8 +288,6 @@ def in_body_frame(mount: Mount | None, ray_xyz: ArrayLike) -> ArrayLike | Reject
     if mount is None:
         return ray_xyz
     ray = interpret_ray(ray_xyz, 3)
-    if isinstance(ray, Rejection):
-        return ray
     quaternion = np.array(mount.rotation_xyzw)
     return rotation_of_quaternion(quaternion / np.linalg.norm(quaternion)) @ ray
 

@@ -12,18 +12,18 @@ from threading import Lock
 
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.admission import MOST_BEFORE_S
+from dg_localization.fleet.admission import MOST_BEFORE_S, PeerMeasurement
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.checks import require_kind
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.error_models import finite_number
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
-from dg_localization.fleet.measurements import MeasurementStore, PeerMeasurement
+from dg_localization.fleet.measurements import MeasurementStore
 from dg_localization.fleet.mounts import mount_geometry
 from dg_localization.fleet.sensors import SensorBounds
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
-from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, Rejection
+from dg_localization.fleet.vocabulary import InputState, LinkKey, LinkKind, RangeMessage, Rejection
 from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.options import Cancel
@@ -159,9 +159,8 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.RANGE, str(observer), str(target))
-        return self._store.add_range(
-            key, range_m, stamp_s, now_s, min_range_m, max_range_m, variance_m2, bounds
-        )
+        message = RangeMessage(range_m, min_range_m, max_range_m, variance_m2)
+        return self._store.add(key, message, stamp_s, now_s, bounds)
 
     @default_environment()
     def add_bearing(
@@ -194,7 +193,7 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.BEARING, str(observer), str(target))
-        return self._store.add_bearing(key, ray_xyz, stamp_s, now_s, bounds)
+        return self._store.add(key, ray_xyz, stamp_s, now_s, bounds)
 
     @default_environment()
     def add_odometry(

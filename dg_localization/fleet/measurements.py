@@ -13,6 +13,7 @@ from __future__ import annotations
 from bisect import bisect_right, insort
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 import math
 from operator import attrgetter
@@ -20,11 +21,19 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.admission import MOST_BEFORE_S, Admission, is_young
+from dg_localization.fleet.admission import (
+    MOST_BEFORE_S,
+    Admission,
+    PeerMeasurement,
+    is_young,
+    read_peer,
+    rows_of_peers,
+)
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import StuckWatch
 from dg_localization.fleet.elevations import Elevations
 from dg_localization.fleet.error_models import (
+    finite_number,
     in_body_frame,
     interpret_range,
     interpret_ray,
@@ -33,11 +42,10 @@ from dg_localization.fleet.error_models import (
     likeliest_distance_m,
     projected_half_width_rad,
     quoted,
-    real_number,
     real_numbers,
+    required_number,
 )
 from dg_localization.fleet.motion import OdometryTrack
-from dg_localization.fleet.peer_rows import PeerMeasurement, read_row, read_rows
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.sensors import SensorBounds
 from dg_localization.fleet.vocabulary import (
@@ -46,7 +54,9 @@ from dg_localization.fleet.vocabulary import (
     LinkKey,
     LinkKind,
     OdometryReading,
+    RangeMessage,
     RayReading,
+    RefusedError,
     Rejection,
     RejectionReason,
 )
@@ -127,89 +137,147 @@ class MeasurementStore:
         self._config = self._clock_config = config
         self._admission = Admission(config)
 
-    def add_range(
+    def add(
         self,
         key: LinkKey,
-        range_m: float | ArrayLike,
+        value: RangeMessage | ArrayLike,
         stamp_s: float,
         now_s: float,
-        min_range_m: float | None,
-        max_range_m: float | None,
-        variance_m2: float | None,
         bounds: SensorBounds | None = None,
     ) -> Rejection | None:
-        """Accept a range, or return why not."""
-        rejection = self._admission.check_link(key) or self._admission.check_stamp(stamp_s, now_s)
-        if rejection:
-            return self._reject(key, rejection)
-        return self._take_range(
-            key, range_m, float(stamp_s), now_s, bounds, min_range_m, max_range_m, variance_m2
-        )
+        """Accept a range or a ray, or return why not."""
+        with self._counted(key) as refused:
+            self._admission.check_link(key)
+            stamp = self._admission.checked_stamp(stamp_s, now_s)
+            self._take(key, value, stamp, now_s, bounds)
+        return refused.get(key)
 
-    def _take_range(
+    def add_odometry(
         self,
         key: LinkKey,
-        range_m: float | ArrayLike,
+        position_xyz: ArrayLike,
+        orientation_xyzw: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        frame: str,
+    ) -> Rejection | None:
+        """Accept an odometry pose, or return why not."""
+        with self._counted(key) as refused:
+            self._admission.check_robot(key.observer)
+            stamp = self._admission.checked_stamp(stamp_s, now_s)
+            reading = self._odometry_reading(key, position_xyz, orientation_xyzw, stamp, frame)
+            self._track(key.observer).append(reading)
+            self._input(key).count_accepted(stamp, now_s)
+        return refused.get(key)
+
+    def add_elevation(
+        self, key: LinkKey, elevation_m: float, stamp_s: float, now_s: float
+    ) -> Rejection | None:
+        """Accept an elevation, or return why not."""
+        with self._counted(key) as refused:
+            self._admission.check_elevated(key.observer)
+            stamp = self._admission.checked_stamp(stamp_s, now_s)
+            reading_m, text = finite_number(elevation_m), ''
+            if reading_m is None:
+                text = (
+                    f'{quoted(elevation_m)} is not allowed, it must be a finite number of meters'
+                )
+            elif known_m := self._elevations.add(key.observer, reading_m, stamp, now_s):
+                text = (
+                    f'{reading_m} m contradicts what is known: {known_m[0]:.3f} to '
+                    f'{known_m[1]:.3f} m; no reading before it counts either'
+                )
+            if text:
+                raise RefusedError(RejectionReason.INVALID_ELEVATION, f'elevation {text}')
+            self._input(key).count_accepted(stamp, now_s)
+        return refused.get(key)
+
+    def add_peers(
+        self,
+        observer: str,
+        readings: Iterable[PeerMeasurement],
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
+    ) -> list[Rejection]:
+        """Accept ranges and rays that one robot measured at one time; return why not."""
+        together = LinkKey(LinkKind.PEERS, observer, '')
+        rows: list[PeerMeasurement] = []
+        rejections: list[Rejection] = []
+        with self._counted(together) as refused:
+            self._admission.check_names(observer)
+            stamp = self._admission.checked_stamp(stamp_s, now_s)
+            for row in rows_of_peers(readings):
+                rows.append(row)
+            # A robot that measures nobody still delivers.
+        rejections += refused.values()
+        if refused and not rows:
+            return rejections
+        source = self._input(together)
+        source.newest_stamp_s = max(source.newest_stamp_s, stamp)
+        for row in rows:
+            with self._counted(together) as refused:
+                target, value = read_peer(row)
+                is_range = is_single(value)
+                key = LinkKey(LinkKind.RANGE if is_range else LinkKind.BEARING, observer, target)
+                with self._counted(key, again=True):
+                    self._admission.check_link(key)
+                    message = RangeMessage(value) if is_range else value
+                    self._take(key, message, stamp, now_s, bounds)
+                source.count_accepted(stamp, now_s)
+            rejections += refused.values()
+        return rejections
+
+    def _take(
+        self,
+        key: LinkKey,
+        value: RangeMessage | ArrayLike,
         stamp_s: float,
         now_s: float,
         stated: SensorBounds | None,
-        min_range_m: float | None = None,
-        max_range_m: float | None = None,
-        variance_m2: float | None = None,
-    ) -> Rejection | None:
-        """Accept a range of a link and a stamp that were checked, or return why not."""
-        reading_m = real_number(range_m)
-        if reading_m is None:
-            text = f'range {quoted(range_m)} is not allowed, it must be a number of meters'
-            return self._reject(key, Rejection(RejectionReason.INVALID_RANGE, text))
+    ) -> None:
+        """Accept a range or a ray of a link and a stamp that were checked."""
+        reading: DistanceReading | RayReading
+        if isinstance(value, RangeMessage):
+            reading = self._distance_reading(key, value, stamp_s, now_s, stated)
+        else:
+            reading = self._ray_reading(key, value, stamp_s, now_s, stated)
+        source = self._input(key)
+        source.keep(reading, self._config.max_repeats, now_s - MOST_BEFORE_S)
+        source.count_accepted(stamp_s, now_s)
+        self.memory.add(reading, now_s)
+
+    def _distance_reading(
+        self,
+        key: LinkKey,
+        message: RangeMessage,
+        stamp_s: float,
+        now_s: float,
+        stated: SensorBounds | None,
+    ) -> DistanceReading:
+        """Return what a range says."""
         model = stated.range_error if stated else self._config.range_error_of(*key.ends)
-        bounds = interpret_range(model, reading_m, min_range_m, max_range_m, variance_m2)
-        if isinstance(bounds, Rejection):
-            return self._reject(key, bounds)
-        stuck = self._check_stuck(key, (reading_m,), stamp_s)
-        if stuck:
-            return self._reject(key, stuck)
+        bounds = interpret_range(model, message)
+        reading_m = required_number(message.range_m, 'range')
+        self._check_stuck(key, (reading_m,), stamp_s)
         likeliest_m = likeliest_distance_m(model, reading_m)
         reading = DistanceReading(key, stamp_s, *bounds, likeliest_m)
-        if self._config.elevations_m:
-            reading = self._elevations.in_plane(reading, now_s)
-        self._keep(reading, now_s)
-        return None
+        return self._elevations.in_plane(reading, now_s) if self._config.elevations_m else reading
 
-    def add_bearing(
-        self,
-        key: LinkKey,
-        ray_xyz: ArrayLike,
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds | None = None,
-    ) -> Rejection | None:
-        """Accept a ray, or return why not."""
-        rejection = self._admission.check_link(key) or self._admission.check_stamp(stamp_s, now_s)
-        if rejection:
-            return self._reject(key, rejection)
-        return self._take_bearing(key, ray_xyz, float(stamp_s), now_s, bounds)
-
-    def _take_bearing(
+    def _ray_reading(
         self,
         key: LinkKey,
         ray_xyz: ArrayLike,
         stamp_s: float,
         now_s: float,
         stated: SensorBounds | None,
-    ) -> Rejection | None:
-        """Accept a ray of a link and a stamp that were checked, or return why not."""
+    ) -> RayReading:
+        """Return what a ray says."""
         config = self._config
         ray = in_body_frame(config.sensors.get(key.observer), ray_xyz)
-        if isinstance(ray, Rejection):
-            return self._reject(key, ray)
         direction = interpret_ray(ray, config.dimension)
-        if isinstance(direction, Rejection):
-            return self._reject(key, direction)
         values = tuple(np.asarray(ray_xyz, dtype=float).reshape(-1).tolist())
-        stuck = self._check_stuck(key, values, stamp_s)
-        if stuck:
-            return self._reject(key, stuck)
+        self._check_stuck(key, values, stamp_s)
         half_width_rad = (
             stated.bearing_half_width_rad if stated else config.bearing_half_width_of(*key.ends)
         )
@@ -222,26 +290,17 @@ class MeasurementStore:
         self._input(key).out_of_plane = leaves and not may_rise
         if may_rise or leaves or is_bent:
             half_width_rad = projected_half_width_rad(body_ray, half_width_rad)
-        self._keep(RayReading(key, stamp_s, direction, half_width_rad), now_s)
-        return None
+        return RayReading(key, stamp_s, direction, half_width_rad)
 
-    def add_odometry(
+    def _odometry_reading(
         self,
         key: LinkKey,
         position_xyz: ArrayLike,
         orientation_xyzw: ArrayLike,
         stamp_s: float,
-        now_s: float,
         frame: str,
-    ) -> Rejection | None:
-        """Accept an odometry pose, or return why not."""
-        rejection = self._admission.check_robot(key.observer) or self._admission.check_stamp(
-            stamp_s, now_s
-        )
-        if rejection:
-            return self._reject(key, rejection)
-        stamp_s = float(stamp_s)
-        # New arrays: they are kept, and the caller may use its own again.
+    ) -> OdometryReading:
+        """Return a pose in new arrays: it is kept, and the caller may use its own again."""
         position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
         error = self._config.odometry_error_of(key.observer)
         scaled = None if position is None else error.scaled(position)
@@ -251,93 +310,30 @@ class MeasurementStore:
                 f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
                 'unit quaternion'
             )
-            return self._reject(key, Rejection(RejectionReason.INVALID_ODOMETRY, text))
-        rejection = self._check_order(key, stamp_s)
-        if rejection:
-            return self._reject(key, rejection)
+            raise RefusedError(RejectionReason.INVALID_ODOMETRY, text)
+        newest_s = self._input(key).newest_stamp_s
+        if stamp_s <= newest_s:
+            text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest_s} s'
+            raise RefusedError(RejectionReason.TOO_OLD, text)
         rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
-        reading = OdometryReading(stamp_s, scaled, rotation, frame, reported_m=position)
-        self._track(key.observer).append(reading)
-        self._input(key).count_accepted(stamp_s, now_s)
-        return None
+        return OdometryReading(stamp_s, scaled, rotation, frame, reported_m=position)
 
-    def add_elevation(
-        self, key: LinkKey, elevation_m: float, stamp_s: float, now_s: float
-    ) -> Rejection | None:
-        """Accept an elevation, or return why not."""
-        rejection = self._admission.check_elevated(key.observer) or self._admission.check_stamp(
-            stamp_s, now_s
-        )
-        if rejection:
-            return self._reject(key, rejection)
-        reading_m, stamp_s = real_number(elevation_m), float(stamp_s)
-        if reading_m is None or not math.isfinite(reading_m):
-            text = (
-                f'elevation {quoted(elevation_m)} is not allowed, it must be a finite number of '
-                'meters'
-            )
-            return self._reject(key, Rejection(RejectionReason.INVALID_ELEVATION, text))
-        known_m = self._elevations.add(key.observer, reading_m, stamp_s, now_s)
-        if known_m:
-            text = (
-                f'elevation {reading_m} m contradicts what is known: {known_m[0]:.3f} to '
-                f'{known_m[1]:.3f} m; no reading before it counts either'
-            )
-            return self._reject(key, Rejection(RejectionReason.INVALID_ELEVATION, text))
-        self._input(key).count_accepted(stamp_s, now_s)
-        return None
+    @contextmanager
+    def _counted(self, key: LinkKey, *, again: bool = False) -> Iterator[dict[LinkKey, Rejection]]:
+        """
+        Count a measurement that is refused on its input, and put the rejection into the dict.
 
-    def add_peers(
-        self,
-        observer: str,
-        readings: Iterable[PeerMeasurement],
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds | None = None,
-    ) -> list[Rejection]:
-        """Accept ranges and rays that one robot measured at one time; return why not."""
-        together = LinkKey(LinkKind.PEERS, observer, '')
-        rejection = self._admission.check_names(observer) or self._admission.check_stamp(
-            stamp_s, now_s
-        )
-        if rejection:
-            return [self._reject(together, rejection)]
-        rows, unreadable = read_rows(readings)
-        source, stamp_s = self._input(together), float(stamp_s)
-        rejections = []
-        if unreadable:
-            rejections.append(self._reject(together, unreadable))
-        if rows or not unreadable:
-            # A robot that measures nobody still delivers.
-            source.newest_stamp_s = max(source.newest_stamp_s, stamp_s)
-        for row in rows:
-            rejection = self._take_peer(observer, row, stamp_s, now_s, bounds)
-            if rejection:
-                rejections.append(self._reject(together, rejection))
-            else:
-                source.count_accepted(stamp_s, now_s)
-        return rejections
-
-    def _take_peer(
-        self,
-        observer: str,
-        row: PeerMeasurement,
-        stamp_s: float,
-        now_s: float,
-        stated: SensorBounds | None,
-    ) -> Rejection | None:
-        """Accept what a robot measured of another at a checked stamp, or return why not."""
-        pair = read_row(row)
-        if isinstance(pair, Rejection):
-            return pair
-        target, value = pair
-        kind = LinkKind.RANGE if is_single(value) else LinkKind.BEARING
-        key = LinkKey(kind, observer, target)
-        rejection = self._admission.check_link(key)
-        if rejection:
-            return self._reject(key, rejection)
-        take = self._take_range if kind is LinkKind.RANGE else self._take_bearing
-        return take(key, value, stamp_s, now_s, stated)
+        With `again` it is raised again, for another input that it came with.
+        """
+        refused: dict[LinkKey, Rejection] = {}
+        try:
+            yield refused
+        except RefusedError as error:
+            source, refused[key] = self._input(key), error.rejection
+            source.rejected[error.rejection.reason] += 1
+            source.last_reason_text = error.rejection.text
+            if again:
+                raise
 
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
         """Return what counts at `now_s` of every range and bearing, in the order of the keys."""
@@ -457,39 +453,15 @@ class MeasurementStore:
             )
         return self._tracks[robot]
 
-    def _keep(self, reading: DistanceReading | RayReading, now_s: float) -> None:
-        """Store and remember a reading, and count it."""
-        source = self._input(reading.key)
-        source.keep(reading, self._config.max_repeats, now_s - MOST_BEFORE_S)
-        source.count_accepted(reading.stamp_s, now_s)
-        self.memory.add(reading, now_s)
-
-    def _reject(self, key: LinkKey, rejection: Rejection) -> Rejection:
-        """Count a rejection on its input and return it."""
-        source = self._input(key)
-        source.rejected[rejection.reason] += 1
-        source.last_reason_text = rejection.text
-        return rejection
-
-    def _check_stuck(
-        self, key: LinkKey, value: tuple[float, ...], stamp_s: float
-    ) -> Rejection | None:
-        """Note a reading; return a rejection when it is stuck and such readings are dropped."""
+    def _check_stuck(self, key: LinkKey, value: tuple[float, ...], stamp_s: float) -> None:
+        """Note a reading; refuse it when it is stuck and such readings are dropped."""
         newest = {}
         if self._tracks:
             robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
             newest = {robot: self._tracks[robot].newest for robot in robots}
         self._stuck.add(key, value, stamp_s, newest)
-        sentence = self._stuck.sentence(key) if self._config.drop_stuck else ''
-        return Rejection(RejectionReason.STUCK, sentence) if sentence else None
-
-    def _check_order(self, key: LinkKey, stamp_s: float) -> Rejection | None:
-        """Return a rejection when odometry is not newer than the last one."""
-        newest = self._input(key).newest_stamp_s
-        if stamp_s > newest:
-            return None
-        text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest} s'
-        return Rejection(RejectionReason.TOO_OLD, text)
+        if self._config.drop_stuck and (sentence := self._stuck.sentence(key)):
+            raise RefusedError(RejectionReason.STUCK, sentence)
 
 
 def _listed(keys: Sequence[LinkKey]) -> str:

@@ -194,6 +194,23 @@ class Rejection:
         return self.text
 
 
+class RefusedError(Exception):
+    """A measurement that cannot be used, while it is taken in; `rejection` says why."""
+
+    def __init__(self, reason: RejectionReason, text: str) -> None:
+        super().__init__(text)
+        self.rejection = Rejection(reason, text)
+
+
+class RangeMessage(NamedTuple):
+    """A range as it came: in m, with the limits of the sensor (REP-117) and its variance."""
+
+    range_m: object
+    min_range_m: float | None = None
+    max_range_m: float | None = None
+    variance_m2: float | None = None
+
+
 @dataclass(frozen=True)
 class InputState:
     """

@@ -12,20 +12,36 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from dg_localization.fleet import ConfigError, RangeErrorModel, Rejection, RejectionReason
+from dg_localization.fleet import (
+    ConfigError,
+    RangeErrorModel,
+    Rejection,
+    RejectionReason,
+    error_models,
+)
 from dg_localization.fleet.error_models import (
     distance_bounds_m,
-    interpret_range,
     interpret_ray,
     likeliest_distance_m,
     projected_half_width_rad,
 )
+from dg_localization.fleet.vocabulary import RangeMessage, RefusedError
 
 EXACT = RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0)
 UWB = RangeErrorModel(
     min_error_m=-0.1, max_error_m=1.3, min_error_relative=0.0, max_error_relative=0.02
 )
 FAR = RangeErrorModel(beyond_max_is_far=True)
+
+
+def interpret_range(model, *values, variance_m2=None):
+    """Return what a range says, or why it is refused."""
+    message = RangeMessage(*values)._replace(variance_m2=variance_m2)
+    try:
+        return error_models.interpret_range(model, message)
+    except RefusedError as refused:
+        return refused.rejection
+
 
 finite = st.floats(-2.0, 2.0)
 fraction = st.floats(-0.9, 0.9)
@@ -166,7 +182,9 @@ def test_a_ray_is_scaled_and_flattened_in_the_plane():
     ],
 )
 def test_a_ray_without_direction_is_rejected(ray, dimension, reason):
-    rejection = interpret_ray(np.array(ray), dimension)
+    with pytest.raises(RefusedError) as refused:
+        interpret_ray(np.array(ray), dimension)
+    rejection = refused.value.rejection
     assert rejection.reason is reason
     assert str(ray[0]) in rejection.text
 

@@ -111,12 +111,9 @@ class Gatherer(Localizer):
                 key = LinkKey(LinkKind.RANGE, observer, target)
                 self.readings[key].append((stamp_s, value))
             return
-        taken = in_body_frame(self.config.sensors.get(observer), value)
-        if not isinstance(taken, Rejection):
-            taken = interpret_ray(taken, self.config.dimension)
-        if not isinstance(taken, Rejection):
-            key = LinkKey(LinkKind.BEARING, observer, target)
-            self.readings[key].append((stamp_s, taken))
+        in_body = in_body_frame(self.config.sensors.get(observer), value)
+        key = LinkKey(LinkKind.BEARING, observer, target)
+        self.readings[key].append((stamp_s, interpret_ray(in_body, self.config.dimension)))
 
 
 @dataclass(frozen=True, eq=False)
