@@ -84,6 +84,7 @@ setup(
             'replay = dg_localization.ros.executables:replay',
             'localize_bag = dg_localization.ros.executables:localize_bag',
             'fit_bounds = dg_localization.ros.executables:fit_bounds',
+            'survey_anchors = dg_localization.ros.executables:survey_anchors',
             'fleet_status = dg_localization.ros.executables:fleet_status',
             'self_test = dg_localization.ros.executables:self_test',
         ],

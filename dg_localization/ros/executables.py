@@ -119,6 +119,7 @@ simulate_fleet = partial(_run, 'simulation.simulate_fleet', 0)
 replay = partial(_run, 'bags.replay', 0)
 localize_bag = partial(_run, 'bags.localize_bag', EXIT_INTERRUPTED)
 fit_bounds = partial(_run, 'bags.fit_bounds', EXIT_INTERRUPTED)
+survey_anchors = partial(_run, 'bags.survey_anchors', EXIT_INTERRUPTED)
 fleet_status = partial(_run, 'fleet_status', 0)
 self_test = partial(_run, 'self_test', EXIT_INTERRUPTED)
 
@@ -128,6 +129,7 @@ EXECUTABLES = {
     'replay': replay,
     'localize_bag': localize_bag,
     'fit_bounds': fit_bounds,
+    'survey_anchors': survey_anchors,
     'fleet_status': fleet_status,
     'self_test': self_test,
 }

@@ -184,7 +184,7 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
 
     """
     try:
-        columns, rows = _split(path.read_text(encoding='utf-8-sig'))
+        columns, rows = split_table(path.read_text(encoding='utf-8-sig'))
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f'{path} is no table in UTF-8: {error}') from None
     _check_columns(path, columns, robots, dimension)
@@ -212,7 +212,7 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
     return notices
 
 
-def _split(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
+def split_table(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
     """Return the names of the columns, and the cells of each line with its number."""
     lines = [(n, line.strip()) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     plain = next((line for _, line in lines if line[0] != '#'), '')

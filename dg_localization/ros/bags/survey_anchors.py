@@ -1,0 +1,160 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The executable `survey_anchors`: ranges between nodes at rest in, their coordinates out.
+
+    survey_anchors RANGES.csv --error LOW HIGH [--anchor NAME X Y [Z]] ... [--outliers K]
+
+The localizer places the nodes as it places robots. What is printed is a section `anchors` of the
+parameters of the node, in which every node is within its bound, or what is missing.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from math import inf
+from pathlib import Path
+
+import numpy as np
+
+from dg_localization.fleet import Anchor, Estimate, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.config import ConfigError
+from dg_localization.ros.bags.truth import split_table
+from dg_localization.ros.executables import EXIT_FAILED, UsageError, print_line, print_result
+from dg_localization.ros.spinning import own_arguments
+from dg_localization.ros.terminal import existing_file
+
+NOW_S = 1.0
+
+
+def read_ranges(path: Path) -> list[tuple[str, str, float]]:
+    """Read a table with the columns from, to and range, in m."""
+    try:
+        columns, rows = split_table(path.read_text(encoding='utf-8-sig'))
+        places = [columns.index(name) for name in ('from', 'to', 'range')]
+    except (OSError, UnicodeDecodeError, ValueError):
+        raise UsageError(f'{path} is no table with the columns from, to, range') from None
+    found = []
+    for number, cells in rows:
+        try:
+            observer, target, text = (cells[place] for place in places)
+            found.append((observer, target, float(text)))
+        except (IndexError, ValueError) as error:
+            raise UsageError(f'{path}, line {number}: {error}') from None
+    return found
+
+
+def survey(
+    readings: Sequence[tuple[str, str, float]],
+    anchors: dict[str, Anchor],
+    error_m: Sequence[float],
+    dimension: int,
+    outliers: int,
+) -> Estimate:
+    """Place nodes at rest by all their ranges; those whose coordinates are known are anchors."""
+    names = {name: None for observer, target, _ in readings for name in (observer, target)}
+    try:
+        config = FleetConfig(
+            robots=tuple(name for name in names if name not in anchors),
+            dimension=dimension,
+            anchors=anchors,
+            range_error=RangeErrorModel(error_m[0], error_m[1], 0.0, 0.0),
+            max_repeats=len(readings),
+            max_speed_m_s=0.0,
+            max_outliers=outliers,
+            max_conflict_seconds=inf,
+            memory_s=0.0,
+        )
+    except ConfigError as error:
+        raise UsageError(str(error)) from error
+    localizer = Localizer(config)
+    for observer, target, range_m in readings:
+        rejection = localizer.add_range(observer, target, range_m, NOW_S, NOW_S)
+        if rejection is not None:
+            print_line(f'{observer} to {target}: {rejection.text}')
+    return localizer.step(NOW_S)
+
+
+def missing(estimate: Estimate) -> Iterator[str]:
+    """Yield what keeps the nodes from having one place each, up to a mirror image."""
+    if not estimate.placements:
+        yield estimate.reason
+    for conflict in estimate.conflicts:
+        yield f'these contradict each other: {", ".join(map(str, conflict))}'
+    yield from (f'{text} (what is missing)' for text in estimate.would_fix)
+    for placement in estimate.placements[:1]:
+        open_ones = ~np.isfinite(placement.enclosure_m).all(axis=(1, 2))
+        if open_ones.any():
+            names = ', '.join(np.array(estimate.robots)[open_ones])
+            yield f'not bounded: {names}'
+    different = sum(not placement.mirrored for placement in estimate.placements)
+    if different > 1:
+        yield f'{different} different placements agree with the ranges: more ranges are needed'
+
+
+def as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str) -> str:
+    """Return the section of parameters; every node is within its bound of its coordinates."""
+    placement = estimate.placements[0]
+    lines = [f'# Surveyed from {source} by survey_anchors, {estimate.frame}.']
+    if any(other.mirrored for other in estimate.placements):
+        lines.append('# The mirror image agrees as well: state one more node with --anchor.')
+    for name in sorted({str(key) for one in estimate.placements for key in one.dropped}):
+        lines.append(f'# Left out: {name}.')
+    lines += ['/**:', '  ros__parameters:', '    anchors:']
+    lines.append(f'      names: [{", ".join([*anchors, *estimate.robots])}]')
+    known = [(name, anchor.coordinates_m, anchor.bound_m) for name, anchor in anchors.items()]
+    places_m = np.round(placement.positions_m, 4)
+    # The farthest corner of the enclosure, and what four decimals round.
+    off_m = np.abs(placement.enclosure_m - places_m[:, None]).max(axis=1)
+    bounds_m = np.ceil(1e4 * np.linalg.norm(off_m, axis=1) + 1.0) / 1e4
+    for name, place_m, bound_m in (
+        *known,
+        *zip(estimate.robots, places_m.tolist(), bounds_m.tolist(), strict=True),
+    ):
+        lines += [f'      {name}:', f'        position: {[float(one) for one in place_m]}']
+        lines.append(f'        bound: {float(bound_m)}')
+    return '\n'.join(lines)
+
+
+def main(args: Sequence[str]) -> int:
+    """Survey nodes at rest; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='survey_anchors',
+        description='Find the coordinates of nodes at rest from the ranges between them, and '
+        'print them as parameters of the node, or what is missing.',
+        epilog='Exit codes: 0; 1 where the ranges do not place every node; 2 for wrong arguments.',
+    )
+    parser.add_argument(
+        'ranges', type=existing_file, metavar='CSV', help='columns from, to, range (m)'
+    )
+    parser.add_argument(
+        '--error',
+        nargs=2,
+        type=float,
+        required=True,
+        metavar=('LOW', 'HIGH'),
+        help='bounds of reading minus true distance, in m',
+    )
+    parser.add_argument(
+        '--anchor',
+        nargs='+',
+        action='append',
+        default=[],
+        metavar='NAME X Y [Z]',
+        help='a node whose coordinates are known; without any, the first two make the axes',
+    )
+    parser.add_argument('--dimension', type=int, choices=(2, 3), default=2, help='(%(default)s)')
+    parser.add_argument('--outliers', type=int, default=0, metavar='K', help='wrong readings')
+    options = parser.parse_args(own_arguments(args))
+    try:
+        anchors = {name: Anchor(tuple(map(float, at))) for name, *at in options.anchor}
+    except ValueError as error:
+        raise UsageError(f'--anchor: {error}') from error
+    readings = read_ranges(options.ranges)
+    estimate = survey(readings, anchors, options.error, options.dimension, options.outliers)
+    wanting = list(missing(estimate))
+    for text in wanting:
+        print_line(text)
+    if estimate.placements:
+        print_result(as_yaml(estimate, anchors, options.ranges.name))
+    return EXIT_FAILED if wanting else 0
