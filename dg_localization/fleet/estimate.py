@@ -245,6 +245,8 @@ class Estimate:
         How the fixed frame is tied to the fleet; None when there are no placements.
     previous_frame : FixedFrame or None
         The frame of the placements before, where it was another; None when nothing has changed.
+    frame_changes : int
+        How often the frame has changed so far.
     frame_doubt : str
         A sentence on why the frame is not that of the reference robot; empty if it is, or if
         anchors make it.
@@ -277,6 +279,7 @@ class Estimate:
     landmarks: tuple[str, ...] = ()
     frame: FixedFrame | None = None
     previous_frame: FixedFrame | None = None
+    frame_changes: int = 0
     frame_doubt: str = ''
     groups: tuple[Group, ...] = ()
     rigid_groups: tuple[tuple[str, ...], ...] = ()

@@ -170,16 +170,36 @@ def test_two_robots_may_use_one_name():
 def test_the_frame_does_not_come_and_go_with_the_odometry():
     fleet = Circling(max_age_s=0.3)
     assert [e.frame.kind for e in fleet.drive(1.0)] == ['odometry', 'odometry']
-    kinds = []
     for _ in range(8):
-        kinds += [e.frame.kind for e in fleet.drive(0.5)]
-        kinds += [e.frame.kind for e in fleet.drive(0.5, odometry=ROBOTS[1:])]
-    # Every second estimate could be in the odometry frame; none is, once it was left.
-    assert kinds == ['odometry'] + ['heading'] * 15
-    # It was good at 0.5 s for the first time.
-    kinds = [e.frame.kind for e in fleet.drive(3.0)]
-    assert kinds[:3] == ['heading'] * 3
-    assert kinds[-1] == 'odometry'
+        for odometry in (ROBOTS, ROBOTS[1:]):
+            (estimate,) = fleet.drive(0.5, odometry=odometry)
+            assert estimate.frame.kind == 'odometry' and estimate.frame_changes == 0
+            assert all(fleet.holds(placement) for placement in estimate.placements)
+    # Two seconds without it are too many, and two with it bring it back.
+    kinds = [e.frame.kind for e in fleet.drive(3.0, odometry=ROBOTS[1:])]
+    assert kinds == ['odometry'] * 3 + ['heading'] * 3
+    estimates = list(fleet.drive(3.0))
+    assert [e.frame.kind for e in estimates[:4]] == ['heading'] * 4
+    assert estimates[-1].frame.kind == 'odometry' and estimates[-1].frame_changes == 2
+
+
+@pytest.mark.parametrize('name', ['odom', ''])
+def test_a_frame_is_kept_for_two_seconds_without_a_heading(name):
+    fleet = Circling(memory_s=0.0)
+    fleet.names = dict.fromkeys(ROBOTS, name)
+    *_, before = fleet.drive(2.0)
+    kinds, changes = [], 0
+    for estimate in fleet.drive(4.0, bearings=False):
+        kinds.append(str(estimate.frame.kind))
+        changes += bool(estimate.frame_change)
+        if name and estimate.frame == before.frame:
+            assert any(fleet.holds(placement) for placement in estimate.placements)
+            off_m = [
+                np.abs(one.positions_m - fleet.truth()[0]).max() for one in estimate.placements
+            ]
+            assert min(off_m) < 1.0
+    assert kinds == [str(before.frame.kind)] * 4 + ['robots'] * 4
+    assert changes == estimate.frame_changes == 1
 
 
 def test_odometry_that_starts_anew_has_another_frame():

@@ -78,11 +78,11 @@ class FrameTurn:
     best_deviation_rad: float
 
 
-def body_pose(snapshot: Snapshot, robot: str) -> BodyPose | None:
+def body_pose(snapshot: Snapshot, robot: str, more_s: float = 0.0) -> BodyPose | None:
     """Return the pose of a robot in its odometry frame at the time of a snapshot."""
     config, now_s = snapshot.config, snapshot.stamp_s
     last = snapshot.motion.newest(robot, now_s)
-    if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s:
+    if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s + more_s:
         return None
     position_m = last.position_in_frame_m
     if np.abs(position_m).max() > FARTHEST_M:
@@ -132,10 +132,12 @@ def in_odometry_frame(
     half_widths_rad = angle_up(placement.heading_half_width_rad + turn.half_width_rad)
     half_widths_rad[row] = angle_up(pose.error_rad)
     known = placement.heading_known & (half_widths_rad < math.pi)
+    known[row] = half_widths_rad[row] < math.pi
     orientations = np.full(placement.orientations_xyzw.shape, np.nan)
     for robot in np.flatnonzero(known):
         body = rotation_of_quaternion(placement.orientations_xyzw[robot])
-        orientations[robot] = quaternion_of(turn.rotation @ body)
+        stated = pose.rotation if robot == row else turn.rotation @ body
+        orientations[robot] = quaternion_of(stated)
     fitted_yaws_rad = placement.fitted_yaws_rad
     if fitted_yaws_rad is not None:
         fitted_yaws_rad = fitted_yaws_rad + math.atan2(best_axes[1, 0], best_axes[0, 0])

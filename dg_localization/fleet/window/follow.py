@@ -70,6 +70,7 @@ class Follower:
         self._left_out: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
         self._standing_frame = StandingFrame()
+        self._frame_changes = 0
         self._record = Record(memory_s)
         self.filters = PoseFilters()
         self.pair_filters = PairFilters()
@@ -144,7 +145,12 @@ class Follower:
             return estimate
         previous, self._frame = self._frame, estimate.frame
         changed = previous is not None and previous != estimate.frame
-        return replace(estimate, previous_frame=previous) if changed else estimate
+        self._frame_changes += changed
+        return replace(
+            estimate,
+            previous_frame=previous if changed else None,
+            frame_changes=self._frame_changes,
+        )
 
     def _numbered(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
         """Return an estimate with the numbers of its hypotheses."""
