@@ -110,8 +110,7 @@ def test_one_hypothesis_has_poses(localize, triangle_bag):
     assert np.allclose([pose.position_xyz for pose in poses], [0.0, 4.0, 0.0])
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
+def test_two_runs_give_the_same_bytes(tmp_path, recorder):
     recorder.write_triangle(range(10))
     recorder.write_triangle(range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5})
     bag = recorder.close()
@@ -124,8 +123,7 @@ def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
         folder.mkdir()
         paths = ['-o', folder / 'out', '--params', params, '--report', folder / 'report.json']
         subprocess.run(
-            [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', bag, *paths]
-            + ['--storage', storage, '--inputs'],
+            [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', bag, *paths],
             cwd=REPOSITORY,
             check=True,
             capture_output=True,
@@ -139,13 +137,6 @@ def test_two_runs_give_the_same_bytes(tmp_path, recorder, storage):
     assert contents[0] == contents[1]
     report = json.loads(contents[0][Path('report.json')])
     assert report['contradictions'], 'the bag is to contradict itself'
-
-
-def test_inputs_are_copied_on_request(localize, triangle_bag):
-    localize(triangle_bag, '--inputs', '--start', '0.95')
-    assert read(localize.output, '/a/range/b')[0] == [
-        START_NS + k * PERIOD_NS for k in range(10, 21)
-    ]
 
 
 def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
@@ -287,7 +278,6 @@ def test_wrong_parameters_are_refused_as_by_the_node(localize, triangle_bag, cap
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
-        (['--storage', 'zip'], "invalid choice: 'zip'"),
         (['--start', '-1'], "'-1' is not a number of at least 0 s"),
         (['--report', 'report.txt'], "'report.txt' must end in .json or .md"),
         (['--report', 'no/folder/report.md'], "there is no folder 'no/folder'"),

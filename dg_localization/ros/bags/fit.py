@@ -4,7 +4,7 @@
 """Error bounds from the readings of a bag, beside a ground truth or beside each other."""
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -97,8 +97,8 @@ class Fit:
         The same by robot.
     judged : frozenset of LinkKey
         The inputs of ranges and bearings that had a reading to learn from.
-    kept : frozenset of LinkKind
-        Ranges, bearings, where no bounds become narrower than those stated.
+    is_widened : bool
+        Whether no bounds become narrower than those stated.
     offsets_s : dict of LinkKey to float
         What is to be added to the stamps of links.
     notes : list of str
@@ -110,7 +110,7 @@ class Fit:
     odometry: dict[str, float] = field(default_factory=dict)
     robot_odometry: dict[str, dict[str, float]] = field(default_factory=dict)
     judged: frozenset[LinkKey] = frozenset()
-    kept: frozenset[LinkKind] = frozenset()
+    is_widened: bool = False
     offsets_s: dict[LinkKey, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -172,13 +172,11 @@ def fit(
     links: Collection[LinkKey],
     per: str,
     choice: Choice,
-    bias_m: Sequence[float] | None,
 ) -> Fit:
     """
     Learn bounds from readings and a ground truth, or without one from their scatter.
 
-    Without a truth no bounds become narrower than those stated, but those of ranges whose bias is
-    between two known numbers.
+    Without a truth no bounds become narrower than those stated.
     """
     fleet, learned = gatherer.config, Fit()
     tracks = truth.tracks if truth else None
@@ -199,7 +197,7 @@ def fit(
         LinkKind.RANGE: {
             pair: _range_group(one, choice, shape)
             if tracks is not None
-            else _scatter_group(one, fleet.range_error_of(*pair), choice, bias_m)
+            else _scatter_group(one, fleet.range_error_of(*pair), choice)
             for pair, one in ranges.items()
         },
         LinkKind.BEARING: {
@@ -213,10 +211,10 @@ def fit(
         },
     }
     if tracks is None:
-        learned.kept = frozenset({LinkKind.BEARING, *([] if bias_m else [LinkKind.RANGE])})
+        learned.is_widened = True
         if not learned.judged:
             raise BagError('no input has five readings within a second: nothing can be learned')
-        learned.notes += _limits_without_truth(gatherer, bias_m)
+        learned.notes += _limits_without_truth(gatherer)
         return learned
     odometry = fit_all_odometry(gatherer, tracks, per, choice)
     learned.odometry, learned.robot_odometry = odometry.of_all, odometry.of_robots
@@ -262,17 +260,10 @@ def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
     return GroupFit(len(one.errors), excluded, seen, bounds, _share_of_rest(one, excluded_of))
 
 
-def _scatter_group(
-    one: Errors, stated: RangeErrorModel, choice: Choice, bias_m: Sequence[float] | None
-) -> GroupFit:
-    """Return the stated bounds, no narrower than the scatter; those around a known bias."""
+def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> GroupFit:
+    """Return the stated bounds, no narrower than the scatter."""
     low_m, high_m = shortest_band(one.errors, choice.keep)
     seen = f'scatter {low_m:.2f} to {high_m:.2f} m'
-    if bias_m is not None:
-        beyond = int(np.count_nonzero((one.errors < low_m) | (one.errors > high_m)))
-        extra_m = choice.margin * (high_m - low_m)
-        model = rounded_outward(bias_m[0] + low_m - extra_m, bias_m[1] + high_m + extra_m)
-        return GroupFit(len(one.errors), beyond, seen, range_parameters(model))
     relative = stated.max_error_relative - stated.min_error_relative
     stated_m = np.abs(stated.max_error_m - stated.min_error_m + relative * one.values)
     extra_m, beyond = missing_m(one.errors, 0.5 * stated_m, choice)
@@ -389,20 +380,16 @@ def _advice(learned: Fit, fleet: FleetConfig) -> Iterator[str]:
         )
 
 
-def _limits_without_truth(gatherer: Gatherer, bias_m: Sequence[float] | None) -> Iterator[str]:
+def _limits_without_truth(gatherer: Gatherer) -> Iterator[str]:
     """Yield what a recording without truth cannot tell."""
     yield (
         'Without a ground truth only the scatter of the readings is seen. An error that all '
         'readings of a pair share for a second and longer, a bias, is not seen.'
     )
-    if bias_m is None:
-        yield (
-            'Without --truth the bounds are those that you stated, widened where the scatter does '
-            'not fit between them. They become narrower with --truth, or with --bias LOW HIGH, '
-            'known from elsewhere.'
-        )
-    else:
-        yield f'The bias is taken to be between {bias_m[0]:g} and {bias_m[1]:g} m, as stated.'
+    yield (
+        'Without --truth the bounds are those that you stated, widened where the scatter does not '
+        'fit between them.'
+    )
     if any(key.kind is LinkKind.BEARING for key in gatherer.readings):
         yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
     if gatherer.odometry:

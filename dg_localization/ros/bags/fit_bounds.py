@@ -5,8 +5,7 @@
 The executable `fit_bounds`: a rosbag2 in, error bounds for the parameters of the node out.
 
     fit_bounds BAG --params FILE [--truth TOPIC ... | --truth FILE.csv] [--per link|sensor|all]
-               [--keep SHARE] [--margin SHARE] [--bias LOW HIGH] [--start S] [--duration S]
-               [--ros-args ...]
+               [--keep SHARE] [--margin SHARE] [--start S] [--duration S] [--ros-args ...]
 
 With --truth it learns bounds. Without, it keeps what FILE states, widens it for scatter, and
 cannot see a bias. What it prints is a file of parameters: what was found stands in its comments.
@@ -31,7 +30,6 @@ from dg_localization.ros.bags.truth import Truth, choose_truth
 from dg_localization.ros.executables import (
     EXIT_FAILED,
     ExecutableError,
-    UsageError,
     print_line,
     print_result,
 )
@@ -94,10 +92,6 @@ def _share(text: str) -> float:
     return value
 
 
-def _finite(text: str) -> float:
-    return number(-1e9, ' m')(text)
-
-
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
@@ -128,23 +122,12 @@ def make_parser() -> argparse.ArgumentParser:
         metavar='SHARE',
         help='widen them by this share of their width at each end (%(default)s)',
     )
-    parser.add_argument(
-        '--bias',
-        nargs=2,
-        type=_finite,
-        metavar=('LOW', 'HIGH'),
-        help='without --truth: bounds of what all ranges of a pair are off by, in m',
-    )
     return parser
 
 
 def main(args: Sequence[str]) -> int:
     """Learn bounds from a bag."""
     options = make_parser().parse_args(own_arguments(args))
-    if options.bias and options.truth:
-        raise UsageError('--bias is for recordings without --truth, which shows the bias')
-    if options.bias and options.bias[0] > options.bias[1]:
-        raise UsageError(f'--bias: {options.bias[0]:g} is above {options.bias[1]:g}')
     task = read_task(options.params, args)
     if task.settings.fleet.elevations_m:
         raise ExecutableError(
@@ -157,7 +140,7 @@ def main(args: Sequence[str]) -> int:
         beside = truth.of_fleet(task.settings.fleet) if options.truth else None
         links = {link.key for link in inputs.links}
         choice = Choice(options.keep, options.margin)
-        learned = fit(gatherer, beside, links, options.per, choice, options.bias)
+        learned = fit(gatherer, beside, links, options.per, choice)
         text = as_yaml(learned, inputs.links, options.bag.resolve().name, task.settings.fleet)
     check_loads(text, options, args)
     for sentence in damage:

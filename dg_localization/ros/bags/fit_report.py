@@ -96,7 +96,7 @@ def _bounds_of(fit: Fit, kind: LinkKind, link: Link, fleet: FleetConfig) -> dict
     whole = {**_of_fleet(kind, fleet), **stated}
     if _is_as_stated(fit, kind, link):
         return whole
-    if stated and kind in fit.kept:
+    if stated and fit.is_widened:
         return _widest(whole, group.bounds)
     if group is fit.of_all(kind) and not stated:
         return {}

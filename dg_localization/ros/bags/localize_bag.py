@@ -43,7 +43,7 @@ from dg_localization.ros.bags.report import (
 )
 from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
-from dg_localization.ros.bags.writer import STORAGES, BagWriter, new_bag, write_text, writing
+from dg_localization.ros.bags.writer import new_bag, write_text, writing
 from dg_localization.ros.executables import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
@@ -94,9 +94,8 @@ class BagRun:
         """Localize, write the answers, and return the report."""
         span_ns, gaps_ns = self._span_ns(), list[tuple[int, int]]()
         reading = Reading(self.bag, self.inputs.topics)
-        with new_bag(self.options.output, self.options.storage) as writer:
-            copied = _add_copies(reading, writer) if self.options.inputs else ()
-            localizer = BagLocalizer(self.task, self.inputs, writer, copied)
+        with new_bag(self.options.output) as writer:
+            localizer = BagLocalizer(self.task, self.inputs, writer)
             self._answer_all(reading, span_ns, gaps_ns, localizer, stop)
             if stop.is_set() and not self.tally.ticks:
                 raise InterruptedRun
@@ -186,19 +185,6 @@ class BagRun:
                 self.picture.draw(options.plot)
 
 
-def _add_copies(reading: Reading, writer: BagWriter) -> frozenset[str]:
-    """Add the topics of the bag to what is written, and return those that can be."""
-    known = [topic for topic in reading.topics if writer.knows(topic.type_names[0])]
-    for topic in known:
-        writer.add_copy(topic)
-    for topic in reading.topics:
-        if topic not in known:
-            print_line(
-                f'{topic.name} is not copied: the definition of {topic.type_names[0]} is not known'
-            )
-    return frozenset(topic.name for topic in known)
-
-
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
@@ -217,9 +203,6 @@ def make_parser() -> argparse.ArgumentParser:
     add_fleet(parser)
     add_span(parser)
     parser.add_argument(
-        '--storage', choices=STORAGES, default=STORAGES[0], help='of OUT (default %(default)s)'
-    )
-    parser.add_argument(
         '--report',
         type=path_ending_in((*MANY_REPORTS, PAGE)),
         metavar='FILE',
@@ -231,9 +214,6 @@ def make_parser() -> argparse.ArgumentParser:
         metavar='FILE',
         help='draw the answers over time, as .png, .svg or .pdf; of several bags each has a file '
         'of this name beside its report',
-    )
-    parser.add_argument(
-        '--inputs', action='store_true', help='copy the messages that were used into OUT'
     )
     parser.add_argument(
         '--jobs',

@@ -61,14 +61,11 @@ def _arguments(
 ) -> Iterator[str]:
     """Yield the arguments of the process that localizes one bag."""
     yield from (str(bag), '-o', str(folder / ANSWERS), '--report', str(folder / REPORT))
-    yield from ('--params', str(options.params), '--storage', options.storage)
-    yield from ('--start', str(options.start))
+    yield from ('--params', str(options.params), '--start', str(options.start))
     if options.duration is not None:
         yield from ('--duration', str(options.duration))
     if options.plot is not None:
         yield from ('--plot', str(folder / options.plot.name))
-    if options.inputs:
-        yield '--inputs'
     if options.truth:
         yield from ('--truth', *options.truth)
     is_of_ros = False

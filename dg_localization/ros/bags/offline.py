@@ -3,7 +3,7 @@
 
 """What the node does, without the node: in the time of a bag, into another bag."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 import math
@@ -171,14 +171,11 @@ class BagLocalizer:
 
     """
 
-    def __init__(
-        self, task: Task, inputs: Inputs, writer: BagWriter, copied: Collection[str] = ()
-    ) -> None:
+    def __init__(self, task: Task, inputs: Inputs, writer: BagWriter) -> None:
         self._task = task
         self._inputs = inputs
         self._links = {link.topic: link for link in inputs.links}
         self._writer = writer
-        self._copied = copied
         self._localizer = Localizer(task.settings.fleet)
         self.snapshot: Snapshot | None = None
         self.statuses: tuple[Status, ...] = ()
@@ -189,9 +186,7 @@ class BagLocalizer:
             writer.add_output(task.topics[output.name], output.message_class, output.qos)
 
     def take(self, message: BagMessage) -> None:
-        """Take one recorded message, and copy it where that was asked for."""
-        if message.topic in self._copied:
-            self._writer.copy(message.topic, message.time_ns, message.data)
+        """Take one recorded message."""
         link = self._links[message.topic]
         self.intake.take(link, message.data, in_seconds(message.time_ns))
 

@@ -1,9 +1,9 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A new rosbag2, in .mcap or .db3, by the package rosbags: equal messages give equal bytes."""
+"""A new rosbag2, in .mcap, by the package rosbags: equal messages give equal bytes."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 import shutil
@@ -12,36 +12,19 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from dg_localization.ros.bags.bag import Topic
 from dg_localization.ros.executables import ExecutableError
 
-STORAGES = ('mcap', 'sqlite3')
 # How rosbag2 writes a duration without limit.
 FOREVER = (2**31 - 1, 2**32 - 1)
 
 
 class BagWriter:
-    """
-    Writes serialized messages; `new_bag` makes one.
-
-    Parameters
-    ----------
-    writer : rosbags.rosbag2.Writer
-        Open.
-    path : Path
-        Its folder, for the message where it cannot be written.
-
-    Attributes
-    ----------
-    holds_answers : bool
-        Whether a message that is not a copy was written.
-
-    """
+    """Writes serialized messages with an open writer of rosbags; `new_bag` makes one."""
 
     def __init__(self, writer: Any, path: Path) -> None:
         from rosbags.typesys import Stores, get_typestore
 
-        self.holds_answers = False
+        self.is_empty = True
         self._writer = writer
         self._path = path
         self._types = get_typestore(Stores.ROS2_JAZZY)
@@ -50,46 +33,34 @@ class BagWriter:
     def add_output(self, topic: str, message_class: type, profile: QoSProfile) -> None:
         """Add a topic, offered with `profile` when the bag is played."""
         package = message_class.__module__.partition('.')[0]
-        self._add(topic, f'{package}/msg/{message_class.__name__}', [_recorded_qos(profile)])
-
-    def knows(self, type_name: str) -> bool:
-        """Return whether the definition of a type, which a bag must hold, is known."""
-        return type_name in self._types.types
-
-    def add_copy(self, topic: Topic) -> None:
-        """Add a topic of another bag, of a known type."""
-        self._add(topic.name, topic.type_names[0], topic.offered_qos)
-
-    def _add(self, topic: str, type_name: str, offered: Iterable[Any]) -> None:
         self._connections[topic] = self._writer.add_connection(
-            topic, type_name, typestore=self._types, offered_qos_profiles=list(offered)
+            topic,
+            f'{package}/msg/{message_class.__name__}',
+            typestore=self._types,
+            offered_qos_profiles=[_recorded_qos(profile)],
         )
 
     def write(self, topic: str, time_ns: int, data: bytes) -> None:
-        """Write a serialized answer on a topic that was added."""
-        self.copy(topic, time_ns, data)
-        self.holds_answers = True
-
-    def copy(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
-        """Write a message of another bag on a topic that was added."""
+        """Write a serialized message on a topic that was added."""
         with writing(self._path):
             self._writer.write(self._connections[topic], time_ns, data)
+        self.is_empty = False
 
 
 @contextmanager
-def new_bag(path: Path, storage: str) -> Iterator[BagWriter]:
+def new_bag(path: Path) -> Iterator[BagWriter]:
     """Make a bag; whatever ends the block, the answers that were written are kept."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     # Version 9 is Jazzy's.
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     with writing(path):
         writer.open()
     bag_writer = BagWriter(writer, path)
     try:
         yield bag_writer
     except BaseException:
-        if not bag_writer.holds_answers:
+        if bag_writer.is_empty:
             writer.abort()
             shutil.rmtree(path, ignore_errors=True)
         else:
