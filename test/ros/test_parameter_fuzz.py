@@ -25,15 +25,14 @@ from dg_localization.ros.interface.parameters.spec import WrongParameterError  #
 from dg_localization.ros.interface.parameters.table import TABLE, named_specs  # noqa: E402
 
 INPUTS = int(os.environ.get('DG_FUZZ_PARAMETERS', '20000'))
+NOTHING = {'mounts.names': [], 'elevations.names': []}
 USUAL = {
     'robots': ['a', 'b', 'c'],
     'anchors.names': ['p', 'q'],
     'anchors.p.position': [0.0, 0.0],
     'anchors.q.position': [5.0, 0.0],
 }
-NAMES = tuple(
-    spec.name for spec in (*TABLE, *named_specs(USUAL['robots'], USUAL['anchors.names']))
-)
+NAMES = (*TABLE, *(name for name, _ in named_specs({**NOTHING, **USUAL})))
 TEXTS = (
     *('', ' ', 'a', 'b', 'p', 'header', 'true', '1', 'nan', '/', '//', '~', '~/x', '{', '}', '{}'),
     *('/{observer}', '/{robot}', '/{observer}/{target}', '{observer}{target}', '/{observer!r}'),

@@ -19,7 +19,7 @@ from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig, OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.samples import Gatherer, OdometryPiece
-from dg_localization.ros.interface.parameters.odometry import odometry_error_parameters
+from dg_localization.ros.interface.parameters.settings import odometry_error_parameters
 
 # Fewer windows tell nothing.
 WINDOWS = 20

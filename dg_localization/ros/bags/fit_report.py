@@ -59,8 +59,7 @@ def _comment(text: str, indent: str = '') -> list[str]:
 
 def _section(name: str, bounds: Mapping[str, float]) -> Iterator[str]:
     """Yield those bounds that the node has parameters for, if there are any."""
-    known = {spec.name for spec in TABLE}
-    taken = {key: value for key, value in bounds.items() if f'{name}.{key}' in known}
+    taken = {key: value for key, value in bounds.items() if f'{name}.{key}' in TABLE}
     if taken:
         yield f'    {name}:'
         yield from (f'      {key}: {_number(value)}' for key, value in taken.items())

@@ -18,6 +18,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel, SensorBounds
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
+from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
     BearingReading,
     CameraReading,
@@ -53,17 +54,8 @@ ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 # How the sensor of peers is turned in the body of its robot.
 TURNS = ('roll', 'pitch', 'yaw')
 # What a link string may override, by what the link measures.
-RANGE_FIELDS = {
-    'min_error': 'min_error_m',
-    'max_error': 'max_error_m',
-    'min_error_relative': 'min_error_relative',
-    'max_error_relative': 'max_error_relative',
-    'sigma_factor': 'sigma_factor',
-    'expected_error': 'expected_error_m',
-    'expected_error_relative': 'expected_error_relative',
-    'min_reading': 'min_reading_m',
-    'max_reading': 'max_reading_m',
-}
+RANGE_FIELDS = fields_of(RangeErrorModel, 'range.')
+del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
 STAMP_OFFSET = 'stamp_offset'
 OVERRIDES = {

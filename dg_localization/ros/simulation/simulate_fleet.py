@@ -26,10 +26,6 @@ from rclpy.qos import qos_profile_sensor_data
 
 from dg_localization.ros.interface.outputs import LATCHED
 from dg_localization.ros.interface.parameters.spec import (
-    BOOL,
-    DOUBLE,
-    INTEGER,
-    STRING,
     Spec,
     WrongParameterError,
     declare,
@@ -43,32 +39,30 @@ from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 from msg_adapters.transforms import transforms_to_cdr
 
-PARAMETERS = (
-    Spec('ranges', BOOL, True, 'whether the robots measure ranges'),
-    Spec('cameras', BOOL, True, 'whether the robots see each other'),
-    Spec('landmarks', BOOL, False, 'whether there are three landmarks, ranged and seen by all'),
-    Spec('peers', BOOL, False, 'whether each robot sends all ranges and bearings in one message'),
-    Spec(
-        'path',
-        STRING,
+PARAMETERS = {
+    'ranges': Spec(True, 'whether the robots measure ranges'),
+    'cameras': Spec(True, 'whether the robots see each other'),
+    'landmarks': Spec(False, 'whether there are three landmarks, ranged and seen by all'),
+    'peers': Spec(False, 'whether each robot sends all ranges and bearings in one message'),
+    'path': Spec(
         'formation',
         'whether the robots drive in formation or each in a loop of its own',
         choices=tuple(simulation.Path),
     ),
-    Spec('speed', DOUBLE, 0.1, 'no robot is faster', 'm/s', 0.0, 10.0),
-    Spec('rate', DOUBLE, 10.0, 'how often every sensor measures', 'Hz', 0.1, 1000.0),
-    Spec('error', DOUBLE, 0.03, 'bound of the relative error of a range', '', 0.0, 0.5),
-    Spec('bearing_error', DOUBLE, 0.02, 'bound of the error of a bearing', 'rad', 0.0, 1.5),
-    Spec('odometry', BOOL, False, 'whether the robots publish odometry'),
-    Spec('odometry_rate', DOUBLE, 20.0, 'how often they do', 'Hz', 0.1, 1000.0),
-    Spec('odometry_latency', DOUBLE, 0.0, 'how late its stamps may be', 's', 0.0, 10.0),
-    Spec('translation_per_m', DOUBLE, 0.05, 'error of odometry per m travelled', 'm', 0.0, 1.0),
-    Spec('translation_per_rad', DOUBLE, 0.0, 'error of odometry per rad turned', 'm', 0.0, 1.0),
-    Spec('rotation_per_m', DOUBLE, 0.0, 'error of a turn per m travelled', 'rad', 0.0, 1.0),
-    Spec('rotation_per_rad', DOUBLE, 0.05, 'error of a turn per rad turned', 'rad', 0.0, 1.0),
-    Spec('publish_tf', BOOL, False, 'whether /tf has the true places of the frames (tf2_msgs)'),
-    Spec('seed', INTEGER, 0, 'seed of the motion and of the errors', '', 0, 2**31 - 1),
-)
+    'speed': Spec(0.1, 'no robot is faster', 'm/s', 0.0, 10.0),
+    'rate': Spec(10.0, 'how often every sensor measures', 'Hz', 0.1, 1000.0),
+    'error': Spec(0.03, 'bound of the relative error of a range', '', 0.0, 0.5),
+    'bearing_error': Spec(0.02, 'bound of the error of a bearing', 'rad', 0.0, 1.5),
+    'odometry': Spec(False, 'whether the robots publish odometry'),
+    'odometry_rate': Spec(20.0, 'how often they do', 'Hz', 0.1, 1000.0),
+    'odometry_latency': Spec(0.0, 'how late its stamps may be', 's', 0.0, 10.0),
+    'translation_per_m': Spec(0.05, 'error of odometry per m travelled', 'm', 0.0, 1.0),
+    'translation_per_rad': Spec(0.0, 'error of odometry per rad turned', 'm', 0.0, 1.0),
+    'rotation_per_m': Spec(0.0, 'error of a turn per m travelled', 'rad', 0.0, 1.0),
+    'rotation_per_rad': Spec(0.05, 'error of a turn per rad turned', 'rad', 0.0, 1.0),
+    'publish_tf': Spec(False, 'whether /tf has the true places of the frames (tf2_msgs)'),
+    'seed': Spec(0, 'seed of the motion and of the errors', '', 0, 2**31 - 1),
+}
 
 
 def simulated_fleet(values: Mapping[str, Any]) -> SimulatedFleet:
@@ -105,8 +99,8 @@ def simulated_fleet(values: Mapping[str, Any]) -> SimulatedFleet:
 def usage() -> str:
     """Return how the executable is used, with its parameters."""
     rows = '\n'.join(
-        f'  {spec.name:19} {spec.description}, {spec.allowed()} (default {spec.default})'
-        for spec in PARAMETERS
+        f'  {name:19} {spec.description}, {spec.allowed()} (default {spec.default})'
+        for name, spec in PARAMETERS.items()
     )
     return f'usage: simulate_fleet --ros-args [-p NAME:=VALUE] [-r FROM:=TO]\n{rows}'
 
@@ -130,7 +124,10 @@ class FleetSimulator(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('simulate_fleet', **kwargs)
         given = given_values(self)
-        values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in PARAMETERS}
+        values = {
+            name: spec.check(name, given.get(name, spec.default))
+            for name, spec in PARAMETERS.items()
+        }
         refuse_unknown(given, values)
         declare(self, PARAMETERS, values)
         self._fleet = simulated_fleet(values)

@@ -3,41 +3,17 @@
 
 """The commented file of parameters and their documentation, both written from the table."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 import math
+from pathlib import Path
+import sys
 import textwrap
 from typing import Any
 
-from dg_localization.ros.interface.parameters.odometry import robot_odometry_specs
-from dg_localization.ros.interface.parameters.points import (
-    anchor_specs,
-    elevation_spec,
-    mount_specs,
-)
-from dg_localization.ros.interface.parameters.spec import (
-    BOOL,
-    DOUBLE,
-    DOUBLES,
-    INTEGER,
-    STRING,
-    STRINGS,
-    Spec,
-)
-from dg_localization.ros.interface.parameters.table import (
-    SECTIONS,
-    Section,
-    robot_spec,
-)
+from dg_localization.ros.interface.parameters.spec import Section, Spec, Specs
+from dg_localization.ros.interface.parameters.table import NAMED, SECTIONS
 
 WIDTH = 99
-TYPE_NAMES = {
-    STRINGS: 'string list',
-    DOUBLES: 'number list',
-    DOUBLE: 'number',
-    INTEGER: 'integer',
-    STRING: 'string',
-    BOOL: 'boolean',
-}
 
 YAML_HEAD = """\
 # Every parameter of the node `localizer`, with its default. Start from this file:
@@ -73,29 +49,26 @@ def as_yaml() -> str:
 def _yaml_section(section: Section) -> str:
     lines = ['', f'    # --- {section.title} ---', *_comment(section.text, 4)]
     group = ''
-    for spec in section.specs:
-        prefix, _, name = spec.name.rpartition('.')
+    for full_name, spec in section.specs.items():
+        prefix, _, name = full_name.rpartition('.')
         if prefix and prefix != group:
             lines.append(f'    {prefix}:')
         group = prefix
         indent = 6 if prefix else 4
-        lines += _comment(_sentences(spec), indent)
-        lines += [f'{" " * indent}#   {line}' for line in spec.examples]
-        lines.append(
-            f'{" " * indent}{name}: {_value(spec.default if spec.shown is None else spec.shown)}'
+        lines += _comment(
+            _sentences(spec, ', '.join(filter(None, [spec.unit, spec.limits()]))), indent
         )
+        lines += [f'{" " * indent}#   {line}' for line in spec.examples]
+        value = spec.default if spec.shown is None else spec.shown
+        lines.append(f'{" " * indent}{name}: {_value(value)}')
     return '\n'.join(lines) + '\n'
 
 
-def _sentences(spec: Spec) -> str:
-    """Return the text of a parameter: what it is, its unit and limits, and the details."""
-    facts = ', '.join(filter(None, [spec.unit, spec.limits()]))
+def _sentences(spec: Spec, facts: str = '') -> str:
+    """Return the text of a parameter in sentences, with its unit and limits in the first."""
+    first, _, rest = spec.text.partition('. ')
     facts = f' ({facts})' if facts else ''
-    return ' '.join(filter(None, [f'{_capitalized(spec.description)}{facts}.', spec.details]))
-
-
-def _capitalized(text: str) -> str:
-    return text[0].upper() + text[1:]
+    return f'{first[0].upper()}{first[1:].removesuffix(".")}{facts}. {rest}'.rstrip()
 
 
 def _comment(text: str, indent: int) -> list[str]:
@@ -116,10 +89,8 @@ def _value(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return f"'{value}'"
-    if value != value:
-        return '.nan'
-    if value in (math.inf, -math.inf):
-        return '.inf' if value > 0.0 else '-.inf'
+    if isinstance(value, float) and not math.isfinite(value):
+        return f'{value}'.replace('inf', '.inf').replace('nan', '.nan')
     return str(value)
 
 
@@ -133,49 +104,47 @@ def _page_parts() -> Iterator[str]:
         yield f'## {section.title}\n'
         if section.text:
             yield '\n'.join(textwrap.wrap(section.text, WIDTH, break_on_hyphens=False)) + '\n'
-        yield _table(_with_named(section.specs))
-        examples = [line for spec in section.specs for line in _whole_example(spec)]
+        named: Mapping[str, Spec] = {
+            name: spec
+            for one in NAMED
+            if one.section is section
+            for name, spec in one.specs.items()
+        }
+        yield _table({**section.specs, **named})
+        examples = [
+            line for name, spec in section.specs.items() for line in _whole_example(name, spec)
+        ]
         if examples:
             yield '\n'.join(['```yaml', *examples, '```\n'])
 
 
-def _whole_example(spec: Spec) -> list[str]:
+def _whole_example(name: str, spec: Spec) -> list[str]:
     """Return the lines of an example with the group that they stand in."""
-    group = spec.name.rpartition('.')[0]
+    group = name.rpartition('.')[0]
     if not group or not spec.examples:
         return list(spec.examples)
     return [f'{group}:', *(f'  {line}' for line in spec.examples)]
 
 
-def _with_named(specs: Iterable[Spec]) -> Iterator[Spec]:
-    """Yield the rows of a section, with those that each robot, anchor or sensor has of its own."""
-    for spec in specs:
-        yield spec
-        if spec.name == 'max_speed':
-            yield robot_spec('NAME')
-        if spec.name == 'odometry.tilt':
-            yield from robot_odometry_specs('NAME')
-        if spec.name == 'anchors.bound':
-            yield from anchor_specs('NAME')
-        if spec.name == 'mounts.names':
-            yield from mount_specs('ROBOT/SENSOR')
-        if spec.name == 'elevations.names':
-            yield elevation_spec('NAME')
-
-
-def _table(specs: Iterable[Spec]) -> str:
+def _table(specs: Specs) -> str:
     rows = [
         '| parameter | type | default | unit | allowed values | |',
         '|---|---|---|---|---|---|',
     ]
-    for spec in specs:
-        cells = [
-            f'`{spec.name}`',
-            TYPE_NAMES[spec.type],
-            f'`{_value(spec.default)}`',
-            spec.unit,
-            spec.limits(),
-            ' '.join(filter(None, [f'{_capitalized(spec.description)}.', spec.details])),
-        ]
-        rows.append('| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |')
+    for name, spec in specs.items():
+        kind = spec.type.name.lower().replace('_array', ' list')
+        facts = kind, f'`{_value(spec.default)}`', spec.unit, spec.limits(), _sentences(spec)
+        cells = ' | '.join(cell.replace('|', '\\|') for cell in (f'`{name}`', *facts))
+        rows.append(f'| {cells} |')
     return '\n'.join(rows) + '\n'
+
+
+def main() -> None:
+    """Write both files into a repository, by default that of the working directory."""
+    repository = Path(sys.argv[1] if len(sys.argv) > 1 else '.')
+    (repository / 'config/localizer.yaml').write_text(as_yaml(), encoding='utf-8')
+    (repository / 'docs/parameters.md').write_text(as_markdown(), encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

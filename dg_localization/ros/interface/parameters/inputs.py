@@ -1,99 +1,24 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameters of inputs: templates of topics, links named one by one, and their bounds."""
+"""The inputs that checked parameters state: templates of topics, links, ids, and their bounds."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
-import math
+from itertools import chain
 from typing import Any
 
-from dg_localization.fleet import LinkKind, LinkOverride, RangeErrorModel
+from dg_localization.fleet import ElevationErrorModel, LinkKind, LinkOverride, RangeErrorModel
+from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
-    RANGE_FIELDS,
     STAMP_OFFSET,
     Link,
     Template,
+    parse_link,
 )
-from dg_localization.ros.interface.parameters.spec import (
-    DOUBLE,
-    STRINGS,
-    Section,
-    Spec,
-    WrongParameterError,
-    by_parameters,
-)
-from msg_adapters import PeersReading, adapter_for
-
-LINKS = Section(
-    'Links',
-    '',
-    (
-        Spec(
-            'links',
-            STRINGS,
-            [],
-            "inputs named one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'; "
-            'each replaces what the templates give for the same measurement',
-            details='NAME overrides min_error, max_error, min_error_relative, max_error_relative, '
-            'sigma_factor, expected_error, expected_error_relative, min_reading or max_reading of '
-            'a range, half_width or '
-            'expected_error of a bearing, min_error or max_error of an elevation, any of the '
-            'bounds for all that peers measure, and gives roll, pitch and yaw (rad) of a sensor '
-            'of peers in the body frame of its robot; stamp_offset (s) is added to stamps. '
-            'Odometry, elevations, peers and cameras have no TARGET; the OBSERVER of peers is * '
-            'where their messages say who measured. A link to a robot that is not in robots is '
-            'allowed: its readings are counted and rejected.',
-            examples=(
-                'links:',
-                "  - '/uwb_1/to_2 sensor_msgs/msg/Range robot_1 robot_2 max_error=1.2'",
-                "  - '/cam1/seen_2 geometry_msgs/msg/Vector3Stamped robot_1 robot_2 "
-                "half_width=0.12'",
-                "  - '/base_3/odom nav_msgs/msg/Odometry robot_3'",
-                "  - '/base_3/seen sensor_msgs/msg/PointCloud2 robot_3'",
-                "  - '/uwb uwb_ros/msg/RangeStamped *'",
-            ),
-        ),
-        Spec(
-            'ids',
-            STRINGS,
-            [],
-            "who the ids in messages of other packages are, 'ID NAME'",
-            details='NAME is a robot or an anchor, or - for an id to be passed over. Several ids '
-            'may have one name. The name of a robot or an anchor stands for itself. An ID that '
-            'has blanks stands in double quotes.',
-            examples=("ids: ['12 robot_1', '13 robot_1', 'tag36h11:4 robot_2', 'chair -']",),
-        ),
-        Spec(
-            'adapter_modules',
-            STRINGS,
-            [],
-            'Python modules to import at start, which register adapters of message types',
-            examples=("adapter_modules: ['tag_adapter']",),
-        ),
-    ),
-)
-
-
-def stamp_offset_spec(kind: LinkKind) -> Spec:
-    """Return the parameter that corrects the stamps of all inputs of a kind."""
-    return Spec(
-        f'{kind}.{STAMP_OFFSET}',
-        DOUBLE,
-        0.0,
-        'what is added to stamps, negative where they are late',
-        's',
-        details='A link may have a `stamp_offset` of its own.',
-    )
-
-
-def stamp_offset(values: Mapping[str, Any], kind: LinkKind) -> dict[str, float]:
-    """Return what links of a kind override where they do not say it themselves."""
-    offset_s = values.get(f'{kind}.{STAMP_OFFSET}', 0.0)
-    return {STAMP_OFFSET: offset_s} if offset_s else {}
-
+from dg_localization.ros.interface.parameters.spec import WrongParameterError, refused
 
 TEMPLATE_TYPES = {
     'range.topic': 'sensor_msgs/msg/Range',
@@ -102,36 +27,29 @@ TEMPLATE_TYPES = {
     'peers.topic': 'sensor_msgs/msg/PointCloud2',
     'elevation.topic': 'geometry_msgs/msg/PointStamped',
 }
+BEARING_FIELDS = {
+    'half_width': 'bearing_half_width_rad',
+    'expected_error': 'bearing_expected_error_rad',
+}
+
+
+def _stamp_offset(values: Mapping[str, Any], kind: LinkKind) -> dict[str, float]:
+    """Return what links of a kind override where they do not say it themselves."""
+    offset_s = values.get(f'{kind}.{STAMP_OFFSET}', 0.0)
+    return {STAMP_OFFSET: offset_s} if offset_s else {}
 
 
 def templates_from(
     values: Mapping[str, Any], resolve: Callable[[str], str], points: Sequence[str]
 ) -> tuple[Template, ...]:
-    """
-    Return the templates, with the full names of their topics.
-
-    Parameters
-    ----------
-    values : mapping of str to object
-        What `check_values` returned.
-    resolve : callable
-        Returns the full name of a topic.
-    points : sequence of str
-        Robots, anchors and sensors.
-
-    Raises
-    ------
-    WrongParameterError
-        If one is no template, or topics have more than one meaning.
-
-    """
+    """Return the templates, with the full names of their topics; each has topics of its own."""
     templates: list[Template] = []
     names: dict[str, str] = {}
     for name, type_name in TEMPLATE_TYPES.items():
         template = Template(values[name], type_name)
-        try:
+        with refused(f"parameter '{name}': '{values[name]}' is not allowed, "):
             template.check()
-            offset = stamp_offset(values, template.kind)
+            offset = _stamp_offset(values, template.kind)
             template = replace(template.resolved(resolve), overrides=offset)
             template.check_names(points)
             if template.shape in names:
@@ -139,82 +57,90 @@ def templates_from(
                     f"its topics are those of '{names[template.shape]}', and each kind of "
                     'measurement needs topics of its own'
                 )
-        except ValueError as error:
-            raise WrongParameterError(
-                f"parameter '{name}': '{values[name]}' is not allowed, {error}"
-            ) from None
         if template.text:
             names[template.shape] = name
             templates.append(template)
     return tuple(templates)
 
 
-MEASURE_OTHERS = (LinkKind.RANGE, LinkKind.BEARING, LinkKind.PEERS)
-BEARING_FIELDS = {
-    'half_width': 'bearing_half_width_rad',
-    'expected_error': 'bearing_expected_error_rad',
-}
+def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Link, ...]:
+    """Return the links that are named one by one, with the full names of their topics."""
+    links = []
+    # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
+    for text in filter(None, values['links']):
+        with refused(f"parameter 'links': '{text}' is not allowed: "):
+            link = parse_link(text)
+            topic = resolve(link.topic)
+            if resolve(topic) != topic:
+                # A subscription to it would be remapped once more.
+                raise ValueError(
+                    f"its topic is remapped to '{topic}', and that to '{resolve(topic)}'; name "
+                    'the right topics in the links instead'
+                )
+        overrides = {**_stamp_offset(values, link.key.kind), **link.overrides}
+        links.append(replace(link, topic=topic, overrides=overrides))
+    for topic, count in Counter(link.topic for link in links).items():
+        if count > 1:
+            raise WrongParameterError(
+                f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
+            )
+    for key, count in Counter(link.key for link in links).items():
+        if key.kind is LinkKind.ODOMETRY and count > 1:
+            # Steps from a pose of one to a pose of the other are no steps of the robot.
+            raise WrongParameterError(
+                f"parameter 'links': the odometry of '{key.observer}' is named {count} times, a "
+                'robot can have one only'
+            )
+    return tuple(links)
 
 
-def range_error_from(values: Mapping[str, Any]) -> RangeErrorModel:
-    """Return the bounds of all ranges."""
-    expected_error = values['range.expected_error']
-    return RangeErrorModel(
-        min_error_m=values['range.min_error'],
-        max_error_m=values['range.max_error'],
-        min_error_relative=values['range.min_error_relative'],
-        max_error_relative=values['range.max_error_relative'],
-        sigma_factor=values['range.sigma_factor'],
-        beyond_max_is_far=values['range.beyond_max_is_far'],
-        expected_error_m=None if math.isnan(expected_error) else expected_error,
-        expected_error_relative=values['range.expected_error_relative'],
-        min_reading_m=values['range.min_reading'],
-        max_reading_m=values['range.max_reading'],
-    )
+def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]:
+    """Return who the ids in messages are."""
+    with refused("parameter 'ids': "):
+        ids = parse_ids(filter(None, values['ids']))
+        for name in ids.values():
+            if name not in (*points, NOBODY):
+                raise ValueError(
+                    f"'{name}' is not allowed, it must be one of {', '.join(points)}, or "
+                    f"'{NOBODY}' for an id that stands for nobody"
+                )
+    return ids
 
 
 def overrides_from(
-    links: Iterable[Link], points: Iterable[str], values: Mapping[str, Any]
+    links: Iterable[Link],
+    points: Iterable[str],
+    values: Mapping[str, Any],
+    of_all: RangeErrorModel,
 ) -> tuple[LinkOverride, ...]:
     """
     Gather the bounds of ranges and of bearings between the same two points.
 
     Each reading has the bounds of its own link. These here are for what is said of two points,
-    whatever measured them: the widest where several links do.
+    whatever measured them: the widest where several links do. A link may name a robot that is not
+    in the fleet today: its readings are counted and rejected, its bounds concern nobody.
     """
     robot_of = {sensor: sensor.rpartition('/')[0] for sensor in values['mounts.names']}
     robots = {point: robot_of.get(point, point) for point in points}
     gathered: dict[tuple[str, str], LinkOverride] = {}
     for link in links:
-        try:
-            stated = _stated(link, values)
+        if not {link.key.observer, link.key.target} <= {*robots, '', ANY_OBSERVER}:
+            continue
+        with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
+            stated = _stated(link, values, of_all)
             for pair in _pairs(link, robots) if stated else ():
                 override = LinkOverride(*pair, **stated)
                 gathered[pair] = _widest(gathered.get(pair, override), override)
-        except ValueError as error:
-            raise WrongParameterError(
-                f"parameter 'links': the bounds of '{link.topic}' are not allowed: "
-                f'{by_parameters(str(error))}'
-            ) from None
     return tuple(gathered.values())
 
 
-def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return the bounds of all that a link measures.
-
-    Of peers with ids of their own only those that it names: they may be ranges or rays.
-    """
+def _stated(link: Link, values: Mapping[str, Any], of_all: RangeErrorModel) -> dict[str, Any]:
+    """Return the bounds of what a link measures; peers may be ranges and rays."""
     kind, stated = link.key.kind, dict[str, Any]()
-    if kind not in MEASURE_OTHERS:
-        return stated
-    is_cloud = adapter_for(link.type_name).value_class is PeersReading
-    of_ranges = () if kind is LinkKind.BEARING else tuple(RANGE_FIELDS)
-    if not link.overrides.keys().isdisjoint(of_ranges) or is_cloud or kind is LinkKind.RANGE:
-        stated['range_error'] = link.range_error_within(range_error_from(values))
-    for name, field in BEARING_FIELDS.items():
-        stands = name in link.overrides or is_cloud or kind is LinkKind.BEARING
-        if name not in of_ranges and stands:
+    if kind in (LinkKind.RANGE, LinkKind.PEERS):
+        stated['range_error'] = link.range_error_within(of_all)
+    if kind in (LinkKind.BEARING, LinkKind.PEERS):
+        for name, field in BEARING_FIELDS.items():
             stated[field] = link.overrides.get(name, values[f'bearing.{name}'])
     return stated
 
@@ -222,56 +148,39 @@ def _stated(link: Link, values: Mapping[str, Any]) -> dict[str, Any]:
 def _widest(first: LinkOverride, second: LinkOverride) -> LinkOverride:
     """Return the bounds that hold for the readings of both."""
     models = [one.range_error for one in (first, second) if one.range_error is not None]
-    half_widths = _known(first.bearing_half_width_rad, second.bearing_half_width_rad)
-    errors = _known(first.bearing_expected_error_rad, second.bearing_expected_error_rad)
+    bearings = [one for one in (first, second) if one.bearing_half_width_rad is not None]
+    half_widths = [one.bearing_half_width_rad or 0.0 for one in bearings]
+    errors = {one.bearing_expected_error_rad for one in bearings}
     return replace(
         first,
-        range_error=None if not models else reduce(_widest_range, models),
+        range_error=_widest_range(models) if models else None,
         bearing_half_width_rad=max(half_widths, default=None),
-        bearing_expected_error_rad=errors[0] if len(set(errors)) == 1 else None,
+        bearing_expected_error_rad=errors.pop() if len(errors) == 1 else None,
     )
 
 
-def _known(*values: float | None) -> list[float]:
-    return [value for value in values if value is not None]
-
-
-def _widest_range(first: RangeErrorModel, second: RangeErrorModel) -> RangeErrorModel:
-    """Return the bounds that hold for the ranges of both, for every reading."""
-    agree = (first.expected_error_m, first.expected_error_relative) == (
-        second.expected_error_m,
-        second.expected_error_relative,
+def _widest_range(models: Sequence[RangeErrorModel]) -> RangeErrorModel:
+    """Return the bounds that hold for the ranges of all, for every reading."""
+    shares = list(chain(*((one.min_error_relative, one.max_error_relative) for one in models)))
+    expected = {(one.expected_error_m, one.expected_error_relative) for one in models}
+    expected_error_m, expected_error_relative = (
+        expected.pop() if len(expected) == 1 else (None, 0.0)
     )
-    shares = [
-        share
-        for one in (first, second)
-        for share in (one.min_error_relative, one.max_error_relative)
-    ]
     return replace(
-        first,
-        min_error_m=min(first.min_error_m, second.min_error_m),
-        max_error_m=max(first.max_error_m, second.max_error_m),
+        models[0],
+        min_error_m=min(one.min_error_m for one in models),
+        max_error_m=max(one.max_error_m for one in models),
         min_error_relative=min(shares),
         max_error_relative=max(shares),
-        sigma_factor=max(first.sigma_factor, second.sigma_factor),
-        min_reading_m=min(first.min_reading_m, second.min_reading_m),
-        max_reading_m=max(first.max_reading_m, second.max_reading_m),
-        expected_error_m=first.expected_error_m if agree else None,
-        expected_error_relative=first.expected_error_relative if agree else 0.0,
+        sigma_factor=max(one.sigma_factor for one in models),
+        min_reading_m=max(one.min_reading_m for one in models),
+        expected_error_m=expected_error_m,
+        expected_error_relative=expected_error_relative,
     )
 
 
 def _pairs(link: Link, robots: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """
-    Yield each observer and target of a link; a link to peers has all targets on other robots.
-
-    Parameters
-    ----------
-    link : Link
-    robots : mapping of str to str
-        By point, the robot that it is on; other points are on themselves.
-
-    """
+    """Yield each observer and target of a link; peers are all points on other robots."""
     if link.key.target:
         yield link.key.ends
         return
@@ -279,6 +188,21 @@ def _pairs(link: Link, robots: Mapping[str, str]) -> Iterator[tuple[str, str]]:
         yield from ((one, other) for other in robots if robots[one] != robots[other])
 
 
-def ends_of(link: Link) -> set[str]:
-    """Return the observer and the target of a link."""
-    return {link.key.observer, link.key.target}
+def elevation_errors_from(
+    links: Iterable[Link], values: Mapping[str, Any], of_all: Mapping[str, float]
+) -> dict[str, ElevationErrorModel]:
+    """Return the bounds of the points whose elevation links read; the widest of several."""
+    errors: dict[str, ElevationErrorModel] = {}
+    for link in links:
+        point = link.key.observer
+        if link.key.kind is not LinkKind.ELEVATION or point not in values['elevations.names']:
+            continue
+        own = {f'{name}_m': x for name, x in link.overrides.items() if name != STAMP_OFFSET}
+        with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
+            error = ElevationErrorModel(**{**of_all, **own})
+        before = errors.get(point, error)
+        errors[point] = ElevationErrorModel(
+            min(before.min_error_m, error.min_error_m),
+            max(before.max_error_m, error.max_error_m),
+        )
+    return errors

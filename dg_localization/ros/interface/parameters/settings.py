@@ -4,58 +4,47 @@
 """The settings that the parameters stand for: checked one by one, then together."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
+import math
 import re
 from typing import Any
 
 from rclpy.node import Node
 
 from dg_localization.fleet import (
+    Anchor,
+    ElevationErrorModel,
     FleetConfig,
-    LinkKind,
-    SuspectKind,
+    Mount,
+    OdometryErrorModel,
+    RangeErrorModel,
 )
+from dg_localization.fleet.rotations import quaternion_of_euler
 from dg_localization.ros.interface.frames import check_frame_id
-from dg_localization.ros.interface.identities import NOBODY, parse_ids
-from dg_localization.ros.interface.links import (
-    ANY_OBSERVER,
-    Link,
-    Template,
-    parse_link,
-)
+from dg_localization.ros.interface.links import Link, Template
 from dg_localization.ros.interface.parameters.inputs import (
-    ends_of,
+    elevation_errors_from,
+    ids_from,
+    links_from,
     overrides_from,
-    range_error_from,
-    stamp_offset,
     templates_from,
 )
-from dg_localization.ros.interface.parameters.odometry import (
-    REPLACED,
-    odometry_error,
-    robot_odometry_errors,
-)
-from dg_localization.ros.interface.parameters.points import (
-    anchors_from,
-    elevation_error_from,
-    elevation_errors_from,
-    elevations_from,
-    mounts_from,
-    specs_of_elevations,
-    specs_of_mounts,
-)
 from dg_localization.ros.interface.parameters.spec import (
-    Spec,
     WrongParameterError,
-    by_parameters,
     close_name,
     declare,
     given_values,
     refuse_unknown,
+    refused,
 )
-from dg_localization.ros.interface.parameters.table import TABLE, named_specs, takes_effect_at_once
+from dg_localization.ros.interface.parameters.table import (
+    TABLE,
+    fields_of,
+    named_specs,
+    takes_effect_at_once,
+)
 from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
 from dg_localization.solver.options import SolverOptions
 
@@ -63,6 +52,16 @@ from dg_localization.solver.options import SolverOptions
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
+HINTS = {
+    'odometry.relative_error': 'the error of odometry is stated by odometry.translation_per_m, '
+    'odometry.rotation_per_rad and the like, along its way and not at full speed',
+    'anchors.': "name the anchor in 'anchors.names' and set anchors.NAME.position or "
+    'anchors.NAME.bound',
+    'mounts.': "name the sensor in 'mounts.names'",
+    'elevations.': "name the point in 'elevations.names'",
+    'robot_max_speed.': "name the robot in 'robots'",
+}
+"""By the beginning of a name that is unknown, what to set in its place."""
 
 
 @dataclass(frozen=True)
@@ -134,17 +133,15 @@ def declare_settings(node: Node) -> Settings:
 
 def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
     """Declare the parameters that are not declared, with checked values."""
-    specs = (*TABLE, *_named(values))
-    missing = [spec for spec in specs if not node.has_parameter(spec.name)]
-    declare(node, missing, values, read_only=False)
+    declare(node, {**TABLE, **dict(named_specs(values))}, values, read_only=False)
 
 
 def changed_values(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values after some are set, without those of names that are gone."""
     wanted = {**values, **changes}
-    known = {spec.name: spec.check(wanted.get(spec.name, spec.default)) for spec in TABLE}
-    known |= {spec.name: wanted[spec.name] for spec in _named(known) if spec.name in wanted}
-    return check_values(known)
+    known = _checked_table(wanted)
+    named = [name for name, _ in named_specs(known)]
+    return check_values({name: wanted[name] for name in (*TABLE, *named) if name in wanted})
 
 
 def without_fleet_changes(values: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -159,52 +156,32 @@ def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
     """
     Return the value of every parameter of the table, given or default.
 
-    Parameters
-    ----------
-    given : mapping of str to object
-        What the user sets.
-
     Raises
     ------
     WrongParameterError
         If a name is not in the table or a value is not allowed.
 
     """
-    values = {spec.name: spec.check(given.get(spec.name, spec.default)) for spec in TABLE}
-    for spec in _named(values):
-        values[spec.name] = spec.check(given.get(spec.name, spec.default))
+    values = _checked_table(given)
+    for name, spec in list(named_specs(values)):
+        values[name] = spec.check(name, given.get(name, spec.default))
     refuse_unknown(given, values, _suggestion)
     return values
 
 
-def _named(values: Mapping[str, Any]) -> Iterator[Spec]:
-    """Yield the parameters that robots, anchors and sensors have of their own."""
-    yield from named_specs(values['robots'], values['anchors.names'])
-    yield from specs_of_mounts(values)
-    yield from specs_of_elevations(values)
+def _checked_table(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: spec.check(name, given.get(name, spec.default)) for name, spec in TABLE.items()}
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    if name in REPLACED:
-        return f'; {REPLACED[name]}'
-    if name.startswith('anchors.'):
-        wanted = 'anchors.NAME.position or anchors.NAME.bound'
-        return f"; name the anchor in 'anchors.names' and set {wanted}"
-    if name.startswith('mounts.'):
-        return "; name the sensor in 'mounts.names'"
-    if name.startswith('elevations.'):
-        return "; name the point in 'elevations.names'"
-    if name.startswith('robot_max_speed.') or _is_of_unknown_robot(name, known):
+    for beginning, hint in HINTS.items():
+        if name.startswith(beginning):
+            return f'; {hint}'
+    of_robot = '.'.join(name.split('.')[:2]) + '.'
+    is_known = any(other.startswith(of_robot) for other in known)
+    if of_robot.startswith('robot_odometry.') and not is_known:
         return "; name the robot in 'robots'"
     return close_name(name, known)
-
-
-def _is_of_unknown_robot(name: str, known: Iterable[str]) -> bool:
-    """Return whether a name is that of the odometry of a robot that has no parameters."""
-    of_robot = '.'.join(name.split('.')[:2]) + '.'
-    return of_robot.startswith('robot_odometry.') and not any(
-        other.startswith(of_robot) for other in known
-    )
 
 
 def in_root_namespace(topic: str) -> str:
@@ -231,50 +208,54 @@ def settings_from(
         If values do not go together.
 
     """
-    try:
+    with refused(f"parameter 'fixed_frame': '{values['fixed_frame']}' is not allowed, "):
         check_frame_id(values['fixed_frame'])
-    except ValueError as error:
-        raise WrongParameterError(
-            f"parameter 'fixed_frame': '{values['fixed_frame']}' is not allowed, {error}"
-        ) from None
+    _check_names(values)
+    _import_adapters(values['adapter_modules'])
+    links = links_from(values, resolve)
+    with refused('parameters: '):
+        fleet = _fleet_config(values, links)
+    stated = {
+        **_stated(Settings, values),
+        'fleet': fleet,
+        'links': links,
+        'templates': templates_from(values, resolve, fleet.points),
+        'use_header_stamp': values['stamp_source'] == 'header',
+        'ids': ids_from(values, fleet.points),
+        'covariance': PoseCovariance(
+            CovarianceKind(values['covariance']), values['covariance_floor']
+        ),
+    }
+    return Settings(**stated)
+
+
+def _check_names(values: Mapping[str, Any]) -> None:
+    """Refuse names that cannot be part of topics, or that are there twice."""
     if not values['robots']:
         raise WrongParameterError(
             'parameters: robots: [] is not allowed, it must name at least one robot; does the '
             "file name some below '/**:' and 'ros__parameters:'?"
         )
-    for name in ('robots', 'anchors.names'):
-        _check_names(name, values[name])
-    for name in values['mounts.names']:
-        _check_names('mounts.names', name.split('/'))
+    for full_name in values['mounts.names']:
+        if full_name.count('/') != 1:
+            raise WrongParameterError(
+                f"parameter 'mounts.names': '{full_name}' is not allowed, it must read "
+                "'ROBOT/SENSOR'"
+            )
+    for parameter in ('robots', 'anchors.names', 'mounts.names'):
+        for name in '/'.join(values[parameter]).split('/') if values[parameter] else ():
+            if not NAME.match(name):
+                raise WrongParameterError(
+                    f"parameter '{parameter}': '{name}' is not allowed, a name must begin with a "
+                    'letter and go on with letters, digits and underscores: it is part of topic '
+                    'names'
+                )
     for parameter in ('anchors.names', 'mounts.names', 'elevations.names'):
         for name, count in Counter(values[parameter]).items():
             if count > 1:
                 raise WrongParameterError(
                     f"parameter '{parameter}': '{name}' is not allowed twice, name it once"
                 )
-    _import_adapters(values['adapter_modules'])
-    explicit = _parse_links(values, resolve)
-    try:
-        fleet = _fleet_config(values, explicit)
-    except WrongParameterError:
-        raise
-    except ValueError as error:
-        raise WrongParameterError(f'parameters: {by_parameters(str(error))}') from None
-    return Settings(
-        fleet=fleet,
-        links=explicit,
-        templates=templates_from(values, resolve, fleet.points),
-        fixed_frame=values['fixed_frame'],
-        rate_hz=values['rate'],
-        use_header_stamp=values['stamp_source'] == 'header',
-        autostart=values['autostart'],
-        publish_tf=values['publish_tf'],
-        ids=_parse_ids(values['ids'], fleet.points),
-        localized_width_m=values['localized_width'],
-        covariance=PoseCovariance(
-            CovarianceKind(values['covariance']), values['covariance_floor']
-        ),
-    )
 
 
 def _import_adapters(modules: Iterable[str]) -> None:
@@ -289,116 +270,105 @@ def _import_adapters(modules: Iterable[str]) -> None:
             ) from error
 
 
-def _parse_links(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Link, ...]:
-    links = []
-    # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
-    for text in filter(None, values['links']):
-        try:
-            link = parse_link(text)
-        except ValueError as error:
-            raise WrongParameterError(
-                f"parameter 'links': '{text}' is not allowed: {error}"
-            ) from None
-        overrides = {**stamp_offset(values, link.key.kind), **link.overrides}
-        topic = resolve(link.topic)
-        if resolve(topic) != topic:
-            # A subscription to it would be remapped once more.
-            raise WrongParameterError(
-                f"parameter 'links': '{text}' is not allowed: its topic is remapped to '{topic}', "
-                f"and that to '{resolve(topic)}'; name the right topics in the links instead"
-            )
-        links.append(replace(link, topic=topic, overrides=overrides))
-    topics = [link.topic for link in links]
-    for topic in topics:
-        if topics.count(topic) > 1:
-            raise WrongParameterError(
-                f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
-            )
-    for key, count in Counter(link.key for link in links).items():
-        if key.kind is LinkKind.ODOMETRY and count > 1:
-            # Steps from a pose of one to a pose of the other are no steps of the robot.
-            raise WrongParameterError(
-                f"parameter 'links': the odometry of '{key.observer}' is named {count} times, a "
-                'robot can have one only'
-            )
-    return tuple(links)
+def _stated(settings: Any, values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return the fields of a dataclass that parameters state; NaN states nothing."""
+    stated = {field: values[prefix + name] for name, field in fields_of(settings, prefix).items()}
+    return {field: value for field, value in stated.items() if value == value}
 
 
-def _parse_ids(texts: Iterable[str], points: Sequence[str]) -> dict[str, str]:
-    try:
-        ids = parse_ids(filter(None, texts))
-    except ValueError as error:
-        raise WrongParameterError(f"parameter 'ids': {error}") from None
-    for name in ids.values():
-        if name not in (*points, NOBODY):
-            raise WrongParameterError(
-                f"parameter 'ids': '{name}' is not allowed, it must be one of "
-                f"{', '.join(points)}, or '{NOBODY}' for an id that stands for nobody"
-            )
-    return ids
+def _own(values: Mapping[str, Any], name: str, of_all: str) -> float:
+    """Return what one robot or anchor has of its own, or else what all have."""
+    value: float = values[of_all] if values[name] < 0.0 else values[name]
+    return value
 
 
-def _check_names(parameter: str, names: Iterable[str]) -> None:
-    for name in names:
-        if not NAME.match(name):
-            raise WrongParameterError(
-                f"parameter '{parameter}': '{name}' is not allowed, a name must begin with a "
-                'letter and go on with letters, digits and underscores: it is part of topic names'
-            )
-
-
-def _fleet_config(values: Mapping[str, Any], explicit: Iterable[Link]) -> FleetConfig:
-    anchors = anchors_from(values)
+def _fleet_config(values: Mapping[str, Any], links: Iterable[Link]) -> FleetConfig:
+    anchors = {name: _anchor(name, values) for name in values['anchors.names']}
     points = dict.fromkeys((*values['robots'], *anchors, *values['mounts.names']))
-    return FleetConfig(
-        robots=tuple(values['robots']),
-        dimension=values['dimension'],
-        mounts=mounts_from(values),
-        elevations_m=elevations_from(values),
-        elevation_error=elevation_error_from(values),
-        point_elevation_error=elevation_errors_from(explicit, values),
-        reference_robot=values['reference_robot'],
-        max_age_s=values['max_age'],
-        max_future_s=values['max_future'],
-        stamp_error_s=values['stamp_error'],
-        max_repeats=values['max_repeats'],
-        range_error=range_error_from(values),
-        bearing_half_width_rad=values['bearing.half_width'],
-        bearing_expected_error_rad=values['bearing.expected_error'],
-        # A link may name a robot that is not in the fleet today: its readings are counted and
-        # rejected, its bounds concern nobody.
-        links=overrides_from(
-            (link for link in explicit if ends_of(link) <= {*points, '', ANY_OBSERVER}),
-            points,
-            values,
-        ),
-        anchors=anchors,
-        max_speed_m_s=values['max_speed'],
-        robot_max_speed_m_s=_robot_speeds_m_s(values),
-        max_turn_rate_rad_s=values['max_turn_rate'],
-        min_separation_m=values['min_separation'],
-        odometry_error=odometry_error(values),
-        robot_odometry_error=robot_odometry_errors(values),
-        memory_s=values['memory.seconds'],
-        memory_max_seconds=values['memory.max_seconds'],
-        window_outliers=values['window_outliers'],
-        max_hypotheses=values['max_hypotheses'],
-        max_outliers=values['max_outliers'],
-        outlier_unit=SuspectKind(values['outlier_unit']),
-        stuck_readings=values['stuck.readings'],
-        drop_stuck=values['stuck.drop'],
-        max_conflict_solves=values['conflicts.max_solves'],
-        max_conflict_seconds=values['conflicts.max_seconds'],
-        solver=SolverOptions(
-            resolution=values['solver.resolution'],
-            max_boxes=values['solver.max_boxes'],
-            max_seconds=values['solver.max_seconds'],
-            tighten_slices=values['solver.tighten_slices'],
-            tighten_seconds=values['solver.tighten_seconds'],
-        ),
-    )
+    range_error = RangeErrorModel(**_stated(RangeErrorModel, values, 'range.'))
+    of_elevations = _stated(ElevationErrorModel, values, 'elevation.')
+    stated = {
+        **_stated(FleetConfig, values),
+        'robots': tuple(values['robots']),
+        'mounts': _mounts(values),
+        'elevations_m': _elevations_m(values),
+        'elevation_error': ElevationErrorModel(**of_elevations),
+        'point_elevation_error': elevation_errors_from(links, values, of_elevations),
+        'range_error': range_error,
+        'links': overrides_from(links, points, values, range_error),
+        'anchors': anchors,
+        'robot_max_speed_m_s': {
+            name: values[f'robot_max_speed.{name}']
+            for name in values['robots']
+            if values[f'robot_max_speed.{name}'] >= 0.0
+        },
+        'odometry_error': OdometryErrorModel(**_stated(OdometryErrorModel, values, 'odometry.')),
+        'robot_odometry_error': _robot_odometry_errors(values),
+        'solver': SolverOptions(**_stated(SolverOptions, values, 'solver.')),
+    }
+    return FleetConfig(**stated)
 
 
-def _robot_speeds_m_s(values: Mapping[str, Any]) -> dict[str, float]:
-    speeds = {name: values[f'robot_max_speed.{name}'] for name in values['robots']}
-    return {name: speed for name, speed in speeds.items() if speed >= 0.0}
+def _anchor(name: str, values: Mapping[str, Any]) -> Anchor:
+    position, dimension = values[f'anchors.{name}.position'], values['dimension']
+    if len(position) != dimension:
+        raise WrongParameterError(
+            f"parameter 'anchors.{name}.position': {position!r} is not allowed, it must have "
+            f'{dimension} coordinates (dimension)'
+        )
+    return Anchor(tuple(position), _own(values, f'anchors.{name}.bound', 'anchors.bound'))
+
+
+def _mounts(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
+    """Return the sensors of each robot."""
+    mounts: dict[str, dict[str, Mount]] = {}
+    for full_name in values['mounts.names']:
+        robot, name = full_name.split('/')
+        prefix = f'mounts.{robot}.{name}'
+        position_m, bound_m, rotation_rad = (
+            values[f'{prefix}.{field}'] for field in ('position', 'bound', 'rotation')
+        )
+        if len(rotation_rad) != 3:
+            raise WrongParameterError(
+                f"parameter '{prefix}.rotation': {rotation_rad!r} is not allowed, it must be "
+                'roll, pitch and yaw (rad)'
+            )
+        rotation_xyzw = quaternion_of_euler(*rotation_rad)
+        mounts.setdefault(robot, {})[name] = Mount(tuple(position_m), bound_m, rotation_xyzw)
+    return mounts
+
+
+def _elevations_m(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Return the bounds of each elevation; topics of readings without any are refused."""
+    if values['elevation.topic'] and not values['elevations.names']:
+        raise WrongParameterError(
+            f"parameter 'elevation.topic': '{values['elevation.topic']}' is not allowed without "
+            "'elevations.names': readings narrow the least and the greatest elevation of a point "
+            '(dimension: 2)'
+        )
+    return {
+        name: tuple(values[f'elevations.{name.replace("/", ".")}'])
+        for name in values['elevations.names']
+    }
+
+
+def _robot_odometry_errors(values: Mapping[str, Any]) -> dict[str, OdometryErrorModel]:
+    """Return the bounds of the robots that have some of their own."""
+    names = fields_of(OdometryErrorModel, 'odometry.')
+    errors = {}
+    for robot in values['robots']:
+        own = {name: values[f'robot_odometry.{robot}.{name}'] for name in names}
+        if not all(value < 0.0 for value in own.values()):
+            numbers = {
+                f'odometry.{name}': values[f'odometry.{name}'] if value < 0.0 else value
+                for name, value in own.items()
+            }
+            errors[robot] = OdometryErrorModel(**_stated(OdometryErrorModel, numbers, 'odometry.'))
+    return errors
+
+
+def odometry_error_parameters(error: OdometryErrorModel) -> dict[str, float]:
+    """Return the bounds that are stated, by the names of the parameters without their prefix."""
+    fields = fields_of(OdometryErrorModel, 'odometry.')
+    numbers = {name: getattr(error, field) for name, field in fields.items()}
+    return {name: float(x) for name, x in numbers.items() if x not in (None, math.inf)}

@@ -1,10 +1,11 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One parameter: its name, type, default, unit, limits and text, and how a node declares it."""
+"""One parameter: its type, default, unit, limits and text, and how a node declares it."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 import math
 import re
@@ -16,21 +17,9 @@ from rclpy.parameter import Parameter
 
 from dg_localization.ros.executables import UsageError
 
-STRINGS = Parameter.Type.STRING_ARRAY
-DOUBLES = Parameter.Type.DOUBLE_ARRAY
-DOUBLE = Parameter.Type.DOUBLE
-INTEGER = Parameter.Type.INTEGER
-STRING = Parameter.Type.STRING
-BOOL = Parameter.Type.BOOL
-
-TYPE_TEXTS = {
-    STRINGS: 'a list of strings',
-    DOUBLES: 'a list of numbers',
-    DOUBLE: 'a number',
-    INTEGER: 'an integer',
-    STRING: 'a string',
-    BOOL: 'true or false',
-}
+LISTS = {str: Parameter.Type.STRING_ARRAY, float: Parameter.Type.DOUBLE_ARRAY}
+TYPE_TEXTS = {str: 'a string', float: 'a number', int: 'an integer', bool: 'true or false'}
+LIST_TEXTS = {str: 'a list of strings', float: 'a list of numbers'}
 LARGEST_INTEGER = 2**63 - 1
 
 
@@ -38,12 +27,20 @@ class WrongParameterError(UsageError, ValueError):
     """A parameter of a node has a value that is not allowed."""
 
 
-def by_parameters(text: str) -> str:
-    """
-    Return what the fleet says of its settings with the names of their parameters.
+@contextmanager
+def refused(beginning: str) -> Iterator[None]:
+    """Turn a `ValueError` into a `WrongParameterError` whose text has this beginning."""
+    try:
+        yield
+    except WrongParameterError:
+        raise
+    except ValueError as error:
+        raise WrongParameterError(f'{beginning}{by_parameters(str(error))}') from None
 
-    Settings have units in their names, and those of one robot or point stand in brackets.
-    """
+
+def by_parameters(text: str) -> str:
+    """Return what the fleet says of its settings with the names of their parameters."""
+    # Settings have units in their names, and those of one robot or point stand in brackets.
     text = re.sub(r'\[(\w+)\](?=[.:[])', r'.\1', text)
     return re.sub(
         r'\b(min_error|max_error|min_reading|max_reading|position|elevations)_m\b', r'\1', text
@@ -53,32 +50,25 @@ def by_parameters(text: str) -> str:
 @dataclass(frozen=True)
 class Spec:
     """
-    One row of a parameter table.
+    A parameter.
 
     Attributes
     ----------
-    name : str
-        Name, with dots.
-    type : Parameter.Type
-        One of `TYPE_TEXTS`.
     default : object
-        Value when it is not given.
-    description : str
-        What it is, in one phrase without a final stop.
+        Value when it is not given; its type is that of the parameter.
+    text : str
+        What it is, in one phrase, and further sentences for the documentation.
     unit : str
         Unit; empty for what has none.
     at_least, at_most : float
         Limits of a number, or of each number of a list, both included; infinite for none.
-    finite : bool
-        Whether a number may not be infinite.
-    may_be_nan : bool
-        Whether NaN is allowed, for a number that is not known.
-    may_be_zero : bool
-        Whether 0 is allowed, too, for what is then off.
+    list_of : type
+        `str` or `float`, for a list of these.
+    finite, may_be_nan, may_be_zero, may_be_negative : bool
+        Whether a number may not be infinite; and whether NaN, zero and negative numbers are
+        allowed beside the limits.
     choices : tuple of str
         The allowed strings; empty for any.
-    details : str
-        Further sentences for the commented file and the documentation.
     examples : tuple of str
         Lines of YAML that the commented file shows as comments.
     shown : object
@@ -86,96 +76,94 @@ class Spec:
 
     """
 
-    name: str
-    type: Parameter.Type
     default: Any
-    description: str
+    text: str
     unit: str = ''
     at_least: float = -math.inf
     at_most: float = math.inf
+    list_of: type | None = None
     finite: bool = True
     may_be_nan: bool = False
     may_be_zero: bool = False
+    may_be_negative: bool = False
     choices: tuple[str, ...] = ()
-    details: str = ''
     examples: tuple[str, ...] = ()
     shown: Any = None
 
+    @property
+    def type(self) -> Parameter.Type:
+        """The type, as ROS names it."""
+        if self.list_of:
+            return LISTS[self.list_of]
+        return Parameter.Type.from_parameter_value(self.default)
+
+    @property
+    def description(self) -> str:
+        """The phrase at the beginning of the text."""
+        return self.text.partition('. ')[0].removesuffix('.')
+
     def allowed(self) -> str:
         """Return what the value may be, in words."""
-        words = [TYPE_TEXTS[self.type], self.limits()]
-        if self.type is DOUBLE and self.finite and math.isinf(self.at_most):
-            words[0] = 'a finite number'
-        if self.choices:
-            words = [self.limits()]
+        kind = LIST_TEXTS[self.list_of] if self.list_of else TYPE_TEXTS[type(self.default)]
+        if type(self.default) is float and self.finite and math.isinf(self.at_most):
+            kind = 'a finite number'
+        words = [self.limits()] if self.choices else [kind, self.limits()]
         return ' '.join(filter(None, [*words, self._in_unit()]))
 
     def limits(self) -> str:
         """Return the range of a number or the choices of a string; empty for any."""
         if self.choices:
             return ' or '.join(f"'{choice}'" for choice in self.choices)
-        limits = []
-        if self.at_least > -math.inf:
-            limits.append(f'>= {self.at_least:g}')
-        if self.at_most < math.inf:
-            limits.append(f'<= {self.at_most:g}')
-        text = ' and '.join(limits)
+        least = f'>= {self.at_least:g}' if self.at_least > -math.inf else ''
+        most = f'<= {self.at_most:g}' if self.at_most < math.inf else ''
+        text = ' and '.join(filter(None, [least, most]))
         if self.may_be_zero:
             text = f'0 or {text}'
-        return f'{text or "any number"} or .nan' if self.may_be_nan else text
+        if self.may_be_nan:
+            text = f'{text or "any number"} or .nan'
+        return f'{text} or negative' if self.may_be_negative else text
 
     def _in_unit(self) -> str:
         return f'({self.unit})' if self.unit else ''
 
-    def check(self, value: Any) -> Any:
+    def check(self, name: str, value: Any) -> Any:
         """
-        Return `value` with the type of the table.
+        Return the value of the parameter `name` with its type, or raise `WrongParameterError`.
 
-        An integer is accepted as a number and `[]`, which arrives as None, as an empty list, as
-        a person writing YAML means them.
-
-        Raises
-        ------
-        WrongParameterError
-            If the value is not allowed.
-
+        An integer is accepted as a number and `[]`, which arrives as None, as an empty list.
         """
-        if self.type in (STRINGS, DOUBLES):
-            value = _as_list(value)
-        if self.type is DOUBLE:
-            value = _as_float(value)
-        if self.type is DOUBLES and type(value) is list:
-            value = [_as_float(item) for item in value]
-        if not self._fits(value):
+        items = self._items(value)
+        if (self.list_of or type(self.default)) is float and items is not None:
+            items = [float(item) if type(item) is int else item for item in items]
+        if items is None or not all(map(self._fits, items)):
             raise WrongParameterError(
-                f"parameter '{self.name}': {value!r} is not allowed, it must be {self.allowed()}"
+                f"parameter '{name}': {value!r} is not allowed, it must be {self.allowed()}"
             )
-        return value
+        return items if self.list_of else items[0]
 
-    def _fits(self, value: Any) -> bool:
-        if self.type is STRINGS:
-            return type(value) is list and all(type(item) is str for item in value)
-        if self.type is DOUBLES:
-            return type(value) is list and all(
-                type(item) is float and math.isfinite(item) and self._is_within(item)
-                for item in value
-            )
-        if self.type in (DOUBLE, INTEGER):
-            number = float if self.type is DOUBLE else int
-            if type(value) is not number:
-                return False
-            if math.isnan(value):
-                return self.may_be_nan
-            return self._is_within(value) and (math.isfinite(value) or not self.finite)
-        if self.type is BOOL:
-            return type(value) is bool
-        return type(value) is str and (not self.choices or value in self.choices)
+    def _items(self, value: Any) -> list[Any] | None:
+        """Return the values of a list, or the only one; None for what is no list and must be."""
+        if self.list_of is None:
+            return [value]
+        if value is None:
+            return []
+        is_list = isinstance(value, Iterable) and not isinstance(value, str | bytes)
+        return list(value) if is_list else None
 
-    def _is_within(self, number: float) -> bool:
-        """Return whether a number is within the limits."""
-        if number == 0.0 and self.may_be_zero:
+    def _fits(self, item: Any) -> bool:
+        kind: Any = self.list_of or type(self.default)
+        if type(item) is not kind:
+            return False
+        if type(item) is str:
+            return not self.choices or item in self.choices
+        if type(item) is bool:
             return True
-        return self.at_least <= number <= self.at_most
+        if math.isnan(item):
+            return self.may_be_nan
+        if math.isinf(item) and self.finite:
+            return False
+        is_special = (item == 0 and self.may_be_zero) or (item < 0 and self.may_be_negative)
+        return is_special or self.at_least <= item <= self.at_most
 
     def descriptor(self, read_only: bool = True) -> ParameterDescriptor:
         """Return the descriptor that `ros2 param describe` shows."""
@@ -185,28 +173,37 @@ class Spec:
             type=self.type.value,
             read_only=read_only,
         )
-        bounded = math.isfinite(self.at_least) or math.isfinite(self.at_most)
         # ROS takes .nan to be out of every range; `check` knows better.
-        if self.type is DOUBLE and bounded and not self.may_be_nan:
+        has_more = self.list_of or self.may_be_nan or self.may_be_negative
+        if has_more or math.isinf(self.at_least) and math.isinf(self.at_most):
+            return descriptor
+        if type(self.default) is float:
             at_least = 0.0 if self.may_be_zero else self.at_least
             limits = FloatingPointRange(from_value=at_least, to_value=self.at_most)
             descriptor.floating_point_range = [limits]
-        if self.type is INTEGER and bounded:
+        else:
             at_most = int(min(self.at_most, LARGEST_INTEGER))
             limits = IntegerRange(from_value=int(self.at_least), to_value=at_most, step=1)
             descriptor.integer_range = [limits]
         return descriptor
 
 
-def _as_list(value: Any) -> Any:
-    """Return a list for None and for what holds several values; a string is one value."""
-    if value is None:
-        return []
-    return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else value
+Specs = Mapping[str, Spec]
 
 
-def _as_float(value: Any) -> Any:
-    return float(value) if type(value) is int else value
+def own_of(spec: Spec, name: str, whose: str) -> Spec:
+    """Return what one robot or anchor has in place of the common parameter `name`."""
+    text = f'the same of this {whose}; negative for {name}'
+    return replace(spec, default=-1.0, text=text, may_be_negative=True, examples=())
+
+
+@dataclass(frozen=True)
+class Section:
+    """Parameters that belong together: a title, what they have in common, and rows by name."""
+
+    title: str
+    text: str
+    specs: Specs
 
 
 def given_values(node: Node) -> dict[str, Any]:
@@ -238,22 +235,13 @@ def refuse_unknown(
             raise WrongParameterError(f"parameter '{name}' is unknown{hint(name, known)}")
 
 
-def declare(
-    node: Node, specs: Iterable[Spec], values: Mapping[str, Any], read_only: bool = True
-) -> None:
-    """Declare parameters on a node, with checked values."""
-    for spec in specs:
+def declare(node: Node, specs: Specs, values: Mapping[str, Any], read_only: bool = True) -> None:
+    """Declare the parameters that a node does not have yet, with checked values."""
+    for name, spec in specs.items():
+        if node.has_parameter(name):
+            continue
         # rclpy infers the type from the value, and takes an empty list for a list of bytes. A
         # type of its own can be given only to a parameter without value, which is set after.
-        node.declare_parameter(spec.name, spec.type, ignore_override=True)
-        node.set_parameters([Parameter(spec.name, spec.type, values[spec.name])])
-        node.set_descriptor(spec.name, spec.descriptor(read_only))
-
-
-@dataclass(frozen=True)
-class Section:
-    """Parameters that belong together: a title, what they have in common, and their rows."""
-
-    title: str
-    text: str
-    specs: tuple[Spec, ...]
+        node.declare_parameter(name, spec.type, ignore_override=True)
+        node.set_parameters([Parameter(name, spec.type, values[name])])
+        node.set_descriptor(name, spec.descriptor(read_only))

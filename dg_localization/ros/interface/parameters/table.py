@@ -3,315 +3,102 @@
 
 """The parameters of the node `localizer`, in the order of the commented file."""
 
-from collections.abc import Iterable, Iterator
-import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
-from dg_localization.fleet import LinkKind
-from dg_localization.ros.interface.parameters.inputs import LINKS, stamp_offset_spec
-from dg_localization.ros.interface.parameters.odometry import (
-    MEMORY,
+from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet.checks import FARTHEST_M
+from dg_localization.ros.interface.parameters.measured import (
+    BEARINGS,
+    LINKS,
+    MOTION,
     ODOMETRY,
-    robot_odometry_specs,
+    PEERS,
+    RANGES,
+    STAMP_OFFSET,
+    TIME,
 )
-from dg_localization.ros.interface.parameters.points import (
-    ANCHORS,
-    ELEVATIONS,
-    MOUNTS,
-    anchor_specs,
+from dg_localization.ros.interface.parameters.results import (
+    ANSWERS,
+    CONTRADICTIONS,
+    FLEET,
+    MEMORY,
+    NODE,
+    SOLVER,
 )
-from dg_localization.ros.interface.parameters.results import ANSWERS, CONTRADICTIONS, SOLVER
-from dg_localization.ros.interface.parameters.spec import (
-    BOOL,
-    DOUBLE,
-    INTEGER,
-    STRING,
-    STRINGS,
-    Section,
-    Spec,
-)
+from dg_localization.ros.interface.parameters.spec import Section, Spec, Specs, own_of
 
-FLEET = Section(
-    'Fleet',
-    '',
-    (
-        Spec(
-            'robots',
-            STRINGS,
+MOUNTS = Section(
+    'Sensors on robots',
+    'Sensors away from the origin of the body frame. The sensor `left` of `robot_1` is '
+    'called `robot_1/left` wherever an observer or a target is named.',
+    {
+        'mounts.names': Spec(
             [],
-            'names of the robots; their order is the order of all outputs',
-            details='At least one must be named.',
-            shown=['robot_1', 'robot_2', 'robot_3'],
+            "sensors at known places on robots, 'ROBOT/SENSOR'",
+            list_of=str,
+            examples=(
+                "names: ['robot_1/left', 'robot_1/camera']",
+                'robot_1:',
+                '  left: {position: [0.3, 0.2]}',
+                '  camera: {position: [0.4, 0.0], bound: 0.01, rotation: [0.0, 0.0, 1.57]}',
+            ),
+        )
+    },
+)
+
+
+ELEVATIONS = Section(
+    'Elevations',
+    'With `dimension: 2`, points may be at different elevations: ranges and rays in space '
+    'become those between the projections of their ends on the plane. An elevation that '
+    'changes may be read, in messages of type geometry_msgs/PointStamped whose z is up. '
+    'The error of a reading is the reading minus the true elevation.',
+    {
+        'elevations.names': Spec(
+            [],
+            'points in the plane whose elevation is known: robots, anchors and sensors. A '
+            'sensor that is not named has the elevation of its robot, and all else is at 0. '
+            'The sensor robot_1/left is given as robot_1.left.',
+            list_of=str,
+            examples=(
+                "names: ['robot_1', 'beacon_1']",
+                'robot_1: [0.4, 0.5]',
+                'beacon_1: [2.1, 2.1]',
+            ),
         ),
-        Spec(
-            'dimension',
-            INTEGER,
-            2,
-            'dimension of the space the robots move in',
-            at_least=2,
-            at_most=3,
-        ),
-        Spec(
-            'fixed_frame',
-            STRING,
-            'map',
-            'name of the frame of the anchors',
-            details='Without anchors the frame is named after what it is tied to: the odometry '
-            'frame of the reference robot as its messages name it, `ROBOT/base_link`, or `fleet`.',
-        ),
-        Spec(
-            'reference_robot',
-            STRING,
+        'elevation.topic': Spec(
             '',
-            'robot that the frame is tied to when the anchors do not fix it; empty for the first',
-            details='In its odometry frame it is at its odometry pose. In other frames it is at '
-            'the origin, and the x axis is its heading when its bearings fix that, else it points '
-            'towards the next robot of the list.',
+            "template of the topics, such as '{observer}/elevation'; empty for none. Readings "
+            'narrow the elevation of a point that is named in `elevations.names`.',
         ),
-    ),
-)
-
-NODE = Section(
-    'Node',
-    '',
-    (
-        Spec('rate', DOUBLE, 5.0, 'how often the fleet is localized', 'Hz', 0.01, 1000.0),
-        Spec(
-            'autostart',
-            BOOL,
-            True,
-            'configure and activate at start',
-            details='Set it to false under a lifecycle manager.',
-        ),
-        Spec(
-            'publish_tf',
-            BOOL,
-            False,
-            'publish transforms from the frame of the anchors on /tf',
-            details='They go to the odometry frame of each robot that has odometry, and to the '
-            'body of others. It needs the package tf2_msgs.',
-        ),
-    ),
-)
-
-TIME = Section(
-    'Time',
-    '',
-    (
-        Spec(
-            'stamp_source',
-            STRING,
-            'header',
-            'time of a measurement: its header, or its arrival',
-            choices=('header', 'receive'),
-            details="'receive' serves drivers that leave the header empty or run on another "
-            'clock.',
-        ),
-        Spec('max_age', DOUBLE, 1.0, 'older measurements are not used', 's', 0.0),
-        Spec(
-            'stamp_error',
-            DOUBLE,
-            0.0,
-            'how far a stamp may be from when it was true, by the clock of the node',
-            's',
-            0.0,
-            details='Clocks of robots differ. What robots can move and turn meanwhile widens all '
-            'bounds. Where a clock may be ahead, `max_future` must not be less.',
-        ),
-        Spec('max_future', DOUBLE, 0.1, 'how far a stamp may lie ahead of the clock', 's', 0.0),
-        Spec(
-            'max_repeats',
-            INTEGER,
-            8,
-            'newest readings of one input that are kept and intersected',
-            at_least=1,
-        ),
-    ),
+        'elevation.stamp_offset': STAMP_OFFSET,
+        'elevation.min_error': Spec(-0.5, 'least error of a reading', 'm'),
+        'elevation.max_error': Spec(0.5, 'greatest error of a reading', 'm'),
+    },
 )
 
 
-def robot_spec(name: str) -> Spec:
-    """Return the speed limit of one robot; a negative one stands for `max_speed`."""
-    return Spec(
-        f'robot_max_speed.{name}',
-        DOUBLE,
-        -1.0,
-        'this robot moves no faster; negative for max_speed',
-        'm/s',
-    )
-
-
-MOTION = Section(
-    'Motion',
-    'A measurement of age dt is widened by how far the robots can have moved in dt.',
-    (
-        Spec(
-            'max_speed',
-            DOUBLE,
-            1.0,
-            'no robot moves faster',
-            'm/s',
-            0.0,
-            details='A robot may have a limit of its own, robot_max_speed.NAME.',
-            examples=('robot_max_speed: {robot_3: 0.3}',),
+ANCHORS = Section(
+    'Anchors',
+    'Points whose coordinates in the fixed frame are known: landmarks, or parked robots. '
+    'Each name has a position, and a bound of its own where it needs one.',
+    {
+        'anchors.names': Spec(
+            [],
+            'points whose coordinates are known',
+            list_of=str,
+            examples=(
+                "names: ['beacon_1', 'beacon_2']",
+                'beacon_1: {position: [0.0, 0.0]}',
+                'beacon_2: {position: [8.0, 0.0], bound: 0.2}',
+            ),
         ),
-        Spec(
-            'max_turn_rate',
-            DOUBLE,
-            1.0,
-            'no robot turns faster',
-            'rad/s',
-            0.0,
-            details='In the plane this bounds the heading, with `dimension: 3` the whole '
-            'rotation: roll and pitch count too.',
+        'anchors.bound': Spec(
+            0.0, 'how far an anchor may be from its coordinates', 'm', 0.0, FARTHEST_M
         ),
-        Spec(
-            'min_separation',
-            DOUBLE,
-            0.0,
-            'no two robots come nearer than this',
-            'm',
-            0.0,
-            details='The size of a robot, for example. Moving robots that are only seen, never '
-            'ranged, need it: at very short distance a direction can change arbitrarily fast.',
-        ),
-    ),
+    },
 )
-
-RANGES = Section(
-    'Ranges',
-    'Messages of type sensor_msgs/Range. The error of a reading r is r minus the true distance. '
-    'It lies between min_error + min_error_relative * r and max_error + max_error_relative * r, '
-    'widened on both sides by sigma_factor standard deviations when the message carries a '
-    'variance.',
-    (
-        Spec(
-            'range.topic',
-            STRING,
-            '{observer}/range/{target}',
-            'template of the topics; empty for none',
-            details='It is resolved like the name of a topic: without a leading slash it is in '
-            'the namespace of the node. Ranges may also be named one by one under links.',
-        ),
-        stamp_offset_spec(LinkKind.RANGE),
-        Spec('range.min_error', DOUBLE, 0.0, 'least error of a range', 'm'),
-        Spec(
-            'range.max_error',
-            DOUBLE,
-            0.0,
-            'greatest error of a range',
-            'm',
-            details='Ultra-wideband reads too long, rarely too short: 0.4 to 1.3 m is common.',
-        ),
-        Spec(
-            'range.min_error_relative',
-            DOUBLE,
-            -0.03,
-            'least error as a fraction of the reading',
-        ),
-        Spec(
-            'range.max_error_relative',
-            DOUBLE,
-            0.03,
-            'greatest error as a fraction of the reading, below 1',
-        ),
-        Spec(
-            'range.sigma_factor',
-            DOUBLE,
-            0.0,
-            'standard deviations (of Range.variance) added on both sides; 0 ignores the variance',
-            at_least=0.0,
-        ),
-        Spec(
-            'range.beyond_max_is_far',
-            BOOL,
-            False,
-            'whether +inf (REP-117) proves that the target is farther than max_range',
-            details='It does not where readings simply get lost.',
-        ),
-        Spec(
-            'range.expected_error',
-            DOUBLE,
-            math.nan,
-            'likeliest error, for the published point',
-            'm',
-            may_be_nan=True,
-            details='Where it is not known, .nan, it is the mean of two errors: the one nearest '
-            'to zero that the bounds allow, and the middle of the bounds.',
-        ),
-        Spec(
-            'range.expected_error_relative',
-            DOUBLE,
-            0.0,
-            'what is added to it as a fraction of the reading',
-            details='Some radios read a few percent too long.',
-        ),
-        Spec(
-            'range.min_reading',
-            DOUBLE,
-            0.0,
-            'a reading of this or less is none',
-            'm',
-            details='By default 0.0 is none; a negative number takes it for a distance.',
-        ),
-        Spec(
-            'range.max_reading',
-            DOUBLE,
-            math.inf,
-            'a reading of this or more is none',
-            'm',
-            finite=False,
-            details='Many radios report the largest number that they have, such as 65.535, where '
-            'nothing was measured.',
-        ),
-    ),
-)
-
-BEARINGS = Section(
-    'Bearings',
-    'Messages of type geometry_msgs/Vector3Stamped: a ray of any length in the body frame of the '
-    'observer, x forward, y left, z up.',
-    (
-        Spec(
-            'bearing.topic',
-            STRING,
-            '{observer}/bearing/{target}',
-            'template of the topics; empty for none',
-        ),
-        stamp_offset_spec(LinkKind.BEARING),
-        Spec(
-            'bearing.half_width',
-            DOUBLE,
-            0.05,
-            'greatest angle between a ray and the true direction',
-            'rad',
-            0.0,
-            math.pi,
-        ),
-        Spec(
-            'bearing.expected_error',
-            DOUBLE,
-            0.0,
-            'likeliest error about the vertical axis, counterclockwise, for the published point',
-            'rad',
-            -math.pi,
-            math.pi,
-        ),
-    ),
-)
-
-PEERS = Section(
-    'Peers',
-    'All that one robot measures in one message of type sensor_msgs/PointCloud2, for fleets of so '
-    'many pairs that a topic for each costs too much. A point stands for one robot or anchor that '
-    'was measured. Its fields are `peer`, an integer: zero-based index into the list of robots '
-    'followed by the anchors not in robots and the sensors on robots; `range` (m); and `x`, `y`, '
-    '`z`, the ray in the body frame. Range or ray may be missing, or NaN.',
-    (
-        Spec('peers.topic', STRING, '{observer}/peers', 'template of the topics; empty for none'),
-        stamp_offset_spec(LinkKind.PEERS),
-    ),
-)
-
 
 SECTIONS = (
     FLEET,
@@ -331,10 +118,11 @@ SECTIONS = (
     CONTRADICTIONS,
     SOLVER,
 )
+TABLE = {name: spec for section in SECTIONS for name, spec in section.specs.items()}
 
 # What makes the fleet, its inputs and its outputs; the rest changes while the node runs.
 OF_FLEET = (FLEET, PEERS, LINKS, MOUNTS, ELEVATIONS, ANCHORS)
-AT_CONFIGURE = {spec.name for section in OF_FLEET for spec in section.specs}
+AT_CONFIGURE = {name for section in OF_FLEET for name in section.specs}
 AT_CONFIGURE |= {'autostart', 'publish_tf', 'stamp_source'}
 
 
@@ -344,13 +132,107 @@ def takes_effect_at_once(name: str) -> bool:
     return not (of_names or name in AT_CONFIGURE or name.endswith(('.topic', '.stamp_offset')))
 
 
-TABLE = tuple(spec for section in SECTIONS for spec in section.specs)
+SUFFIXES = {'m': '_m', 's': '_s', 'rad': '_rad', 'm/s': '_m_s', 'rad/s': '_rad_s', 'Hz': '_hz'}
+OTHER_FIELDS = {
+    'memory.seconds': 'memory_s',
+    'stuck.drop': 'drop_stuck',
+    'conflicts.max_solves': 'max_conflict_solves',
+    'conflicts.max_seconds': 'max_conflict_seconds',
+    'odometry.constant_translation': 'constant_m',
+    'odometry.constant_rotation': 'constant_rad',
+}
 
 
-def named_specs(robots: Iterable[str], anchors: Iterable[str]) -> Iterator[Spec]:
-    """Yield the parameters that each robot and each anchor has of its own."""
-    for name in robots:
-        yield robot_spec(name)
-        yield from robot_odometry_specs(name)
-    for name in anchors:
-        yield from anchor_specs(name)
+def fields_of(settings: Any, prefix: str = '') -> dict[str, str]:
+    """Return the fields of a dataclass that parameters state, by their names without a prefix."""
+    found = {}
+    for name, spec in TABLE.items():
+        field = name.removeprefix(prefix).replace('.', '_')
+        fields = OTHER_FIELDS.get(name, ''), field + SUFFIXES.get(spec.unit, ''), field
+        known = [field for field in fields if field in settings.__dataclass_fields__]
+        if known and name.startswith(prefix) and spec.list_of is None:
+            found[name.removeprefix(prefix)] = known[0]
+    return found
+
+
+class Named(NamedTuple):
+    """
+    Parameters of a section that each of some points has of its own.
+
+    The parameter `names` lists the points; the `placeholder` stands for one of them in the names
+    of `specs`.
+    """
+
+    section: Section
+    names: str
+    placeholder: str
+    specs: Specs
+
+
+NAMED = (
+    Named(
+        MOTION,
+        'robots',
+        'NAME',
+        {'robot_max_speed.NAME': own_of(TABLE['max_speed'], 'max_speed', 'robot')},
+    ),
+    Named(
+        ODOMETRY,
+        'robots',
+        'NAME',
+        {
+            f'robot_odometry.NAME.{name}': own_of(
+                TABLE[f'odometry.{name}'], f'odometry.{name}', 'robot'
+            )
+            for name in fields_of(OdometryErrorModel, 'odometry.')
+        },
+    ),
+    Named(
+        MOUNTS,
+        'mounts.names',
+        'ROBOT.SENSOR',
+        {
+            'mounts.ROBOT.SENSOR.position': Spec(
+                [], 'place of the sensor in the body frame', 'm', -FARTHEST_M, FARTHEST_M, float
+            ),
+            'mounts.ROBOT.SENSOR.bound': Spec(
+                0.0, 'how far it may be from there', 'm', 0.0, FARTHEST_M
+            ),
+            'mounts.ROBOT.SENSOR.rotation': Spec(
+                [0.0, 0.0, 0.0],
+                'orientation of the sensor in the body frame: roll, pitch, yaw about fixed axes',
+                'rad',
+                list_of=float,
+            ),
+        },
+    ),
+    Named(
+        ELEVATIONS,
+        'elevations.names',
+        'NAME',
+        {
+            'elevations.NAME': Spec(
+                [], 'least and greatest elevation', 'm', -FARTHEST_M, FARTHEST_M, float
+            )
+        },
+    ),
+    Named(
+        ANCHORS,
+        'anchors.names',
+        'NAME',
+        {
+            'anchors.NAME.position': Spec(
+                [], 'coordinates in the fixed frame', 'm', -FARTHEST_M, FARTHEST_M, float
+            ),
+            'anchors.NAME.bound': own_of(TABLE['anchors.bound'], 'anchors.bound', 'anchor'),
+        },
+    ),
+)
+
+
+def named_specs(values: Mapping[str, Any]) -> Iterator[tuple[str, Spec]]:
+    """Yield the parameters that robots, anchors and sensors have of their own, by name."""
+    for _, names, placeholder, specs in NAMED:
+        for point in values[names]:
+            for name, spec in specs.items():
+                yield name.replace(placeholder, point.replace('/', '.')), spec
