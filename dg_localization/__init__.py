@@ -7,7 +7,6 @@ Every placement of a robot fleet that agrees with interval distances and bearing
 The solver's interface is here; it needs neither ROS nor a first guess. See `solve`.
 """
 
-from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import (
     Chirality,
@@ -16,7 +15,15 @@ from dg_localization.solver.problem import (
     Side,
     SideConstraint,
 )
-from dg_localization.solver.result import Hypothesis, Piece, Result, Statistics, Verdict
+from dg_localization.solver.result import (
+    Hypothesis,
+    Joint,
+    JointKind,
+    Piece,
+    Result,
+    Statistics,
+    Verdict,
+)
 from dg_localization.solver.solve import solve
 
 __all__ = [

@@ -12,9 +12,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.solver.decompose.joints import Joint, JointKind
 from dg_localization.solver.decompose.rigid_components import rigid_components
-from dg_localization.solver.result import Piece, Result
+from dg_localization.solver.result import Joint, JointKind, Piece, Result
 
 FloatArray = NDArray[np.float64]
 

@@ -27,8 +27,7 @@ from dg_localization.solver.contract.angles import ANGLE_SWEEPS, contract_by_ang
 from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
 from dg_localization.solver.contract.coordinates import enclose_coordinates
 from dg_localization.solver.decompose.decomposition import pieces_of
-from dg_localization.solver.decompose.joints import JointKind
-from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.result import Hypothesis, JointKind
 
 FloatArray = NDArray[np.float64]
 Core = tuple[int, ...]

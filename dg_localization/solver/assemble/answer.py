@@ -17,11 +17,10 @@ from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPie
 from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import Decomposition
-from dg_localization.solver.decompose.joints import JointKind
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import Piece, Result, Statistics, Verdict
+from dg_localization.solver.result import JointKind, Piece, Result, Statistics, Verdict
 
 
 def solve_in_pieces(

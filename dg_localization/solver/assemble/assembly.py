@@ -32,7 +32,7 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
 )
 from dg_localization.solver.box import FloatArray
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem, SideConstraint
 

@@ -15,9 +15,9 @@ from dg_localization.solver.assemble.subproblem import restricted
 from dg_localization.solver.box import IntArray
 from dg_localization.solver.decompose.decomposition import Decomposition, pieces_of
 from dg_localization.solver.decompose.graph import connected_parts, graph_of
-from dg_localization.solver.decompose.joints import Joint
 from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Joint
 
 
 def _first_of(known: PairBounds) -> IntArray | None:

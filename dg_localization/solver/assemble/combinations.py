@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import product
 
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.problem import Side, SideConstraint
 
 FREE = (Side.FREE,)

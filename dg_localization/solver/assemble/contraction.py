@@ -15,7 +15,7 @@ from dg_localization.solver.contract.fixed_point import Contractor, Goal
 from dg_localization.solver.contract.groups import groups_of
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.search.branch_and_prune import Budget

@@ -19,7 +19,7 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.chiralities import volume_product
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.result import Hypothesis
 
 LARGE, MOST_APEXES = 40, 8

@@ -39,11 +39,9 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
     restricted_boxes,
 )
-from dg_localization.solver.decompose.decomposition import pairs_of
-from dg_localization.solver.decompose.graph import BoolArray, Pair
-from dg_localization.solver.decompose.joints import Joint, JointKind
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
 from dg_localization.solver.problem import Chirality, Problem, Side
+from dg_localization.solver.result import Joint, JointKind
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""

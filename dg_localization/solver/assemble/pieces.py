@@ -52,13 +52,11 @@ from dg_localization.solver.assemble.subproblem import (
 )
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.decompose.decomposition import Decomposition
-from dg_localization.solver.decompose.graph import Pair
-from dg_localization.solver.decompose.joints import Joint, JointKind
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.patches.solver import MOST_WHOLE
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.result import Hypothesis, Joint, JointKind
 from dg_localization.solver.search.branch_and_prune import Cover
 
 LEAST_PARTED, MOST_PARTED = 9, 60

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dg_localization.solver.box import FloatArray, IntArray
-from dg_localization.solver.decompose.joints import Joint
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.problem import Side, SideConstraint
+from dg_localization.solver.result import Joint
 
 MOST_TURNS = 6
 """How many ways to turn a piece about a joint are tried."""

@@ -28,7 +28,6 @@ from dg_localization.solver.assemble.subproblem import (
     points_of,
 )
 from dg_localization.solver.box import UPPER, FloatArray
-from dg_localization.solver.decompose.joints import JointKind
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import (
@@ -41,7 +40,7 @@ from dg_localization.solver.place.placements import MARGIN, MOST_STEPS, refine
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.sparse_placements import refined, sought
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.result import Hypothesis, JointKind
 
 MOST_REFINED = 100
 """Up to so many points a placement is refined by least squares, which takes their cube of time."""

@@ -12,15 +12,13 @@ import math
 import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, Ranges, restricted_boxes
-from dg_localization.solver.decompose.graph import Pair
-from dg_localization.solver.decompose.joints import Joint
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.patches.answers import ChainedHypothesis
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.unplaced_hypotheses import Placement
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.result import Hypothesis, Joint
 
 
 @dataclass

@@ -11,8 +11,7 @@ from itertools import product
 import numpy as np
 
 from dg_localization.solver.box import FloatArray
-from dg_localization.solver.decompose.graph import Pair
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.problem import Chirality, Problem, SideConstraint
 

@@ -10,7 +10,8 @@ has, never what is true: any set of points may be solved as a problem of its own
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import IntArray
 
 Pair = tuple[int, int]
+Points = tuple[int, ...]
 BoolArray = NDArray[np.bool_]
 
 
@@ -30,63 +32,25 @@ class Graph(NamedTuple):
     neighbors: IntArray
 
 
-@kernel
+def pairs_of(points: Iterable[int]) -> tuple[Pair, ...]:
+    """Return all pairs of some points, the smaller point first."""
+    return tuple(combinations(sorted(points), 2))
+
+
 def graph_of(n_points: int, pairs: IntArray) -> Graph:
     """Return the graph of some pairs of points, each pair once."""
-    start = np.zeros(n_points + 1, dtype=np.int64)
-    for x in range(len(pairs)):
-        start[pairs[x, 0] + 1] += 1
-        start[pairs[x, 1] + 1] += 1
-    start = np.cumsum(start)
-    end = start[:-1].copy()
-    neighbors = np.empty(2 * len(pairs), dtype=np.int64)
-    for x in range(len(pairs)):
-        for side in range(2):
-            point = pairs[x, side]
-            neighbors[end[point]] = pairs[x, 1 - side]
-            end[point] += 1
-    return Graph(start, neighbors)
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    ends = both[np.lexsort((both[:, 1], both[:, 0]))]
+    start = np.searchsorted(ends[:, 0], np.arange(n_points + 1)).astype(np.int64)
+    return Graph(start, np.ascontiguousarray(ends[:, 1]))
 
 
-@kernel
-def _pairs_among(graph: Graph, points: IntArray, number: IntArray) -> IntArray:
-    """Return the pairs among some points, by their places; `number` is -1 before and after."""
-    n_arcs = 0
-    for x in range(len(points)):
-        number[points[x]] = x
-        n_arcs += graph.start[points[x] + 1] - graph.start[points[x]]
-    pairs = np.empty((n_arcs, 2), dtype=np.int64)
-    count = 0
-    for x in range(len(points)):
-        for arc in range(graph.start[points[x]], graph.start[points[x] + 1]):
-            other = number[graph.neighbors[arc]]
-            if other > x:
-                pairs[count, 0], pairs[count, 1] = x, other
-                count += 1
-    for x in range(len(points)):
-        number[points[x]] = -1
-    return pairs[:count].copy()
-
-
-class Subgraphs:
-    """The parts of a graph, each in the time that its own points take."""
-
-    def __init__(self, n_points: int, pairs: IntArray) -> None:
-        self._graph = graph_of(n_points, pairs)
-        self._number = np.full(n_points, -1)
-        # Numbers, and not tuples: these are what a collection of garbage looks at.
-        self._keys = set((pairs[:, 0] * n_points + pairs[:, 1]).tolist())
-
-    def __contains__(self, pair: Pair) -> bool:
-        """Return whether a pair is in the graph, its smaller point first."""
-        return pair[0] * len(self._number) + pair[1] in self._keys
-
-    def pairs_among(self, points: IntArray, more: Sequence[Pair]) -> IntArray:
-        """Return the pairs that join some points."""
-        pairs = _pairs_among(self._graph, points, self._number)
-        if not more:
-            return pairs
-        return np.concatenate([pairs, np.searchsorted(points, np.array(more))])
+def pairs_among(n_points: int, pairs: IntArray, points: IntArray) -> IntArray:
+    """Return the pairs among some points, ascending, by their places in these."""
+    number = np.full(n_points, -1)
+    number[points] = np.arange(len(points))
+    ends = number[pairs]
+    return np.ascontiguousarray(ends[(ends >= 0).all(axis=1)])
 
 
 @kernel

@@ -1,155 +1,257 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Rigid components: the maximal sets of points that measured pairs hold rigid, generically."""
+"""
+Rigid components: the maximal sets of points that measured pairs hold rigid, generically.
+
+Points that have q distances to a rigid cluster belong to it; that finds most of every component.
+What is left is decided by the rigidity matrix at random coordinates modulo a large prime. Its
+rank is the generic rank, but for a chance of about one in the prime, and never exceeds it, so that
+rigidity is certain. A random motion that keeps all measured distances keeps, with the same
+certainty, only those that are implied by them.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Sequence
+from itertools import combinations
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel, look_after
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.solver.box import IntArray
-from dg_localization.solver.decompose.generic_rank import generic_rank, implied_pairs, rigid_rank
-from dg_localization.solver.decompose.graph import BoolArray, connected_parts, graph_of
-from dg_localization.solver.decompose.pebble_game import rank_2d, rigid_components_2d
+from dg_localization.solver.decompose.graph import BoolArray, Pair, Points
 
-Points = tuple[int, ...]
+PRIME = 2**31 - 1
+"""The sum of two products of residues fits into 64 bits."""
+
+SEED = 1
+"""The coordinates are random, and the same in every run."""
 
 
-@kernel
-def _next_component(
-    implied: BoolArray, covered: BoolArray, i: int, j: int, member: BoolArray
-) -> bool:
-    """Write the next component that holds an implied pair; False when there is no other one."""
-    n_points = len(implied)
-    for k in range(n_points):
-        if k == i or k == j or not (implied[i, k] and implied[j, k]) or covered[k]:
-            continue
-        for point in range(n_points):
-            member[point] = implied[i, point] and implied[j, point] and implied[k, point]
-            covered[point] |= member[point]
+def rigid_rank(n_points: int, dimension: int) -> int:
+    """Return the rank of the rigidity matrix of rigid points in general position."""
+    span = min(n_points - 1, dimension)
+    return n_points * dimension - dimension - span * (2 * dimension - span - 1) // 2
+
+
+def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
+    """Return whether pairs hold all points rigid at generic coordinates."""
+    if len(pairs) == n_points * (n_points - 1) // 2:
         return True
-    return False
+    if len(pairs) < rigid_rank(n_points, dimension):
+        return False
+    return any(len(c) == n_points for c in rigid_components(n_points, pairs, dimension))
 
 
-def _components_of_implied(implied: BoolArray) -> list[IntArray]:
-    """
-    Return the sets of three and more points in space all of whose distances are implied.
+def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Points]:
+    """Return the maximal sets of points that are rigid together at generic coordinates."""
+    components = _clusters(n_points, pairs, dimension)
+    held: list[set[int]] = [set() for _ in range(n_points)]
+    for number, component in enumerate(components):
+        for point in component:
+            held[point].add(number)
+    bars = [(i, j) for i, j in pairs.tolist() if held[i].isdisjoint(held[j])]
+    fewer = _without_interiors(components, held, bars, dimension)
+    if len(fewer):
+        points, ends = np.unique(fewer, return_inverse=True)
+        implied = implied_pairs(len(points), ends.reshape(fewer.shape), dimension)
+        found = [{*points[c].tolist()} for c in _components_of_implied(implied, dimension)]
+        components = joined_bodies([*components, *found], dimension)
+        number_of = {p: {x for x, c in enumerate(components) if p in c} for b in bars for p in b}
+        bars = [(i, j) for i, j in bars if number_of[i].isdisjoint(number_of[j])]
+    alone = set(range(n_points)) - {*pairs.ravel().tolist()}
+    every = [*components, *bars, *((point,) for point in alone)]
+    return sorted(tuple(sorted(component)) for component in every)
 
-    Three points whose distances are implied lie in one such set, and in no other.
-    """
-    found: list[IntArray] = []
-    known: list[set[int]] = [set() for _ in implied]
-    member = np.empty(len(implied), dtype=np.bool_)
-    for i, j in np.argwhere(np.triu(implied, 1)).tolist():
-        covered = np.zeros(len(implied), dtype=np.bool_)
-        for number in known[i] & known[j]:
-            covered[found[number]] = True
-        look_after(len(implied))
-        while _next_component(implied, covered, i, j, member):
-            points = np.flatnonzero(member)
-            found.append(points)
-            for point in points.tolist():
-                known[point].add(len(found) - 1)
-    return found
 
-
-def _cluster(neighbors: list[set[int]], i: int, j: int) -> list[int]:
-    """Return points that a measured pair in space grows by: each has three distances to others."""
+def _cluster(neighbors: list[set[int]], i: int, j: int, dimension: int) -> list[int]:
+    """Return points that a measured pair grows by: each has q distances to others."""
     order, inside, n_links = [i, j], {i, j}, Counter[int]()
     for point in order:
         for other in neighbors[point] - inside:
             n_links[other] += 1
-            # The third point needs two distances, all others three.
-            if n_links[other] >= min(len(order), 3):
+            # The third point in space needs two distances, all others three.
+            if n_links[other] >= min(len(order), dimension):
                 inside.add(other)
                 order.append(other)
     return order
 
 
-def _without_interiors(n_points: int, pairs: IntArray) -> tuple[list[IntArray], IntArray]:
-    """
-    Return rigid clusters, and pairs among fewer points that have the same rigidity.
-
-    A cluster is replaced by the three points that it grew from and those that other pairs end at.
-    """
+def _clusters(n_points: int, pairs: IntArray, dimension: int) -> list[set[int]]:
+    """Return rigid clusters of more than two points, or of more than one on the line."""
     neighbors: list[set[int]] = [set() for _ in range(n_points)]
-    for i, j in pairs.tolist():
+    listed = pairs.tolist()
+    for i, j in listed:
         neighbors[i].add(j)
         neighbors[j].add(i)
-    left = np.ones(len(pairs), dtype=np.bool_)
-    clusters, n_clusters = [], np.zeros(n_points, dtype=np.int64)
-    for x, (i, j) in enumerate(pairs.tolist()):
-        grown = _cluster(neighbors, i, j) if left[x] else []
-        look_after(len(grown))
-        if len(grown) > 3:
-            clusters.append(np.array(grown))
-            n_clusters[grown] += 1
-            left &= ~np.isin(pairs, grown).all(axis=1)
-    is_seen = n_clusters > 1
-    is_seen[pairs[left]] = True
-    kept = [pairs[left]]
-    for cluster in clusters:
-        base, others = cluster[:3], cluster[3:][is_seen[cluster[3:]]]
-        kept.append(base[[[0, 1], [0, 2], [1, 2]]])
-        kept += [np.stack([np.full_like(others, b), others], axis=1) for b in base]
-    return clusters, np.unique(np.sort(np.concatenate(kept), axis=1), axis=0)
+    clusters: list[list[int]] = []
+    clusters_of: list[set[int]] = [set() for _ in range(n_points)]
+    for i, j in listed:
+        if clusters_of[i].isdisjoint(clusters_of[j]):
+            grown = _cluster(neighbors, i, j, dimension)
+            look_after(len(grown))
+            if len(grown) > 2 or dimension == 1:
+                for point in grown:
+                    clusters_of[point].add(len(clusters))
+                clusters.append(grown)
+    return joined_bodies(clusters, dimension)
 
 
-def _components_3d(n_points: int, pairs: IntArray) -> list[IntArray]:
-    """Return the rigid components in space that hold a measured pair or three implied ones."""
-    clusters, fewer = _without_interiors(n_points, pairs)
-    points, ends = np.unique(fewer, return_inverse=True)
-    implied = implied_pairs(len(points), ends.reshape(fewer.shape), 3)
-    components = [points[members] for members in _components_of_implied(implied)]
-    for x, component in enumerate(components):
-        for cluster in clusters:
-            # Three common points make a component and a cluster one body.
-            if len(np.intersect1d(component, cluster)) >= 3:
-                component = np.union1d(component, cluster)
-        components[x] = component
-    held = np.zeros(len(pairs), dtype=np.bool_)
-    for component in components:
-        held |= np.isin(pairs, component).all(axis=1)
-    return components + list(np.sort(pairs[~held], axis=1))
+def _without_interiors(
+    bodies: list[set[int]], held: list[set[int]], bars: list[Pair], dimension: int
+) -> IntArray:
+    """
+    Return pairs among fewer points, by which bodies and bars may make larger ones, shape (m, 2).
+
+    A body is replaced by q of its points and those that others share; a point that one bar holds
+    adds nothing.
+    """
+    n_bars = Counter(point for bar in bars for point in bar)
+    while loose := [b for b in bars if any(not held[p] and n_bars[p] == 1 for p in b)]:
+        n_bars.subtract(point for bar in loose for point in bar)
+        bars = [bar for bar in bars if bar not in loose]
+    if dimension == 1 or len(bodies) + len(bars) < 3:
+        # Two bodies that share fewer than q points turn about these.
+        return np.empty((0, 2), dtype=np.int64)
+    kept = {(min(bar), max(bar)) for bar in bars}
+    for body in bodies:
+        shared = [point for point in body if len(held[point]) > 1 or n_bars[point] > 0]
+        base = [*shared, *(body - {*shared})][:dimension]
+        kept.update((min(a, b), max(a, b)) for a, b in combinations(base, 2))
+        kept.update((min(a, b), max(a, b)) for a in base for b in shared if b not in base)
+    return np.array(sorted(kept), dtype=np.int64)
 
 
-def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Points]:
-    """Return the maximal sets of points that are rigid together at generic coordinates."""
-    if dimension == 1:
-        part = connected_parts(graph_of(n_points, pairs), np.zeros(n_points, dtype=np.bool_))
-        components = [np.flatnonzero(part == k) for k in range(part.max() + 1)]
-    else:
-        if dimension == 2:
-            components = rigid_components_2d(n_points, pairs)
-        elif len(pairs):
-            components = _components_3d(n_points, pairs)
-        else:
-            components = []
-        alone = np.ones(n_points, dtype=np.bool_)
-        alone[pairs] = False
-        components.extend(np.flatnonzero(alone)[:, None])
-    return sorted(tuple(sorted(component.tolist())) for component in components)
+def joined_bodies(parts: Sequence[Collection[int]], n_common: int) -> list[set[int]]:
+    """Return what rigid parts make together where common points make two of them one."""
+    bodies: dict[int, set[int]] = {}
+    holders: dict[int, set[int]] = {}
+    for number, part in enumerate(parts):
+        bodies[number] = set(part)
+        for point in part:
+            holders.setdefault(point, set()).add(number)
+        changed, new = number, set(part)
+        while new:
+            others = set().union(*(holders[point] for point in new)) - {changed}
+            new = set()
+            for other in sorted(others):
+                if len(bodies[changed] & bodies[other]) >= n_common:
+                    small, large = sorted((changed, other), key=lambda x: len(bodies[x]))
+                    moved = bodies.pop(small)
+                    for point in moved:
+                        holders[point].discard(small)
+                        holders[point].add(large)
+                    new |= moved if large == other else moved - bodies[large]
+                    bodies[large] |= moved
+                    changed = large
+    return list(bodies.values())
 
 
-def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
-    """Tell whether pairs hold all points rigid at generic coordinates."""
-    if len(pairs) == n_points * (n_points - 1) // 2:
-        return True
-    most = rigid_rank(n_points, dimension)
-    if len(pairs) < most:
-        return False
-    if dimension == 2:
-        return rank_2d(n_points, pairs) == most
-    if dimension == 3:
-        clusters, pairs = _without_interiors(n_points, pairs)
-        points, ends = np.unique(pairs, return_inverse=True)
-        if any(len(cluster) == n_points for cluster in clusters):
-            return True
-        if not clusters and len(points) < n_points:
-            return False
-        most = rigid_rank(len(points), 3)
-        return generic_rank(len(points), ends.reshape(pairs.shape), 3) == most
-    return generic_rank(n_points, pairs, dimension) == most
+def implied_pairs(n_points: int, pairs: IntArray, dimension: int) -> BoolArray:
+    """Return which distances the measured ones imply, generically up to finitely many values."""
+    positions, motion = np.random.default_rng(SEED).integers(1, PRIME, (2, n_points, dimension))
+    n_columns = n_points * dimension
+    rows = np.zeros((rigid_rank(n_points, dimension) + 1, n_columns), dtype=np.int64)
+    row_of = np.full(n_columns, -1)
+    # Points with few pairs come first: their rows hardly fill the others.
+    n_pairs = np.bincount(pairs.ravel(), minlength=n_points)
+    place = np.argsort(np.argsort(n_pairs, kind='stable'))
+    rank, at_once = 0, 1 + WORK_PER_LOOK // rows.size
+    for first in range(0, len(pairs), at_once):
+        some = pairs[first : first + at_once]
+        rank = int(_eliminate(positions, some, place, rows, row_of, rank))
+        look_after(len(some) * rows.size)
+    _solve_back(rows, row_of, motion.reshape(-1))
+    speeds = motion[place]
+    total = np.zeros((n_points, n_points), dtype=np.int64)
+    for x, v in zip(positions.T, speeds.T, strict=True):
+        total += (x[:, None] - x) % PRIME * ((v[:, None] - v) % PRIME) % PRIME
+    return np.asarray(total % PRIME == 0)
+
+
+@kernel
+def _eliminate(
+    positions: IntArray,
+    pairs: IntArray,
+    place: IntArray,
+    rows: IntArray,
+    row_of: IntArray,
+    rank: int,
+) -> int:
+    """
+    Go on with the elimination over some pairs; return the rank.
+
+    The columns of point i begin at ``q * place[i]``; the row whose first entry is in a column is
+    ``rows[row_of[column]]``. The last row is scratch.
+    """
+    dimension = positions.shape[1]
+    n_columns = rows.shape[1]
+    for x in range(len(pairs)):
+        if rank == len(rows) - 1:
+            break
+        i, j = pairs[x, 0], pairs[x, 1]
+        row = rows[rank]
+        row[:] = 0
+        for axis in range(dimension):
+            difference = (positions[i, axis] - positions[j, axis]) % PRIME
+            row[place[i] * dimension + axis] = difference
+            row[place[j] * dimension + axis] = (PRIME - difference) % PRIME
+        for pivot in range(n_columns):
+            if row[pivot] == 0:
+                continue
+            if row_of[pivot] < 0:
+                row_of[pivot] = rank
+                rank += 1
+                break
+            other = rows[row_of[pivot]]
+            factor, scale = PRIME - row[pivot], other[pivot]
+            for column in range(pivot, n_columns):
+                row[column] = (row[column] * scale + factor * other[column]) % PRIME
+    return rank
+
+
+@kernel
+def _solve_back(rows: IntArray, row_of: IntArray, motion: IntArray) -> None:
+    """Choose the first entry of a motion for every row such that the row vanishes on it."""
+    for pivot in range(len(motion) - 1, -1, -1):
+        if row_of[pivot] < 0:
+            continue
+        row = rows[row_of[pivot]]
+        total = 0
+        for column in range(pivot + 1, len(motion)):
+            total = (total + row[column] * motion[column]) % PRIME
+        # The inverse modulo the prime (Fermat).
+        inverse, power, exponent = 1, row[pivot], PRIME - 2
+        while exponent:
+            if exponent & 1:
+                inverse = inverse * power % PRIME
+            power = power * power % PRIME
+            exponent >>= 1
+        motion[pivot] = (PRIME - total) * inverse % PRIME
+
+
+def _components_of_implied(implied: BoolArray, dimension: int) -> list[IntArray]:
+    """
+    Return the sets of more than q points all of whose distances are implied, q being 2 or 3.
+
+    q points whose distances are implied lie in one such set, and in no other.
+    """
+    found: list[IntArray] = []
+    known: list[set[int]] = [set() for _ in implied]
+    for i, j in np.argwhere(np.triu(implied, 1)).tolist():
+        near = implied[i] & implied[j]
+        if dimension == 3:
+            near[[i, j]] = False
+        for number in known[i] & known[j]:
+            near[found[number]] = False
+        look_after(len(implied))
+        while near.any():
+            third = int(np.argmax(near))
+            points = np.flatnonzero(implied[i] & implied[j] & implied[third])
+            near[points] = False
+            for point in points.tolist():
+                known[point].add(len(found))
+            found.append(points)
+    return [points for points in found if len(points) >= dimension]

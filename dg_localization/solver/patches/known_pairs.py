@@ -18,12 +18,10 @@ from itertools import islice
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
 from dg_localization.solver.assemble.combinations import FREE, Combinations, Network, PieceLink
 from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import FloatArray, IntArray
-from dg_localization.solver.decompose.graph import BoolArray, Pair
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import BoolArray, Pair, Points
 from dg_localization.solver.pair_bounds import PairBounds, pairs_among
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
@@ -90,18 +88,38 @@ class KnownPairs:
             return None
         counts = [len(patch.hypotheses) for patch in self._patches]
         left = np.concatenate([patch.left for patch in self._patches])
-        empty = _narrow(
-            np.concatenate(self.numbers),
-            _offsets([len(numbers) for numbers in self.numbers]),
-            np.concatenate([bounds.reshape(2, -1) for bounds in self._bounds], axis=1),
-            _offsets(counts),
-            left,
-            self.lower,
-            self.upper,
-        )
+        empty = self._drop(left, counts)
         for patch, of_patch in zip(self._patches, np.split(left, np.cumsum(counts)), strict=False):
             patch.left = of_patch
-        return int(empty) if empty >= 0 else None
+        return empty
+
+    def _drop(self, left: BoolArray, counts: Sequence[int]) -> int | None:
+        """Drop hypotheses and narrow pairs until nothing changes; return a patch without any."""
+        sizes = [len(numbers) for numbers in self.numbers]
+        first_row = np.cumsum([0, *counts[:-1]])
+        # One entry for each pair of each hypothesis: its hypothesis, and its pair in the patch.
+        rows = np.repeat(np.arange(len(left)), np.repeat(sizes, counts))
+        blocks = zip(np.cumsum([0, *sizes[:-1]]), sizes, counts, strict=True)
+        slots = np.concatenate([np.tile(np.arange(a, a + m), k) for a, m, k in blocks])
+        numbers = np.concatenate(self.numbers)
+        low, high = np.concatenate([bounds.reshape(2, -1) for bounds in self._bounds], axis=1)
+        while True:
+            ends = self.lower[numbers], self.upper[numbers]
+            left[rows[(low > ends[1][slots]) | (high < ends[0][slots])]] = False
+            gone = ~np.logical_or.reduceat(left, first_row)
+            if gone.any():
+                return int(np.argmax(gone))
+            least, most = np.full(len(numbers), np.inf), np.full(len(numbers), -np.inf)
+            kept = left[rows]
+            np.minimum.at(least, slots[kept], low[kept])
+            np.maximum.at(most, slots[kept], high[kept])
+            np.maximum.at(self.lower, numbers, least)
+            np.minimum.at(self.upper, numbers, most)
+            crossed = self.lower[numbers] > self.upper[numbers]
+            if crossed.any():
+                return int(np.searchsorted(np.cumsum(sizes), np.argmax(crossed), side='right'))
+            if (ends[0] == self.lower[numbers]).all() and (ends[1] == self.upper[numbers]).all():
+                return None
 
     def bounds_of(self, patch: int, hypothesis: int) -> tuple[IntArray, FloatArray]:
         """Return the numbers of a patch's pairs, and their bounds in one of its hypotheses."""
@@ -125,68 +143,6 @@ def _bounds_of(patch: Patch) -> FloatArray:
     rows, columns = pairs_among(len(patch.points))
     ends = [(h.lower[rows, columns], h.upper[rows, columns]) for h in patch.hypotheses]
     return np.array(ends).reshape(-1, 2, len(rows)).transpose(1, 0, 2)
-
-
-def _offsets(counts: Sequence[int]) -> IntArray:
-    """Return where each of several runs begins, and where the last one ends."""
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-
-
-@kernel
-def _narrow(
-    numbers: IntArray,
-    pair_offsets: IntArray,
-    bounds: FloatArray,
-    hypothesis_offsets: IntArray,
-    left: BoolArray,
-    lower: FloatArray,
-    upper: FloatArray,
-) -> int:
-    """
-    Drop hypotheses and narrow the bounds of pairs until nothing changes.
-
-    Patch p has the pairs ``numbers[pair_offsets[p]:pair_offsets[p + 1]]``; the bounds of its
-    hypotheses for them follow each other. Returns a patch that is left without any, or -1.
-    """
-    changed = True
-    while changed:
-        changed = False
-        start = 0
-        for patch in range(len(pair_offsets) - 1):
-            first_pair = pair_offsets[patch]
-            n_pairs = pair_offsets[patch + 1] - first_pair
-            is_left = False
-            first, last = hypothesis_offsets[patch], hypothesis_offsets[patch + 1]
-            for x in range(first, last):
-                at = start + (x - first) * n_pairs
-                for y in range(n_pairs):
-                    number = numbers[first_pair + y]
-                    if left[x] and (
-                        bounds[0, at + y] > upper[number] or bounds[1, at + y] < lower[number]
-                    ):
-                        left[x] = False
-                        changed = True
-                is_left = is_left or left[x]
-            if not is_left:
-                return patch
-            for y in range(n_pairs):
-                low, high = np.inf, -np.inf
-                for x in range(first, last):
-                    if left[x]:
-                        at = start + (x - first) * n_pairs + y
-                        low = min(low, bounds[0, at])
-                        high = max(high, bounds[1, at])
-                number = numbers[first_pair + y]
-                if low > lower[number]:
-                    lower[number] = low
-                    changed = True
-                if high < upper[number]:
-                    upper[number] = high
-                    changed = True
-                if lower[number] > upper[number]:
-                    return patch
-            start += (last - first) * n_pairs
-    return -1
 
 
 Choice = dict[int, int]

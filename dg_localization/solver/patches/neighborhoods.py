@@ -14,8 +14,8 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 
 import numpy as np
 
-from dg_localization.solver.decompose.graph import Pair
-from dg_localization.solver.decompose.rigid_components import Points, rigid_components
+from dg_localization.solver.decompose.graph import Pair, Points
+from dg_localization.solver.decompose.rigid_components import rigid_components
 
 PATCH_POINTS = 8
 """Most points of a patch: larger ones took longer, and left as much open."""

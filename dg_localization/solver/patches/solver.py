@@ -28,8 +28,7 @@ from dg_localization.solver.assemble.subproblem import (
 )
 from dg_localization.solver.assemble.tasks import Subproblem
 from dg_localization.solver.box import UPPER
-from dg_localization.solver.decompose.graph import Pair
-from dg_localization.solver.decompose.rigid_components import Points
+from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.patches.known_pairs import Ambiguities, KnownPairs, Patch
 from dg_localization.solver.patches.neighborhoods import (
     PATCH_POINTS,
