@@ -37,7 +37,7 @@ from dg_localization.simulation import moving_fleet as simulation  # noqa: E402
 from msg_adapters.peers import peers_from_message  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
-DEFAULTS = {spec.name: spec.default for spec in PARAMETERS}
+DEFAULTS = {name: spec.default for name, spec in PARAMETERS.items()}
 EDGES = [(simulation.ROBOTS[a], simulation.ROBOTS[b]) for a, b in simulation.EDGES]
 
 
@@ -186,7 +186,7 @@ def test_ranges_and_cameras_cannot_both_be_switched_off(context):
 
 def simulated(**values):
     """Return the topics of one round, by what they end in before the target."""
-    fleet = simulated_fleet({**{spec.name: spec.default for spec in PARAMETERS}, **values})
+    fleet = simulated_fleet({**DEFAULTS, **values})
     return {*dict(fleet.measurements(1.0, 2.0)), *dict(fleet.odometry_messages(1.0, 2.0))}
 
 
@@ -207,7 +207,7 @@ def test_parameters_choose_what_is_measured():
 
 
 def test_peers_name_landmarks_after_the_robots():
-    values = {spec.name: spec.default for spec in PARAMETERS}
+    values = dict(DEFAULTS)
     fleet = simulated_fleet({**values, 'landmarks': True, 'peers': True})
     points = [*simulation.ROBOTS, *simulation.LANDMARKS_M]
     reading = peers_from_message(dict(fleet.measurements(0.0, 1.0))['robot_6/peers'])
