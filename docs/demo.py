@@ -43,8 +43,8 @@ from dg_localization.ros.domain import claim_domain
 from dg_localization.simulation.moving_fleet import EDGES, ROBOTS
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.markers import marker_scene_from_message
-from msg_adapters.odometry import odometry_from_message
 from msg_adapters.poses import pose_array_from_message
+from msg_adapters.readings import odometry_from_message
 
 CONFIG = Path(__file__).parents[1] / 'config/paper_fleet.yaml'
 COLORS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9')

@@ -9,16 +9,13 @@ message, so messages decoded by rclpy and by `rosbags` both do; writing imports
 the message class when it is called. Importing this package imports no ROS.
 """
 
-from msg_adapters.bearings import BearingReading
 from msg_adapters.detections import CameraReading, PixelReading
 from msg_adapters.diagnostics import Diagnostics, Level, Status
-from msg_adapters.elevations import ElevationReading
 from msg_adapters.identified import IdentifiedReading
 from msg_adapters.markers import Marker, MarkerScene, Shape
-from msg_adapters.odometry import OdometryReading
 from msg_adapters.peers import PeersReading
 from msg_adapters.poses import PoseList, UncertainPose
-from msg_adapters.ranges import RangeReading
+from msg_adapters.readings import BearingReading, ElevationReading, OdometryReading, RangeReading
 from msg_adapters.registry import Adapter, UnknownTypeError, adapter_for, known_types, register
 
 __all__ = [

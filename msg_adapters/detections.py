@@ -17,9 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msg_adapters.geometry import point_to_message, xyz_from_message
-from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.headers import (
+    header_to_message,
+    point_to_message,
+    stamp_from_message,
+    xyz_from_message,
+)
 from msg_adapters.identified import IdentifiedReading, new_message
+from msg_adapters.registry import Adapter, register
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 APRILTAGS = 'apriltag_msgs/msg/AprilTagDetectionArray'
@@ -239,3 +244,13 @@ def _result(target_id: str) -> Any:
     result = new_message('vision_msgs/msg/ObjectHypothesisWithPose')
     result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
     return result
+
+
+register(Adapter(CAMERA_INFO, CameraReading, camera_from_message, camera_to_message))
+register(Adapter(APRILTAGS, PixelReading, apriltags_from_message, apriltags_to_message))
+register(
+    Adapter(DETECTIONS_2D, PixelReading, detections_2d_from_message, detections_2d_to_message)
+)
+register(
+    Adapter(DETECTIONS_3D, IdentifiedReading, detections_3d_from_message, detections_3d_to_message)
+)

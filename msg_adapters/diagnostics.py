@@ -10,6 +10,7 @@ from typing import Any
 
 from msg_adapters.cdr import CdrWriter, message_from_cdr
 from msg_adapters.headers import stamp_from_message, write_header
+from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
 
@@ -106,3 +107,6 @@ def _status_from_message(status: Any) -> Status:
         hardware_id=status.hardware_id,
         values={entry.key: entry.value for entry in status.values},
     )
+
+
+register(Adapter(TYPE_NAME, Diagnostics, diagnostics_from_message, diagnostics_to_message))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.registry import Adapter, register
 
 RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
 SENSOR_UWB = 'px4_msgs/msg/SensorUwb'
@@ -172,3 +173,11 @@ def node_frame_writer(type_name: str) -> Callable[[IdentifiedReading], Any]:
         return message
 
     return write
+
+
+for _type_name, _read, _write in (
+    (RANGE_STAMPED, range_stamped_from_message, range_stamped_to_message),
+    (SENSOR_UWB, sensor_uwb_from_message, sensor_uwb_to_message),
+    *((name, node_frame_from_message, node_frame_writer(name)) for name in NODE_FRAMES),
+):
+    register(Adapter(_type_name, IdentifiedReading, _read, _write))

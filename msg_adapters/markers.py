@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.cdr import CdrWriter, message_from_cdr
-from msg_adapters.geometry import xyz_from_message
 from msg_adapters.headers import (
     stamp_from_message,
     write_header,
     write_time,
+    xyz_from_message,
 )
+from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
 # Actions of visualization_msgs/Marker.
@@ -203,3 +204,6 @@ def _from_message(message: Any) -> Marker:
         size_m=message.scale.z,
         text=message.text,
     )
+
+
+register(Adapter(TYPE_NAME, MarkerScene, marker_scene_from_message, marker_scene_to_message))

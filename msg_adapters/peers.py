@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'sensor_msgs/msg/PointCloud2'
 RAY = ('x', 'y', 'z')
@@ -188,3 +189,6 @@ def peers_to_message(reading: PeersReading) -> Any:
         # Whether all numbers are finite.
         is_dense=bool(np.isfinite([*reading.ranges_m, *reading.rays_xyz.ravel()]).all()),
     )
+
+
+register(Adapter(TYPE_NAME, PeersReading, peers_from_message, peers_to_message))

@@ -10,8 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.cdr import CdrWriter, message_from_cdr
-from msg_adapters.geometry import xyz_from_message, xyzw_from_message
-from msg_adapters.headers import stamp_from_message, write_header
+from msg_adapters.headers import (
+    stamp_from_message,
+    write_header,
+    xyz_from_message,
+    xyzw_from_message,
+)
+from msg_adapters.registry import Adapter, register
 
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 POSE_WITH_COVARIANCE_STAMPED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
@@ -154,3 +159,14 @@ def uncertain_pose_to_message(estimate: UncertainPose) -> Any:
 
     """
     return message_from_cdr(POSE_WITH_COVARIANCE_STAMPED, uncertain_pose_to_cdr(estimate))
+
+
+register(Adapter(POSE_ARRAY, PoseList, pose_array_from_message, pose_array_to_message))
+register(
+    Adapter(
+        POSE_WITH_COVARIANCE_STAMPED,
+        UncertainPose,
+        uncertain_pose_from_message,
+        uncertain_pose_to_message,
+    )
+)

@@ -11,8 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.cdr import CdrWriter
-from msg_adapters.geometry import xyz_from_message, xyzw_from_message
-from msg_adapters.headers import stamp_from_message, write_header
+from msg_adapters.headers import (
+    stamp_from_message,
+    write_header,
+    xyz_from_message,
+    xyzw_from_message,
+)
 
 TYPE_NAME = 'tf2_msgs/msg/TFMessage'
 

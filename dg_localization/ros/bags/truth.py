@@ -21,8 +21,7 @@ from dg_localization.ros.bags.offline import in_seconds
 from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.interface.parameters.settings import Settings
-from msg_adapters.geometry import xyz_from_message, xyzw_from_message
-from msg_adapters.headers import stamp_from_message
+from msg_adapters.headers import stamp_from_message, xyz_from_message, xyzw_from_message
 
 POSE_TYPES = (
     'geometry_msgs/msg/PoseStamped',

@@ -15,11 +15,16 @@ from dg_localization.ros.interface.frames import BODY_FRAME
 from dg_localization.ros.interface.transforms import RigidPose
 from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry
-from msg_adapters.bearings import BearingReading, bearing_to_message
-from msg_adapters.odometry import OdometryReading, odometry_to_message
 from msg_adapters.peers import PeersReading, peers_to_message
 from msg_adapters.poses import PoseList, pose_array_to_message
-from msg_adapters.ranges import RangeReading, range_to_message
+from msg_adapters.readings import (
+    BearingReading,
+    OdometryReading,
+    RangeReading,
+    bearing_to_message,
+    odometry_to_message,
+    range_to_message,
+)
 from msg_adapters.transforms import Transform
 
 # Not that of the localizer, whose frame moves with a robot where there are no anchors.
