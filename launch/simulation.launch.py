@@ -21,7 +21,6 @@ SWITCHES = {
     'cameras': ('true', 'whether the robots see each other'),
     'landmarks': ('false', 'whether there are three landmarks, ranged and seen by all'),
     'odometry': ('false', 'whether the robots publish odometry'),
-    'publish_tf': ('false', 'whether /tf has the true places of all frames in `world` (tf2_msgs)'),
     'peers': ('false', 'whether each robot sends all ranges and bearings in one message'),
 }
 

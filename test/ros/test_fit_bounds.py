@@ -28,7 +28,7 @@ from dg_localization.ros.bags.samples import Gatherer  # noqa: E402
 from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
-    simulated_fleet,
+    SimulatedFleet,
 )
 from dg_localization.simulation.moving_fleet import LANDMARKS_M, ROBOTS  # noqa: E402
 
@@ -56,8 +56,8 @@ def type_name(message):
 
 def record(bag, seconds=20.0, change=lambda topic, message: message, **values):
     """Write a bag of a simulated fleet; `change` may spoil a message or return None."""
-    fleet = simulated_fleet(
-        {**{spec.name: spec.default for spec in PARAMETERS}, 'path': 'loops', **values}
+    fleet = SimulatedFleet(
+        {**{name: spec.default for name, spec in PARAMETERS.items()}, 'path': 'loops', **values}
     )
     writer = Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3)
     connections = {}

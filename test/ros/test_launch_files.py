@@ -152,7 +152,7 @@ def test_every_switch_of_the_simulation_is_a_parameter_of_its_executable(launch)
         for process in launch('simulation').processes
         if process.executable == 'simulate_fleet'
     ]
-    defaults = {spec.name: spec.default for spec in PARAMETERS}
+    defaults = {name: spec.default for name, spec in PARAMETERS.items()}
     assert simulation.parameters.items() <= defaults.items()
 
 

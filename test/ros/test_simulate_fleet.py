@@ -3,11 +3,7 @@
 
 """The executable `simulate_fleet`, over real topics and as a process."""
 
-from importlib.util import find_spec
-import os
 from pathlib import Path
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -26,12 +22,10 @@ from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
-from dg_localization.ros.interface.transforms import RigidPose  # noqa: E402
-from dg_localization.ros.simulation.messages import SimulatedFleet  # noqa: E402
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
     FleetSimulator,
-    simulated_fleet,
+    SimulatedFleet,
 )
 from dg_localization.simulation import moving_fleet as simulation  # noqa: E402
 from msg_adapters.peers import peers_from_message  # noqa: E402
@@ -123,13 +117,9 @@ def test_peers_hold_what_the_single_topics_would(context, cameras):
     assert not [name for name in names if 'range' in name or 'bearing' in name]
     assert {f'/{robot}/peers' for robot in simulation.ROBOTS} <= names
     node.destroy_node()
-    motion = simulation.FleetMotion()
+    given = {**DEFAULTS, 'cameras': cameras}
     single, together = (
-        dict(
-            SimulatedFleet(motion, simulation.FleetSensors(), cameras, peers=peers).measurements(
-                1.0, 2.0
-            )
-        )
+        dict(SimulatedFleet({**given, 'peers': peers}).measurements(1.0, 2.0))
         for peers in (False, True)
     )
     found = {}
@@ -186,7 +176,7 @@ def test_ranges_and_cameras_cannot_both_be_switched_off(context):
 
 def simulated(**values):
     """Return the topics of one round, by what they end in before the target."""
-    fleet = simulated_fleet({**DEFAULTS, **values})
+    fleet = SimulatedFleet({**DEFAULTS, **values})
     return {*dict(fleet.measurements(1.0, 2.0)), *dict(fleet.odometry_messages(1.0, 2.0))}
 
 
@@ -207,8 +197,7 @@ def test_parameters_choose_what_is_measured():
 
 
 def test_peers_name_landmarks_after_the_robots():
-    values = dict(DEFAULTS)
-    fleet = simulated_fleet({**values, 'landmarks': True, 'peers': True})
+    fleet = SimulatedFleet({**DEFAULTS, 'landmarks': True, 'peers': True})
     points = [*simulation.ROBOTS, *simulation.LANDMARKS_M]
     reading = peers_from_message(dict(fleet.measurements(0.0, 1.0))['robot_6/peers'])
     state = fleet.motion.state(0.0)
@@ -228,42 +217,3 @@ def test_the_file_of_landmarks_is_that_of_the_simulation():
     assert anchors == {
         name: {'position': list(place)} for name, place in simulation.LANDMARKS_M.items()
     }
-
-
-@pytest.mark.parametrize('odometry', [True, False])
-def test_true_transforms_lead_from_the_world_to_the_bodies(odometry):
-    fleet = simulated_fleet({**DEFAULTS, 'odometry': odometry, 'rotation_per_m': 0.3})
-    for time_s in (0.0, 2.0, 4.0):
-        list(fleet.odometry_messages(time_s, 2.0))
-        found = {entry.child_frame_id: entry for entry in fleet.true_transforms(time_s, 2.0)}
-        truth = fleet.ground_truth(time_s, 2.0)
-        assert len(found) == 2 * 6 if odometry else 6
-        for robot, pose in zip(simulation.ROBOTS, truth.poses, strict=True):
-            entry = found[f'{robot}/base_link']
-            body = RigidPose(entry.translation_m, entry.rotation_xyzw)
-            if odometry:
-                assert entry.frame_id == f'{robot}/odom'
-                entry = found[f'{robot}/odom']
-                body = RigidPose(entry.translation_m, entry.rotation_xyzw).times(body)
-            assert entry.frame_id == truth.header.frame_id == 'world'
-            place = [pose.position.x, pose.position.y, pose.position.z]
-            assert body.position_m == pytest.approx(place, abs=1e-9)
-            turn = [pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w]
-            assert abs(body.xyzw @ turn) == pytest.approx(1.0)
-
-
-@pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
-def test_transforms_need_their_package(context):
-    with pytest.raises(WrongParameterError, match='publish_tf.*tf2_msgs'):
-        FleetSimulator(context=context, parameter_overrides=[Parameter('publish_tf', value=True)])
-
-
-def start(*arguments):
-    return subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros', 'simulate_fleet', *arguments],
-        cwd=REPOSITORY,
-        env={**os.environ, 'PYTHONUNBUFFERED': '1', 'RCUTILS_LOGGING_USE_STDOUT': '1'},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )

@@ -10,20 +10,22 @@ It publishes, at `rate` and in its namespace:
   three landmarks where `landmarks` is true, when `ranges` is true;
 - `{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
 - when `peers` is true, in the place of all these `{observer}/peers` (sensor_msgs/PointCloud2);
-- `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6;
+- `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6, frame `world`;
 
 and, at `odometry_rate` and when `odometry` is true, `{robot}/odom` (nav_msgs/Odometry), which
-drifts within the bounds given. When `publish_tf` is true, `/tf` has where all these frames truly
-are, so that answers in any of them can be compared with the truth.
+drifts within the bounds given.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
+from dg_localization.ros.interface.frames import BODY_FRAME
 from dg_localization.ros.interface.outputs import LATCHED
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
@@ -32,12 +34,22 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
     refuse_unknown,
 )
-from dg_localization.ros.node.transforms import make_transform_publisher
-from dg_localization.ros.simulation.messages import SimulatedFleet
 from dg_localization.ros.spinning import STEADY, spin
 from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
-from msg_adapters.transforms import transforms_to_cdr
+from msg_adapters.peers import PeersReading, peers_to_message
+from msg_adapters.poses import PoseList, pose_array_to_message
+from msg_adapters.readings import (
+    BearingReading,
+    OdometryReading,
+    RangeReading,
+    bearing_to_message,
+    odometry_to_message,
+    range_to_message,
+)
+
+MIN_RANGE_M = 0.1
+NO_RAY = (np.nan, np.nan, np.nan)
 
 PARAMETERS = {
     'ranges': Spec(True, 'whether the robots measure ranges'),
@@ -60,40 +72,105 @@ PARAMETERS = {
     'translation_per_rad': Spec(0.0, 'error of odometry per rad turned', 'm', 0.0, 1.0),
     'rotation_per_m': Spec(0.0, 'error of a turn per m travelled', 'rad', 0.0, 1.0),
     'rotation_per_rad': Spec(0.05, 'error of a turn per rad turned', 'rad', 0.0, 1.0),
-    'publish_tf': Spec(False, 'whether /tf has the true places of the frames (tf2_msgs)'),
     'seed': Spec(0, 'seed of the motion and of the errors', '', 0, 2**31 - 1),
 }
 
 
-def simulated_fleet(values: Mapping[str, Any]) -> SimulatedFleet:
-    """Return the fleet that parameters stand for."""
-    if not (values['ranges'] or values['cameras']):
-        raise WrongParameterError(
-            "parameters 'ranges' and 'cameras' are both false; one of them must be true"
+class SimulatedFleet:
+    """A moving fleet and its sensors, as messages, by the values of the parameters."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        if not (values['ranges'] or values['cameras']):
+            raise WrongParameterError(
+                "parameters 'ranges' and 'cameras' are both false; one of them must be true"
+            )
+        self._values, seed = values, values['seed']
+        self.motion = simulation.FleetMotion(
+            values['speed'], seed, simulation.Path(values['path'])
         )
-    path, seed = simulation.Path(values['path']), values['seed']
-    motion = simulation.FleetMotion(values['speed'], seed, path)
-    errors = OdometryErrors(
-        translation_per_m=values['translation_per_m'],
-        translation_per_rad=values['translation_per_rad'],
-        rotation_per_m=values['rotation_per_m'],
-        rotation_per_rad=values['rotation_per_rad'],
-        latency_s=values['odometry_latency'],
-    )
-    sensors = simulation.FleetSensors(
-        values['error'],
-        values['bearing_error'],
-        seed,
-        simulation.LANDMARKS_M if values['landmarks'] else {},
-    )
-    return SimulatedFleet(
-        motion,
-        sensors,
-        cameras=values['cameras'],
-        ranges=values['ranges'],
-        peers=values['peers'],
-        odometry=FleetOdometry(motion, errors, seed) if values['odometry'] else None,
-    )
+        landmarks_m = simulation.LANDMARKS_M if values['landmarks'] else {}
+        self._sensors = simulation.FleetSensors(
+            values['error'], values['bearing_error'], seed, landmarks_m
+        )
+        errors = OdometryErrors(
+            translation_per_m=values['translation_per_m'],
+            translation_per_rad=values['translation_per_rad'],
+            rotation_per_m=values['rotation_per_m'],
+            rotation_per_rad=values['rotation_per_rad'],
+            latency_s=values['odometry_latency'],
+        )
+        self._odometry = FleetOdometry(self.motion, errors, seed)
+
+    def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
+        """Range and see once; yield a topic and a message for each pair or for each robot."""
+        state, values = self.motion.state(time_s), self._values
+        ranges = list(self._sensors.ranges(state)) if values['ranges'] else []
+        bearings = list(self._sensors.bearings(state)) if values['cameras'] else []
+        if values['peers']:
+            ranges_m = {(one.observer, one.target): one.range_m for one in ranges}
+            rays = {(one.observer, one.target): one.ray for one in bearings}
+            yield from self._peers(ranges_m, rays, stamp_s)
+            return
+        for near in ranges:
+            reading = RangeReading(
+                stamp_s,
+                near.range_m,
+                min_range_m=MIN_RANGE_M,
+                max_range_m=simulation.REACH_M,
+                frame_id=near.observer,
+            )
+            yield f'{near.observer}/range/{near.target}', range_to_message(reading)
+        for seen in bearings:
+            ray = BearingReading(stamp_s, np.array(seen.ray), seen.observer)
+            yield f'{seen.observer}/bearing/{seen.target}', bearing_to_message(ray)
+
+    def _peers(
+        self,
+        ranges_m: Mapping[tuple[str, str], float],
+        rays: Mapping[tuple[str, str], tuple[float, float, float]],
+        stamp_s: float,
+    ) -> Iterator[tuple[str, Any]]:
+        """Yield a topic and a message for each robot, even for one that measured nobody."""
+        points = (*simulation.ROBOTS, *self._sensors.landmarks_m)
+        for observer in simulation.ROBOTS:
+            pairs = [(observer, target) for target in points]
+            measured = [pair for pair in pairs if pair in ranges_m or pair in rays]
+            reading = PeersReading(
+                stamp_s,
+                peers=np.array([points.index(target) for _, target in measured], dtype=int),
+                ranges_m=np.array([ranges_m.get(pair, np.nan) for pair in measured]),
+                rays_xyz=np.array([rays.get(pair, NO_RAY) for pair in measured]).reshape(-1, 3),
+                frame_id=observer,
+            )
+            yield f'{observer}/peers', peers_to_message(reading)
+
+    def odometry_messages(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
+        """Sample the odometry of every robot that has some."""
+        for sample in self._odometry.samples(time_s) if self._values['odometry'] else ():
+            reading = OdometryReading(
+                stamp_s,
+                np.array([*sample.position_m, 0.0]),
+                _quaternions([sample.yaw_rad])[0],
+                frame_id=f'{sample.robot}/odom',
+                child_frame_id=f'{sample.robot}/{BODY_FRAME}',
+            )
+            yield f'{sample.robot}/odom', odometry_to_message(reading)
+
+    def ground_truth(self, time_s: float, stamp_s: float) -> PoseArray:
+        """Return the true poses in the order of the robots."""
+        state = self.motion.state(time_s)
+        positions_m = np.column_stack([state.positions_m, np.zeros(len(simulation.ROBOTS))])
+        message: PoseArray = pose_array_to_message(
+            PoseList(stamp_s, 'world', positions_m, _quaternions(state.yaws_rad))
+        )
+        return message
+
+
+def _quaternions(yaws_rad: ArrayLike) -> NDArray[np.float64]:
+    """Return turns about z as quaternions, scalar last."""
+    half_rad = np.asarray(yaws_rad) / 2.0
+    zeros = np.zeros_like(half_rad)
+    return np.column_stack([zeros, zeros, np.sin(half_rad), np.cos(half_rad)])
 
 
 def usage() -> str:
@@ -106,20 +183,7 @@ def usage() -> str:
 
 
 class FleetSimulator(Node):
-    """
-    Publishes the measurements and the truth of a simulated fleet.
-
-    Parameters
-    ----------
-    **kwargs
-        Passed on to `rclpy.node.Node`.
-
-    Raises
-    ------
-    WrongParameterError
-        If a parameter is unknown or has a value that is not allowed.
-
-    """
+    """Publishes the measurements and the truth of a simulated fleet."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('simulate_fleet', **kwargs)
@@ -130,7 +194,7 @@ class FleetSimulator(Node):
         }
         refuse_unknown(given, values)
         declare(self, PARAMETERS, values)
-        self._fleet = simulated_fleet(values)
+        self._fleet = SimulatedFleet(values)
         self._start_s = self._stamp_s = self._now_s()
         first = [
             *self._fleet.measurements(0.0, self._start_s),
@@ -141,9 +205,6 @@ class FleetSimulator(Node):
             for topic, message in first
         }
         self._truth_publisher = self.create_publisher(PoseArray, '~/ground_truth', LATCHED)
-        self._transform_publisher = (
-            make_transform_publisher(self) if values['publish_tf'] else None
-        )
         # Timers of the clock of a machine are silent where it is set back.
         is_simulated = self.get_parameter('use_sim_time').value
         clock = None if is_simulated else STEADY
@@ -168,22 +229,13 @@ class FleetSimulator(Node):
 
     def publish_measurements(self) -> None:
         """Publish one reading of every sensor, and the truth, at the present time."""
-        time_s, stamp_s = self._times_s()
-        self._publish(self._fleet.measurements(time_s, stamp_s))
-        if self._fleet.odometry is None:
-            self._publish_transforms(time_s, stamp_s)
-        self._truth_publisher.publish(self._fleet.ground_truth(time_s, stamp_s))
+        times_s = self._times_s()
+        self._publish(self._fleet.measurements(*times_s))
+        self._truth_publisher.publish(self._fleet.ground_truth(*times_s))
 
     def publish_odometry(self) -> None:
         """Publish one sample of the odometry of every robot, at the present time."""
-        time_s, stamp_s = self._times_s()
-        self._publish(self._fleet.odometry_messages(time_s, stamp_s))
-        self._publish_transforms(time_s, stamp_s)
-
-    def _publish_transforms(self, time_s: float, stamp_s: float) -> None:
-        if self._transform_publisher is not None:
-            found = list(self._fleet.true_transforms(time_s, stamp_s))
-            self._transform_publisher.publish(transforms_to_cdr(found))
+        self._publish(self._fleet.odometry_messages(*self._times_s()))
 
     def _publish(self, messages: Iterable[tuple[str, Any]]) -> None:
         for topic, message in messages:
