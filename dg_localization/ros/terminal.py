@@ -75,29 +75,19 @@ def existing_file(text: str) -> Path:
 
 def add_span(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose a part of a bag."""
-    seconds = number(0.0, ' s')
-    parser.add_argument(
-        '--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag'
-    )
-    parser.add_argument('--duration', type=seconds, metavar='S', help='read only this much')
+    seconds, add = number(0.0, ' s'), parser.add_argument
+    add('--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag')
+    add('--duration', type=seconds, metavar='S', help='read only this much')
 
 
 def add_fleet(parser: argparse.ArgumentParser) -> None:
     """Add the parameters of the node and the ground truth."""
-    parser.add_argument(
-        '--params',
-        type=existing_file,
-        required=True,
-        metavar='FILE',
-        help='parameters of the node',
+    add = parser.add_argument
+    add('--params', type=existing_file, required=True, metavar='FILE', help='of the node')
+    where = (
+        "where the robots truly were: '/mocap/{robot}/pose' with a pose for each robot, a "
+        'PoseArray of all in the order of the robots, or a table (.csv, .txt, .tum) with the '
+        'columns stamp, robot, x, y, and where they are known z, and yaw or qx, qy, qz, qw; a '
+        "table of one robot, such as 'truth_{robot}.tum', needs no column robot"
     )
-    parser.add_argument(
-        '--truth',
-        nargs='+',
-        default=[],
-        metavar='TRUTH',
-        help="where the robots truly were: '/mocap/{robot}/pose' with a pose for each robot, a "
-        'PoseArray of all in the order of the robots, or a table in text (.csv, .txt, .tum) with '
-        'the columns stamp, robot, x, y, and where they are known z, and yaw or qx, qy, qz, qw; '
-        "a table of one robot, such as 'truth_{robot}.tum', needs no column robot",
-    )
+    add('--truth', nargs='+', default=[], metavar='TRUTH', help=where)

@@ -102,26 +102,14 @@ def make_parser() -> argparse.ArgumentParser:
         epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
         'parameter is wrong; 130 after a signal.',
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    add = parser.add_argument
+    add('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
     add_fleet(parser)
     add_span(parser)
-    parser.add_argument(
-        '--per', choices=GROUPS, default=GROUPS[0], help='what has bounds of its own (%(default)s)'
-    )
-    parser.add_argument(
-        '--keep',
-        type=_share,
-        default=Choice.keep,
-        metavar='SHARE',
-        help='share of the readings that the bounds hold at least (%(default)s)',
-    )
-    parser.add_argument(
-        '--margin',
-        type=number(0.0, ''),
-        default=Choice.margin,
-        metavar='SHARE',
-        help='widen them by this share of their width at each end (%(default)s)',
-    )
+    add('--per', choices=GROUPS, default='link', help='what has its own bounds (%(default)s)')
+    keep, margin = 'share of the readings that they hold at least', 'widen them by this share'
+    add('--keep', type=_share, default=Choice.keep, metavar='SHARE', help=keep)
+    add('--margin', type=number(0.0, ''), default=Choice.margin, metavar='SHARE', help=margin)
     return parser
 
 

@@ -194,34 +194,17 @@ def make_parser() -> argparse.ArgumentParser:
         'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
         'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )
-    parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file'
-    )
-    parser.add_argument(
-        '-o', '--output', type=new_path, required=True, metavar='OUT', help='folder to make'
-    )
+    add = parser.add_argument
+    add('bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file')
+    add('-o', '--output', type=new_path, required=True, metavar='OUT', help='folder to make')
     add_fleet(parser)
     add_span(parser)
-    parser.add_argument(
-        '--report',
-        type=path_ending_in((*MANY_REPORTS, PAGE)),
-        metavar='FILE',
-        help='write the report, as .json, .md or, of one bag and with its picture, .html',
-    )
-    parser.add_argument(
-        '--plot',
-        type=path_ending_in(PICTURES),
-        metavar='FILE',
-        help='draw the answers over time, as .png, .svg or .pdf; of several bags each has a file '
-        'of this name beside its report',
-    )
-    parser.add_argument(
-        '--jobs',
-        type=number(1.0, ''),
-        default=os.cpu_count() or 1,
-        metavar='N',
-        help='of several bags, localize so many at a time (default %(default)s)',
-    )
+    report = path_ending_in((*MANY_REPORTS, PAGE))
+    add('--report', type=report, metavar='FILE', help='.json, .md or, of one bag, .html')
+    picture = path_ending_in(PICTURES)
+    add('--plot', type=picture, metavar='FILE', help='draw the answers: .png, .svg or .pdf')
+    at_once, cores = number(1.0, ''), os.cpu_count() or 1
+    add('--jobs', type=at_once, default=cores, metavar='N', help='bags at a time (%(default)s)')
     return parser
 
 

@@ -127,26 +127,15 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='replay', description='Publish the messages of a rosbag2 on their topics.'
     )
-    seconds = number(0.0, ' s')
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
-    parser.add_argument(
-        '--rate',
-        type=number(0.0, '', strict=True),
-        default=1.0,
-        help='seconds of the bag per second (default %(default)s)',
-    )
-    parser.add_argument(
-        '--loop', action='store_true', help='begin again at the end, once a second at most'
-    )
+    add = parser.add_argument
+    add('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    pace = number(0.0, '', strict=True)
+    add('--rate', type=pace, default=1.0, help='seconds of the bag per second (%(default)s)')
+    add('--loop', action='store_true', help='begin again at the end, once a second at most')
     add_span(parser)
-    parser.add_argument('--topics', nargs='+', metavar='T', help='play only these topics')
-    parser.add_argument(
-        '--wait',
-        type=seconds,
-        default=5.0,
-        metavar='S',
-        help='wait this long for the first subscriber (default %(default)s)',
-    )
+    add('--topics', nargs='+', metavar='T', help='play only these topics')
+    seconds = number(0.0, ' s')
+    add('--wait', type=seconds, default=5.0, metavar='S', help='for subscribers (%(default)s)')
     return parser
 
 

@@ -124,27 +124,14 @@ def main(args: Sequence[str]) -> int:
         'print them as parameters of the node, or what is missing.',
         epilog='Exit codes: 0; 1 where the ranges do not place every node; 2 for wrong arguments.',
     )
-    parser.add_argument(
-        'ranges', type=existing_file, metavar='CSV', help='columns from, to, range (m)'
-    )
-    parser.add_argument(
-        '--error',
-        nargs=2,
-        type=float,
-        required=True,
-        metavar=('LOW', 'HIGH'),
-        help='bounds of reading minus true distance, in m',
-    )
-    parser.add_argument(
-        '--anchor',
-        nargs='+',
-        action='append',
-        default=[],
-        metavar='NAME X Y [Z]',
-        help='a node whose coordinates are known; without any, the first two make the axes',
-    )
-    parser.add_argument('--dimension', type=int, choices=(2, 3), default=2, help='(%(default)s)')
-    parser.add_argument('--outliers', type=int, default=0, metavar='K', help='wrong readings')
+    add = parser.add_argument
+    add('ranges', type=existing_file, metavar='CSV', help='columns from, to, range (m)')
+    bounds, ends = 'bounds of reading minus true distance, in m', ('LOW', 'HIGH')
+    add('--error', nargs=2, type=float, required=True, metavar=ends, help=bounds)
+    known = 'a node whose coordinates are known; without any, the first two make the axes'
+    add('--anchor', nargs='+', action='append', default=[], metavar='NAME X Y', help=known)
+    add('--dimension', type=int, choices=(2, 3), default=2, help='(%(default)s)')
+    add('--outliers', type=int, default=0, metavar='K', help='how many readings may be wrong')
     options = parser.parse_args(own_arguments(args))
     try:
         anchors = {name: Anchor(tuple(map(float, at))) for name, *at in options.anchor}
