@@ -86,12 +86,6 @@ def test_bounds_without_an_end_fill_the_panel():
         assert limits[0] <= corners[:, 1].min() < corners[:, 1].max() <= limits[1]
 
 
-def test_a_name_is_no_formula(tmp_path):
-    answers = Answers(TRIANGLE, *SIDES, title='bag_$^^$')
-    answers.add(1)
-    answers.picture.draw(tmp_path / 'picture.svg')
-
-
 def test_a_change_of_the_frame_is_marked():
     answers = Answers(TRIANGLE, *SIDES)
     answers.add(3)
@@ -126,13 +120,3 @@ def test_of_many_answers_only_some_are_drawn(monkeypatch):
     width_s = np.ptp(rectangles_of(panels[2, 1])[0][:, 0])
     assert np.diff(times_s) == pytest.approx(np.full(len(times_s) - 1, width_s))
     assert times_s[-1] + width_s > 19 * 0.2
-
-
-def test_many_robots_are_on_the_map(monkeypatch, tmp_path):
-    monkeypatch.setattr(picture_module, 'ROWS', 2)
-    answers = Answers(TRIANGLE, *SIDES)
-    answers.add(1)
-    _, panels = answers.panels()
-    assert len(panels) == 2
-    answers.picture.draw(tmp_path / 'picture.svg')
-    assert 'robots after the first 2 are on the map only' in (tmp_path / 'picture.svg').read_text()

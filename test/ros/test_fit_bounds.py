@@ -220,41 +220,6 @@ def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
     assert shares_of_links(record(tmp_path / 'short', seconds=3.0, cameras=False)) == {}
 
 
-def test_the_truth_is_localized_within_the_bounds_that_were_learned(tmp_path, learn):
-    bag = record(tmp_path / 'bag', seconds=6.0, landmarks=True)
-    _, _ = learn(bag, '--truth', TRUTH, '--keep', '1')
-    bounds = tmp_path / 'bounds.yaml'
-    bounds.write_text(learn.output)
-    reports = {}
-    for name, more in (('stated', ()), ('learned', ('--ros-args', '--params-file', bounds))):
-        report = tmp_path / f'{name}.json'
-        arguments = (bag, '-o', tmp_path / name, '--params', learn.params, '--report', report)
-        assert localize_bag([str(a) for a in (*arguments, *more)]) == 0
-        reports[name] = json.loads(report.read_text())
-    assert reports['learned']['contradictions'] == []
-    assert reports['learned']['ticks_by_hypotheses'] == {'1': reports['learned']['ticks']}
-    widths = [reports[name]['median_enclosure_width_m'] for name in ('stated', 'learned')]
-    assert all(widths[1][robot] < 0.5 * widths[0][robot] for robot in ROBOTS)
-
-
-def test_groups_with_few_readings_get_the_bounds_of_the_next_larger(tmp_path, learn):
-    seen = []
-
-    def seldom(topic, message):
-        if topic == 'robot_1/range/robot_2':
-            seen.append(topic)
-            return message if len(seen) <= 5 else None
-        return message
-
-    bag = record(tmp_path / 'bag', seconds=5.0, change=seldom, cameras=False)
-    code, found = learn(bag, '--truth', TRUTH)
-    assert code == 0
-    bounds = {words[2:4]: words[4:] for words in (tuple(t.split()) for t in found['links'])}
-    of_sensor = next(line for line in learn.output.splitlines() if '  robot_1: ' in line)
-    assert '55 readings' in of_sensor
-    assert bounds[ROBOTS[:2]] != bounds['robot_1', 'robot_3']
-
-
 def test_peers_get_the_bounds_of_their_observer(tmp_path, learn):
     def longer(topic, message):
         return message
@@ -465,22 +430,6 @@ def test_a_robot_without_truth_keeps_the_odometry_that_is_stated_of_all(
     assert fleet.odometry_error_of('r1').translation_scale == 0.8
     assert fleet.odometry_error_of('r2') == stated
     assert 'Nothing was learned of the odometry of r2, r3: it is as' in learn.output
-
-
-def test_odometry_of_a_robot_that_stood_still_stays_as_stated(tmp_path, learn, told):
-    recorder = Recorder()
-    for stamp_s in START_S + np.arange(0.0, 20.0, 0.1):
-        recorder.add_truth('r1', (0.0, 0.0), 0.0, stamp_s)
-        recorder.add_odometry('r1', (0.0, 0.0), 0.0, stamp_s)
-    recorder.write(tmp_path / 'bag')
-    state(learn, odometry={'translation_per_m': 0.07, 'rotation_per_rad': 0.3})
-    stated = read_task(learn.params, []).settings.fleet.odometry_error
-    code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth')
-    assert code == 0
-    assert told().odometry_error_of('r1') == told().odometry_error == stated
-    text = learn.output.replace('\n#  ', '')
-    assert 'Odometry of r1: no window is longer than 0.00 m' in text
-    assert 'Odometry of r1: no window turns by more than 0.00 rad' in text
 
 
 def test_without_truth_relative_bounds_hold_the_scatter_of_near_readings(tmp_path, learn, told):

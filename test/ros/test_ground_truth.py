@@ -54,15 +54,6 @@ def test_what_cannot_be_read_of_a_truth_is_told(recorder, localize, capsys):
     assert count in report['notices'] and count in capsys.readouterr().out
 
 
-def test_a_truth_without_a_message_is_told(recorder, localize):
-    recorder.write_triangle(range(21))
-    write_truth(recorder, 'ab', range(21))
-    recorder.add('/c/truth', POSE)
-    code, report = localize(recorder.close(), *TRUTH)
-    assert code == 0 and report['damage'] == []
-    assert report['notices'] == ['/c/truth is passed over: no message']
-
-
 def test_contradictions_do_not_hold_the_truth(recorder, localize, capsys):
     recorder.write_triangle(range(10))
     recorder.write_triangle(range(10, 20), {**TRIANGLE, ('a', 'c'): 9.0})
@@ -162,13 +153,6 @@ def test_tables_as_people_have_them_are_read(recorder, localize, tmp_path, name)
     assert code == 0 and report['truth']['compared'] == report['ticks'] == 10
     unit = [text for text in report['notices'] if 'in seconds' in text]
     assert len(unit) == name.endswith('seconds') and all(name in text for text in unit)
-
-
-def test_decimals_after_commas_are_read(tmp_path):
-    path = tmp_path / 'truth.csv'
-    path.write_text('stamp;robot;x;y\n1,5;a;2,25;3\n')
-    ((stamp_s, place_m, _),) = read_truth_file(path, ['a'], 2)['a']
-    assert stamp_s == 1.5 and place_m[:2].tolist() == [2.25, 3.0]
 
 
 def test_trajectories_of_tum_are_read_one_of_each_robot(recorder, localize, tmp_path):

@@ -100,16 +100,6 @@ def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
     assert report['contradictions'] == []
 
 
-def test_one_hypothesis_has_poses(localize, triangle_bag):
-    anchors = {'names': ['a', 'b', 'c']}
-    places = {'a': [0.0, 0.0], 'b': [3.0, 0.0], 'c': [0.0, 4.0]}
-    anchors |= {name: {'position': place} for name, place in places.items()}
-    code, report = localize(triangle_bag, anchors=anchors)
-    assert code == 0 and report['ticks_by_hypotheses'] == {'1': 10}
-    _, poses = read(localize.output, '/localizer/c/pose')
-    assert np.allclose([pose.position_xyz for pose in poses], [0.0, 4.0, 0.0])
-
-
 def test_two_runs_give_the_same_bytes(tmp_path, recorder):
     recorder.write_triangle(range(10))
     recorder.write_triangle(range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5})
@@ -384,22 +374,6 @@ def test_what_cannot_be_compared_is_said(localize, triangle_bag, tmp_path, capsy
     assert code == 1
     assert 'no topic /nowhere/a or /nowhere/b or /nowhere/c' in capsys.readouterr().err
     assert not localize.output.exists()
-
-
-def test_hypotheses_that_are_not_listed_are_not_called_wrong(localize, recorder, tmp_path, capsys):
-    """Two triangles on one edge, and the truth is the hypothesis that is left out."""
-    across = 2.0 * 3.0 * 4.0 / 5.0
-    shape = {**TRIANGLE, ('b', 'd'): 3.0, ('c', 'd'): 4.0}
-    recorder.write_triangle(range(11), {**shape, ('a', 'd'): across})
-    places = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0), 'd': (0.0, 0.0)}
-    places['d'] = tuple(across / 5.0 * np.array([4.0, 3.0]))
-    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 1.2, 0.1))
-    bag, robots = recorder.close(), list('abcd')
-    _, report = localize(bag, '--truth', table, robots=robots, max_speed=0.0)
-    assert report['truth']['held'] == report['truth']['compared'] == report['ticks']
-    _, report = localize(bag, '--truth', table, robots=robots, max_speed=0.0, max_hypotheses=1)
-    truth = report['truth']
-    assert truth['held'] + truth['unlisted'] == report['ticks'] and not truth['missed']
 
 
 def test_a_bag_is_drawn(localize, triangle_bag, tmp_path, capsys):

@@ -3,7 +3,6 @@
 
 """Answers that are counted beside a truth: of the fleet and of groups apart from it."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -122,15 +121,6 @@ def test_an_answer_that_proves_that_there_is_no_placement_excludes_the_truth():
     )
 
 
-def test_a_contradiction_ends_a_time_at_which_the_truth_is_outside():
-    tally = tally_beside(at_rest())
-    wrong = [replace(right_at(stamp_s), placements=(placement(WRONG),)) for stamp_s in (0.0, 2.0)]
-    for estimate in (wrong[0], Estimate(1.0, ROBOTS, Verdict.INFEASIBLE, ''), wrong[1]):
-        add(tally, estimate)
-    assert [(miss['first_s'], miss['last_s']) for miss in tally.misses] == [(0.0, 0.0), (2.0, 2.0)]
-    assert (tally.compared, tally.held, tally.infeasible) == (3, 0, 1)
-
-
 def test_answers_between_samples_that_are_far_apart_are_counted():
     stamps_s = [0.0, 1.0, 2.2, 3.2]
     places = [(*PLACES['r1'], 0.0)] * len(stamps_s)
@@ -144,10 +134,3 @@ def test_answers_between_samples_that_are_far_apart_are_counted():
     _, text, *_ = truth_parts(tally.tree())
     assert 'inside a hypothesis in 2 of 2 answers.' in text
     assert '3 answers have no ground truth at their time' in text and 'more than 1 s apart' in text
-
-
-def test_where_no_answer_could_be_compared_the_gaps_are_named():
-    tally = tally_beside({'r1': TrueTrack([0.0, 2.0], [(0.0, 0.0, 0.0)] * 2)})
-    add(tally, right_at(1.0))
-    text = '\n'.join(truth_parts(tally.tree()))
-    assert 'No answer has a ground truth at its time.' in text and 'more than 1 s apart' in text
