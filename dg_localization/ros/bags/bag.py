@@ -116,6 +116,7 @@ class Bag:
         self.notices: list[str] = []
         self.damage: list[str] = []
         self.checksums = True
+        self._counts: dict[str, int] = {}
         self._stack = ExitStack()
         try:
             self._paths = [self._unpacked(one) for one in self._files()]
@@ -141,16 +142,10 @@ class Bag:
         files = [file for file in present if file.is_file() and STORAGE_FILE.fullmatch(file.name)]
         if not files:
             raise BagError(f'{path} is no rosbag2: {WHAT_A_BAG_IS}')
-        if not path.is_dir():
+        said = self._metadata() if path.is_dir() else None
+        if said is None:
             return files
-        try:
-            names = {PurePath(str(name)).name for name in self._metadata()['relative_file_paths']}
-        except Exception as error:  # of broken metadata whatever its parser stumbles over
-            reason = ' '.join(str(error).split()) or type(error).__name__
-            self.notices.append(
-                f'metadata.yaml cannot be used ({reason}): all files of the folder are read'
-            )
-            return files
+        names, self._counts = said
         if missing := sorted(names - {file.name for file in files}):
             self.damage.append(f'files are missing: {", ".join(missing)}')
         named = [file for file in files if file.name in names]
@@ -159,11 +154,23 @@ class Bag:
             self.notices.append(f'metadata.yaml does not name {", ".join(others)}: {read}')
         return named or files
 
-    def _metadata(self) -> Any:
+    def _metadata(self) -> tuple[set[str], dict[str, int]] | None:
+        """Return which files and how many messages of a topic metadata.yaml names, if it can."""
         from ruamel.yaml import YAML
 
-        text = (self.path / 'metadata.yaml').read_text(encoding='utf-8')
-        return YAML(typ='safe').load(text)['rosbag2_bagfile_information']
+        try:
+            text = (self.path / 'metadata.yaml').read_text(encoding='utf-8')
+            found = YAML(typ='safe').load(text)['rosbag2_bagfile_information']
+            names = {PurePath(str(name)).name for name in found['relative_file_paths']}
+            topics = found['topics_with_message_count']
+            counts = {str(t['topic_metadata']['name']): int(t['message_count']) for t in topics}
+        except Exception as error:  # of broken metadata whatever its parser stumbles over
+            reason = ' '.join(str(error).split()) or type(error).__name__
+            self.notices.append(
+                f'metadata.yaml cannot be used ({reason}): all files of the folder are read'
+            )
+            return None
+        return names, counts
 
     def _unpacked(self, path: Path) -> Path:
         """Return a file of its own for one that is compressed as a whole."""
@@ -193,7 +200,13 @@ class Bag:
         if not any(topic.count for topic in self.topics.values()):
             why = '; '.join(self.damage) or 'it has no messages'
             raise BagError(f'{self.path}: nothing in the bag can be read: {why}; {RESCUE}')
-        self._compare_counts()
+        for name in sorted({*self._counts, *self.topics} if self._counts else ()):
+            held = self.topics[name].count if name in self.topics else 0
+            if held != self._counts.get(name, 0):
+                self.damage.append(
+                    f'{name}: {held} messages are in the files, metadata.yaml says '
+                    f'{self._counts.get(name, 0)}'
+                )
 
     def _scan_file(self, file: StorageFile) -> int:
         """
@@ -237,23 +250,6 @@ class Bag:
         if channel not in topic.channels:
             topic.channels.append(channel)
         return topic
-
-    def _compare_counts(self) -> None:
-        """Compare the numbers of messages with those in metadata.yaml, where it can be read."""
-        try:
-            said = {
-                str(one['topic_metadata']['name']): int(one['message_count'])
-                for one in self._metadata()['topics_with_message_count']
-            }
-        except Exception:  # what is wrong with metadata.yaml was said
-            return
-        for name in sorted({*said, *self.topics}):
-            held = self.topics[name].count if name in self.topics else 0
-            if held != said.get(name, 0):
-                self.damage.append(
-                    f'{name}: {held} messages are in the files, metadata.yaml says '
-                    f'{said.get(name, 0)}'
-                )
 
     def records(self) -> Iterator[Record]:
         """Yield the messages in the order of the files."""
