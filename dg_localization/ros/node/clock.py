@@ -4,7 +4,7 @@
 """The time of a node, which may be simulated: it may jump back, and it may stand still."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import math
 from statistics import median
 import time
@@ -14,6 +14,13 @@ MOST_STEPS = 9
 
 LEAST_SET_BACK_S = 0.001
 """A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
+
+
+SILENT_CLOCK_S = 3.0
+"""A clock that stands still for longer is worth a warning."""
+
+LONGEST_CLOCK_STEP_S = 0.3
+"""Stamps are ahead of a simulated time by up to its step, which `max_future` is to hold."""
 
 
 class NodeTime:
@@ -91,3 +98,16 @@ class NodeTime:
     def stands_still_s(self) -> float:
         """Return for how long, as far as the calls of `now` show, the time has stood still."""
         return self._steady_s() - self._moved_at_s
+
+    def warnings(self, n_publishers: int, is_active: bool) -> Iterator[str]:
+        """Yield what is wrong with the clock, which so many publishers of /clock give."""
+        still_s, step_s = self.stands_still_s(), self.step_s()
+        if is_active and still_s > SILENT_CLOCK_S:
+            yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'
+        if n_publishers > 1:
+            yield f'{n_publishers} publishers of /clock: time jumps between them'
+        if self._is_simulated and step_s > LONGEST_CLOCK_STEP_S:
+            yield (
+                f'time moves in steps of {step_s:.1f} s: /clock comes too rarely, and readings '
+                'seem to be of the future'
+            )

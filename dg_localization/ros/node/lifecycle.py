@@ -4,6 +4,7 @@
 """A managed node: its transitions, and the heartbeat for a lifecycle manager."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import wraps
 from importlib import import_module
 from importlib.util import find_spec
@@ -14,16 +15,16 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 
-ManagedNode = TypeVar('ManagedNode', bound=LifecycleNode)
+N = TypeVar('N', bound=LifecycleNode)
 
 
 def transition(
-    method: Callable[[ManagedNode], None],
-) -> Callable[[ManagedNode, LifecycleState], TransitionCallbackReturn]:
+    method: Callable[[N], None],
+) -> Callable[[N, LifecycleState], TransitionCallbackReturn]:
     """Make a transition callback of a method that raises when it fails; rclpy would not log it."""
 
     @wraps(method)
-    def callback(node: ManagedNode, state: LifecycleState) -> TransitionCallbackReturn:
+    def callback(node: N, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             method(node)
         except Exception:
@@ -88,3 +89,91 @@ def make_bond(node: Node) -> Callable[[], None] | None:
         bond.shutdown()
 
     return end
+
+
+class ManagedNode(LifecycleNode):
+    """
+    A node with the states of REP-2003, which takes apart what its transitions made.
+
+    A class derived from it makes things in `_configure` and `_activate`, and puts what takes them
+    apart into `_made_to_configure` and `_made_to_activate`. `_state` is the name of the state.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        refuse_impossible_transitions(self)
+        self._state = 'unconfigured'
+        self._made_to_configure = ExitStack()
+        self._made_to_activate = ExitStack()
+
+    def _configure(self) -> None:
+        raise NotImplementedError
+
+    def _activate(self) -> None:
+        raise NotImplementedError
+
+    @transition
+    def on_configure(self) -> None:
+        """Make what is there while the node is inactive, too."""
+        self._configure()
+        self._state = 'inactive'
+
+    @transition
+    def on_activate(self) -> None:
+        """Make what is there while the node is active."""
+        self._activate()
+        self._state = 'active'
+
+    @transition
+    def on_deactivate(self) -> None:
+        """Take apart what was made to be active."""
+        self._state = 'inactive'
+        self._made_to_activate.close()
+
+    @transition
+    def on_cleanup(self) -> None:
+        """Take apart what was made to be inactive."""
+        self._state = 'unconfigured'
+        self._made_to_configure.close()
+
+    @transition
+    def on_shutdown(self) -> None:
+        """End from any state."""
+        self._state = 'finalized'
+        self._dismantle()
+
+    @transition
+    def on_error(self) -> None:
+        """Go back to where nothing is made."""
+        self._state = 'unconfigured'
+        self._dismantle()
+
+    def destroy_node(self) -> None:
+        """Take everything apart and destroy the node."""
+        self._dismantle()
+        super().destroy_node()
+
+    def _dismantle(self) -> None:
+        self._made_to_activate.close()
+        self._made_to_configure.close()
+
+    def _make_wake_up(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Return a function that has the executor's thread call `callback`."""
+        guard = self.create_guard_condition(callback)
+        self._made_to_configure.callback(self.destroy_guard_condition, guard)
+        wake_up: Callable[[], None] = guard.trigger
+        return wake_up
+
+    def _bond_with_manager(self) -> None:
+        end_bond = make_bond(self)
+        if end_bond is None:
+            self.get_logger().info(
+                'no bond with a lifecycle manager without the package bondpy: a manager of Nav2 '
+                'needs bond_timeout: 0.0'
+            )
+        else:
+            self._made_to_activate.callback(end_bond)
+
+    def _clock_s(self) -> float:
+        """Return the time of the node's clock in s."""
+        return float(self.get_clock().now().nanoseconds) * 1e-9

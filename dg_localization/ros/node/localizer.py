@@ -9,13 +9,12 @@ are taken on the executor's thread; the newest snapshot of them is answered on a
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from threading import Event
 import time
 import traceback
 from typing import Any, NamedTuple
 
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle import TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import (
@@ -41,7 +40,7 @@ from dg_localization.ros.interface.rate import Pace, RateMeter
 from dg_localization.ros.node.clock import NodeTime
 from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
-from dg_localization.ros.node.lifecycle import make_bond, refuse_impossible_transitions, transition
+from dg_localization.ros.node.lifecycle import ManagedNode
 from dg_localization.ros.node.live_parameters import LiveParameters
 from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.worker import EstimateWorker, Watchdog, longest_estimate_s
@@ -54,9 +53,6 @@ RESET = '~/reset'
 REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
 CLOCK = '/clock'
-SILENT_CLOCK_S = 3.0
-# Stamps are ahead of a simulated time by up to its step, which `max_future` is to hold.
-LONGEST_CLOCK_STEP_S = 0.3
 # For each message, the longest time that an estimate which is late gets the interpreter for.
 LONGEST_REST_S = 0.01
 
@@ -70,7 +66,7 @@ class Answer(NamedTuple):
     messages_s: float = 0.0
 
 
-class LocalizerNode(LifecycleNode):
+class LocalizerNode(ManagedNode):
     """
     The node.
 
@@ -102,14 +98,10 @@ class LocalizerNode(LifecycleNode):
     ) -> None:
         super().__init__('localizer', **kwargs)
         self._load = load
-        refuse_impossible_transitions(self)
         self._make_localizer = make_localizer
         self._adopt(declare_settings(self))
         if self.settings.publish_tf:
             transform_message_class()
-        self._state = 'unconfigured'
-        self._made_to_configure = ExitStack()
-        self._made_to_activate = ExitStack()
         self._frame_changes = 0
         self._intake_s = 0.0
         self._seconds: dict[str, float] = {}
@@ -129,8 +121,7 @@ class LocalizerNode(LifecycleNode):
             if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
                 self.trigger_activate()
 
-    @transition
-    def on_configure(self) -> None:
+    def _configure(self) -> None:
         """Make the outputs, the reset service and the worker; receive nothing yet."""
         made = self._made_to_configure
         settings = self._live.at_configure()
@@ -151,10 +142,8 @@ class LocalizerNode(LifecycleNode):
             self.get_logger().warning(warning)
         service = self.create_service(Trigger, RESET, self._on_reset)
         made.callback(self.destroy_service, service)
-        self._state = 'inactive'
 
-    @transition
-    def on_activate(self) -> None:
+    def _activate(self) -> None:
         """Receive, and localize at the given rate."""
         made = self._made_to_activate
         made.callback(self._forget, 'deactivated')
@@ -169,40 +158,6 @@ class LocalizerNode(LifecycleNode):
         search = self._inputs.search
         searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=STEADY)
         made.callback(self.destroy_timer, searcher)
-        self._state = 'active'
-
-    @transition
-    def on_deactivate(self) -> None:
-        """Receive no more, forget every measurement, and take back the last answer."""
-        self._state = 'inactive'
-        self._made_to_activate.close()
-
-    @transition
-    def on_cleanup(self) -> None:
-        """Take the outputs off the graph."""
-        self._state = 'unconfigured'
-        self._made_to_configure.close()
-
-    @transition
-    def on_shutdown(self) -> None:
-        """End from any state."""
-        self._state = 'finalized'
-        self._dismantle()
-
-    @transition
-    def on_error(self) -> None:
-        """Go back to where nothing is made."""
-        self._state = 'unconfigured'
-        self._dismantle()
-
-    def destroy_node(self) -> None:
-        """Stop the worker and destroy the node."""
-        self._dismantle()
-        super().destroy_node()
-
-    def _dismantle(self) -> None:
-        self._made_to_activate.close()
-        self._made_to_configure.close()
 
     def _start_ticker(self) -> None:
         period_s = 1.0 / self.settings.rate_hz
@@ -232,23 +187,6 @@ class LocalizerNode(LifecycleNode):
         self._intake.configure()
         if not is_kept and self._state in ('inactive', 'active'):
             self._forget('parameters have changed')
-
-    def _make_wake_up(self, callback: Callable[[], None]) -> Callable[[], None]:
-        """Return a function that has the executor's thread call `callback`."""
-        guard = self.create_guard_condition(callback)
-        self._made_to_configure.callback(self.destroy_guard_condition, guard)
-        wake_up: Callable[[], None] = guard.trigger
-        return wake_up
-
-    def _bond_with_manager(self) -> None:
-        end_bond = make_bond(self)
-        if end_bond is None:
-            self.get_logger().info(
-                'no bond with a lifecycle manager without the package bondpy: a manager of Nav2 '
-                'needs bond_timeout: 0.0'
-            )
-        else:
-            self._made_to_activate.callback(end_bond)
 
     def _on_message(self, link: Link, data: bytes, waited_s: float) -> None:
         """Take one measurement; whatever is wrong with it is counted, never raised."""
@@ -412,17 +350,8 @@ class LocalizerNode(LifecycleNode):
     def _warnings(self) -> Iterator[str]:
         if self._has_namesake:
             yield 'another node has the same name: their outputs cannot be told apart'
-        still_s = self._time.stands_still_s()
-        if self._state == 'active' and still_s > SILENT_CLOCK_S:
-            yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'
-        if self._is_simulated and self.count_publishers(CLOCK) > 1:
-            yield f'{self.count_publishers(CLOCK)} publishers of /clock: time jumps between them'
-        step_s = self._time.step_s()
-        if self._is_simulated and step_s > LONGEST_CLOCK_STEP_S:
-            yield (
-                f'time moves in steps of {step_s:.1f} s: /clock comes too rarely, and readings '
-                'seem to be of the future'
-            )
+        n_clocks = self.count_publishers(CLOCK) if self._is_simulated else 0
+        yield from self._time.warnings(n_clocks, self._state == 'active')
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget('reset')
@@ -448,9 +377,6 @@ class LocalizerNode(LifecycleNode):
     def _no_estimate(self, reason: str) -> Answer:
         robots = self.settings.fleet.robots
         return self._with_messages(Estimate(self._clock_s(), robots, None, reason))
-
-    def _clock_s(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _now_s(self) -> float | None:
         """
