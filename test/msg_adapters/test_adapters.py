@@ -106,15 +106,6 @@ VALUES = [
 
 
 @pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])
-def test_value_survives_the_message(type_name, value):
-    adapter = adapter_for(type_name)
-    message = adapter.to_message(value)
-    assert isinstance(message, adapter.message_class())
-    assert_same(adapter.from_message(message), value)
-    assert isinstance(value, adapter.value_class)
-
-
-@pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])
 def test_value_survives_the_wire(type_name, value):
     serialization = pytest.importorskip('rclpy.serialization')
     adapter = adapter_for(type_name)

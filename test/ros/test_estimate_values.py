@@ -232,18 +232,6 @@ def test_scene_has_a_namespace_for_each_thing():
     assert len(markers['links'].points_m) == 2
 
 
-def test_box_in_space_has_twelve_edges():
-    markers = {m.namespace: m for m in scene(estimate(placement(dimension=3)), 'map', 1.0).markers}
-    assert len(markers['enclosures'].points_m) == 2 * 12 * 2
-
-
-def test_identifiers_are_unique_in_each_namespace():
-    markers = scene(estimate(placement(), placement(1.0)), 'map', 1.0).markers
-    assert len({(marker.namespace, marker.identifier) for marker in markers}) == len(markers)
-    # Robot a is at the same place in both.
-    assert sorted(m.text for m in markers if m.namespace == 'names') == ['a', 'b', 'b']
-
-
 @pytest.mark.parametrize(
     'stale, contradicts, color',
     [
@@ -401,16 +389,6 @@ def test_wrong_type_names_both_types(explicit, subscribed):
     assert 'the topic also has std_msgs/msg/String, this input is sensor_msgs/msg/Range' in (
         found.message
     )
-
-
-def test_quoted_texts_are_cut():
-    state = input_state(accepted=0, in_use=False, last_reason_text='x' * 100_000)
-    found = status('input range a->b', estimate(), inputs={AB: state})
-    assert len(found.message) < 400 and len(found.values['last_rejection']) == 300
-
-
-def test_markers_live_for_as_long_as_an_answer_is_new():
-    assert scene(estimate(placement()), 'map', 1.5).lifetime_s == 1.5
 
 
 def test_trouble_and_failure_come_before_the_estimate():

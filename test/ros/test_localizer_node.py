@@ -17,7 +17,6 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
-from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
 from dg_localization.ros.node.worker import MOST_STUCK
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
@@ -401,12 +400,6 @@ def test_empty_lists_have_the_type_of_the_table(make_node):
         assert node.get_parameter(name).type_ is kind
 
 
-def test_empty_lists_in_a_file_are_empty_lists(make_node):
-    node = make_node('--params-file', 'config/localizer.yaml')
-    assert [link for link in node.settings.links if link.explicit] == []
-    assert list(node.get_parameter('links').value) == []
-
-
 def test_bounds_and_rates_that_are_set_take_effect_at_once(bench, make_node):
     node = make_node()
     bench.play_triangle()
@@ -450,41 +443,6 @@ def test_another_fleet_is_that_of_the_next_configuration(bench, make_node):
     assert node.settings.fleet.robots == ('robot_1', 'robot_9')
     assert node.has_parameter('robot_max_speed.robot_9')
     bench.until_status('robot robot_9', Level.WARN, '')
-
-
-def test_robots_have_parameters_of_their_own(make_node):
-    node = make_node(robot_max_speed__robot_2=0.3)
-    speeds = [
-        node.get_parameter(f'robot_max_speed.{robot}').value
-        for robot in node.settings.fleet.robots
-    ]
-    assert speeds == [-1.0, 0.3, -1.0]
-    assert (
-        'negative for max_speed' in node.describe_parameter('robot_max_speed.robot_1').description
-    )
-
-
-def test_robots_have_odometry_errors_of_their_own(make_node):
-    node = make_node(robot_odometry__robot_2__translation_scale=0.9, odometry__latency=0.1)
-    fleet = node.settings.fleet
-    assert fleet.odometry_error_of('robot_2').translation_scale == 0.9
-    assert fleet.odometry_error_of('robot_2').latency_s == 0.1
-    assert fleet.odometry_error_of('robot_1') is fleet.odometry_error
-    name = 'robot_odometry.robot_1.translation_scale'
-    assert node.get_parameter(name).value == -1.0
-    description = node.describe_parameter(name).description
-    assert 'negative for odometry.translation_scale' in description
-
-
-def test_a_scale_that_cannot_be_is_refused_with_its_robot(make_node):
-    wanted = "'robot_odometry.robot_2.translation_scale': 0.0 is not allowed, it must be a number"
-    with pytest.raises(WrongParameterError, match=wanted):
-        make_node(robot_odometry__robot_2__translation_scale=0.0)
-
-
-def test_misspelled_parameter_is_refused(make_node):
-    with pytest.raises(WrongParameterError, match="did you mean 'max_speed'"):
-        make_node(max_sped=1.0)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,7 @@ from nav_msgs.msg import Odometry  # noqa: E402
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement  # noqa: E402
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.transforms import (  # noqa: E402
-    MOST_CARRIED_S,
     MOST_GAP_S,
-    MOST_POSES,
     OdometryPoses,
     RigidPose,
     transforms,
@@ -206,24 +204,6 @@ def test_nothing_lies_between_poses_in_different_frames():
     assert poses.at(1.15) is None
     poses.keep(reading(1.0, 0.0, 0.0, frame_id='a/odom2'), 1.3)
     assert poses.at(1.25).position_m == pytest.approx([0.5, 0.0, 0.0])
-
-
-def test_nothing_lies_between_poses_before_and_after_a_restart():
-    poses = odometry_of((1.0, 10.0, 0.0, 0.0), (1.1, 10.0, 0.0, 0.0))
-    poses.keep(reading(0.0, 0.0, 0.0), 1.2, restarted_s=1.2)
-    assert poses.at(1.15) is None and poses.at(1.25) is None
-    poses.keep(reading(1.0, 0.0, 0.0), 1.3, restarted_s=1.2)
-    assert poses.at(1.25).position_m == pytest.approx([0.5, 0.0, 0.0])
-
-
-def test_odometry_of_days_takes_no_more_memory():
-    poses = OdometryPoses()
-    for number in range(2 * MOST_POSES):
-        poses.keep(reading(float(number), 0.0, 0.0), 0.1 * number)
-    assert poses.at(0.05 * MOST_POSES) is None
-    newest_s = 0.1 * (2 * MOST_POSES - 1)
-    assert poses.at(newest_s).position_m[0] == pytest.approx(2 * MOST_POSES - 1)
-    assert poses.at(newest_s + 1.1 * MOST_CARRIED_S) is None
 
 
 def test_the_bytes_are_those_of_a_transform_message():

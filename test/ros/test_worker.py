@@ -40,17 +40,6 @@ def make_worker():
         worker.close()
 
 
-def test_answer_is_taken_once_after_the_wake(make_worker):
-    woken = Event()
-    worker = make_worker(lambda snapshot, cancel: snapshot + 1, woken.set)
-    assert not worker.busy and worker.take() is None
-    worker.submit(1)
-    assert worker.busy
-    assert woken.wait(DEADLINE_S)
-    assert worker.take() == 2
-    assert worker.take() is None and not worker.busy
-
-
 @pytest.mark.skipif(sys.platform != 'linux', reason='threads have no priority of their own')
 def test_receiving_comes_before_estimating(make_worker):
     def niceness():
@@ -123,18 +112,6 @@ def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
     assert warm.wait(DEADLINE_S)
     assert answered.wait(DEADLINE_S)
     assert done == ['warm-up', 'dropped', 'estimate']
-
-
-def test_nobody_is_told_of_a_warm_up_after_the_end(make_worker, monkeypatch):
-    monkeypatch.setattr('dg_localization.ros.node.worker.CLOSE_S', 0.05)
-    release, told = Event(), []
-    worker = make_worker(
-        print, warm_up=lambda: release.wait(DEADLINE_S), warm=lambda: told.append(1)
-    )
-    worker.close()
-    release.set()
-    worker.warm_up.result(DEADLINE_S)
-    assert not told
 
 
 def test_restarted_worker_answers_although_the_first_estimate_hangs(make_worker):
@@ -231,21 +208,6 @@ def test_watchdog_knows_a_late_estimate_from_one_that_is_stuck():
     # Idle in between.
     assert not watchdog.is_hopeless(0.0, 0.0)
     assert not watchdog.is_hopeless(9.0, 0.0)
-
-
-def test_close_does_not_wait_for_ever(make_worker, monkeypatch):
-    monkeypatch.setattr('dg_localization.ros.node.worker.CLOSE_S', 0.05)
-    release, running = Event(), Event()
-
-    def estimate(snapshot, cancel):
-        running.set()
-        assert release.wait(DEADLINE_S)
-
-    worker = make_worker(estimate)
-    worker.submit(None)
-    assert running.wait(DEADLINE_S)
-    worker.close()
-    release.set()
 
 
 def test_process_ends_although_the_thread_does_not():

@@ -226,11 +226,9 @@ class LocalizerNode(ManagedNode):
         )
 
     def _with_messages(self, estimate: Estimate) -> Answer:
-        settings = self.settings
-        messages = estimate_messages(
-            estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
-        )
-        return Answer(estimate, tuple(messages))
+        given = self.settings
+        how = given.fixed_frame, given.lifetime_s, given.covariance
+        return Answer(estimate, tuple(estimate_messages(estimate, *how)))
 
     def _on_warm(self) -> None:
         """Log how long the solver took to be ready."""
@@ -280,8 +278,7 @@ class LocalizerNode(ManagedNode):
         self._intake_s = 0.0
         if self._transforms is not None:
             links = self._inputs.links if self._inputs is not None else ()
-            with_odometry = [link for link in links if link.key.kind is LinkKind.ODOMETRY]
-            awaited = {link.key.observer for link in with_odometry}
+            awaited = {link.key.observer for link in links if link.key.kind is LinkKind.ODOMETRY}
             self._transforms.publish(answer.estimate, awaited)
         self._diagnostics.publish_change(self._diagnose())
 
@@ -375,8 +372,8 @@ class LocalizerNode(ManagedNode):
         self._publish(self._no_estimate(reason))
 
     def _no_estimate(self, reason: str) -> Answer:
-        robots = self.settings.fleet.robots
-        return self._with_messages(Estimate(self._clock_s(), robots, None, reason))
+        estimate = Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
+        return self._with_messages(estimate)
 
     def _now_s(self) -> float | None:
         """
