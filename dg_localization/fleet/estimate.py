@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 import math
@@ -260,6 +261,9 @@ class Estimate:
         What of the moment the window has ruled out, as short sentences.
     forgotten : tuple of Forgotten
         What of the window contradicts itself or the moment, and does not count any more.
+    seconds : mapping of str to float
+        What its parts took on the clock, in s: recalling what is remembered, solving the moment,
+        and narrowing and fitting what is left.
 
     """
 
@@ -286,6 +290,7 @@ class Estimate:
     would_fix: tuple[str, ...] = ()
     ruled_out: tuple[str, ...] = ()
     forgotten: tuple[Forgotten, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     @property
     def frame_change(self) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
+import time
 from typing import NamedTuple
 
 from dg_localization import SolverOptions
@@ -89,6 +90,7 @@ def estimate_snapshot(
         What it proves of later ones.
 
     """
+    began_s = time.perf_counter()
     recalled = recall(snapshot, proved, cancel, filters, pair_filters)
     if recalled.forgotten:
         # What contradicts the memory may contradict itself, which says nothing of the memory.
@@ -99,6 +101,7 @@ def estimate_snapshot(
     if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
         return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
+    recalled_s = time.perf_counter()
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()
     remembered = recalled.pose_sets.distances(snapshot, recalled.replaced)
@@ -118,6 +121,7 @@ def estimate_snapshot(
         forgotten = (*by_memory, *estimate.forgotten)
         suspects = _suspects(snapshot, recalled, in_window)
         return replace(estimate, suspects_in_window=suspects, forgotten=forgotten), ()
+    solved_s = time.perf_counter()
     parts: list[Answer | Group] = [found, *found.groups]
     alone = [
         plan
@@ -138,6 +142,11 @@ def estimate_snapshot(
         suspects_in_window=_suspects(snapshot, recalled, in_window),
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
+        seconds={
+            'memory_s': recalled_s - began_s,
+            'moment_s': solved_s - recalled_s,
+            'narrow_and_fit_s': time.perf_counter() - solved_s,
+        },
     )
     return estimate, narrowed.proved
 

@@ -71,6 +71,7 @@ def test_ranges_alone_give_the_eight_solutions_and_their_mirror_images(fresh, pa
     fresh.play(paper_fleet, cameras=False)
     status = fresh.until_status('fleet', Level.WARN, 'ambiguous: 16 hypotheses')
     assert status.values['hypotheses_proved'] == '16'
+    assert {'intake_s', 'memory_s', 'moment_s', 'narrow_and_fit_s'} <= status.values.keys()
     # Before all pairs had measured, the fleet was another one.
     fresh.clear()
     fresh.until(

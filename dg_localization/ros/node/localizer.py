@@ -102,10 +102,9 @@ class LocalizerNode(ManagedNode):
         self._adopt(declare_settings(self))
         if self.settings.publish_tf:
             transform_message_class()
-        self._frame_changes = 0
+        self._failure, self._frame_changes = '', 0
         self._intake_s = 0.0
         self._seconds: dict[str, float] = {}
-        self._failure = ''
         self._has_namesake = False
         self._is_due = False
         self._inputs: Inputs | None = None
@@ -272,6 +271,7 @@ class LocalizerNode(ManagedNode):
         self._outputs.publish(answer.messages)
         self._seconds = {
             'intake_s': self._intake_s,
+            **answer.estimate.seconds,
             'estimate_s': answer.estimate_s,
             'publish_s': answer.messages_s + time.perf_counter() - began_s,
         }
