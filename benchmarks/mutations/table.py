@@ -119,26 +119,6 @@ BACK = ('test/solver/test_back_projection.py',)
 
 CONTRACT = [
     *_in(
-        'solver/contract',
-        'turns',
-        ('test/solver/test_turns.py',),
-        (
-            'an angle of unknown sign is positive',
-            'return -high, high',
-            'return low, high',
-        ),
-    ),
-    *_in(
-        'solver/contract',
-        'triangle_angles',
-        ('test/solver/test_turns.py',),
-        (
-            'the product of two roots that underflows counts as exact',
-            'if twice_m2 > SMALLEST_PRODUCT else math.inf',
-            'if twice_m2 > 0.0 else math.inf',
-        ),
-    ),
-    *_in(
         'solver',
         'contract/line',
         LINE,
@@ -431,8 +411,8 @@ SEARCHING = [
         ),
         (
             'an unfinished box is dropped',
-            '                queue.push(pruned.box)\n                continue',
-            '                continue',
+            '            queue.push(pruned.box)\n            continue',
+            '            continue',
         ),
     ),
     *_in(
@@ -444,11 +424,6 @@ SEARCHING = [
             'new = cut if left is None else float(left[end, *pair])',
             'new = cut',
         ),
-        (
-            'of the halves of a slice only one is looked at',
-            'for half in left:\n                rank',
-            'for half in left[:1]:\n                rank',
-        ),
     ),
     *_in(
         'solver',
@@ -458,36 +433,6 @@ SEARCHING = [
             'three points on a line count as convex',
             'most_points = 2 if problem.dimension == 1 else 3',
             'most_points = 3',
-        ),
-    ),
-    *_in(
-        'solver',
-        'search/frame_parts',
-        ('test/solver/test_common_frame.py',),
-        (
-            'there is a gap between the halves of a turn',
-            'turns[p, end, q] = middle',
-            'turns[p, end, q] = middle + (0.05 if end == LOWER else -0.05)',
-        ),
-    ),
-    *_in(
-        'solver',
-        'search/common_frame',
-        ('test/solver/test_common_frame.py',),
-        (
-            'of the parts of a box that is cut only one is looked at',
-            'for half in softest.halves():',
-            'for half in softest.halves()[:1]:',
-        ),
-    ),
-    *_in(
-        'solver',
-        'contract/procrustes',
-        ('test/solver/test_common_frame.py',),
-        (
-            'the length does not scale the crossing of a pair',
-            'low, high = sub(*mul(*length, *across), *at_reference)',
-            'low, high = sub(*across, *at_reference)',
         ),
     ),
     *_in(

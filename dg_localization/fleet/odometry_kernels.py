@@ -9,9 +9,12 @@ import math
 
 import numpy as np
 
+from dg_localization.interval import angles
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import elapsed_up, rounding_error, up
-from dg_localization.interval.trigonometry import angle_up
+
+# Plain Python calls the function, which never waits for a compiler.
+angle_up = kernel(angles.angle_up)
 
 _STEP_OPERATIONS = 16.0
 """More than a step of `walk_back` takes."""

@@ -145,12 +145,7 @@ def load_kernels() -> float:
     from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.existence import settled
-    from dg_localization.solver.place.placements import (
-        AT_ONCE,
-        MOST_STEPS,
-        place_step_by_step,
-        refine,
-    )
+    from dg_localization.solver.place.placements import MOST_STEPS, refine
 
     start = time.perf_counter()
     if not COMPILED:
@@ -166,10 +161,6 @@ def load_kernels() -> float:
             # Needed only where the placement of several pieces is hard to prove.
             bounds = np.stack([problem.lower, problem.upper])
             refine(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
-    # Needed only where many points are placed at once.
-    n_points = AT_ONCE // 2 + 1
-    apart = 1.0 - np.eye(n_points)
-    place_step_by_step(np.stack([apart, apart, 0.0 * apart, 0.0 * apart]), 2, lambda: True)
     len(solve_in_pieces(_braced_block(), CallBudget(options)).hypotheses)
     for hypothesis in solve_in_pieces(_braced_grid(9, 7), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)

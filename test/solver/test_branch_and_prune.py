@@ -13,7 +13,7 @@ from dg_localization import SolverOptions
 from dg_localization.solver.box import LOWER, UPPER, cut_at
 from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.contract.status import Status
-from dg_localization.solver.search.branch_and_prune import Budget, branch_and_prune
+from dg_localization.solver.search.branch_and_prune import Budget, pave
 
 PAIR = 0, 1
 PROBES = np.linspace(0.0, 16.0, 161)
@@ -37,11 +37,8 @@ def held(boxes):
 
 def search(status_of, budget=None):
     budget = budget or Budget(SolverOptions())
-    return branch_and_prune(
-        [whole()],
-        lambda boxes: [Pruned(status_of(box), box, np.zeros((2, 2))) for box in boxes],
-        halved,
-        budget,
+    return pave(
+        [whole()], lambda box: Pruned(status_of(box), box, np.zeros((2, 2))), halved, budget
     )
 
 

@@ -13,7 +13,7 @@ from solver_cases import bounds, squared_distances
 from dg_localization import Problem, SolverOptions
 from dg_localization.solver.contract.linearization import Linearization
 from dg_localization.solver.contract.simplex import set_multipliers, set_table
-from dg_localization.solver.place.placements import place_step_by_step
+from dg_localization.solver.place.placements import MOST_STEPS, place
 from dg_localization.solver.search.pruning import Pruner
 
 N_POINTS = 8
@@ -41,7 +41,7 @@ def test_pairs_are_narrowed_and_the_truth_is_kept():
         box = pruner.prune(pruner.whole()).box
         before = box[1] - box[0]
         pairs = np.argwhere(np.triu(np.isinf(problem.upper)))
-        positions = place_step_by_step(box, 2)
+        positions = place(box, 2, MOST_STEPS)
         for pair in pairs:
             frame = np.vstack([pair, pairs[(pairs != pair).any(axis=1)]])
             explained = np.zeros(len(frame))

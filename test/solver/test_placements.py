@@ -13,7 +13,7 @@ from solver_cases import bounds, box_of, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint
 from dg_localization.solver.place.hypotheses import components, place_everywhere
-from dg_localization.solver.place.placements import place_step_by_step
+from dg_localization.solver.place.placements import MOST_STEPS, place
 from dg_localization.solver.place.proofs import agrees, chirality_signs
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
@@ -93,7 +93,7 @@ def test_placing_exact_distances_restores_the_fleet(dimension, size):
     for n_points in (1, 2, 5, 8):
         positions = rng.standard_normal((n_points, dimension)) * size
         squared = squared_distances(positions)
-        placed = place_step_by_step(box_of(squared, squared), dimension)
+        placed = place(box_of(squared, squared), dimension, MOST_STEPS)
         np.testing.assert_allclose(squared_distances(placed), squared, atol=1e-9 * size**2)
 
 
@@ -101,11 +101,11 @@ def test_placing_what_is_known_to_overflow_only():
     squared = 1e308 * (1.0 - np.eye(3))
     box = box_of(squared, squared)
     box[1, 0, 1] = box[1, 1, 0] = math.inf
-    assert np.isfinite(place_step_by_step(box, 2)).all()
+    assert np.isfinite(place(box, 2, MOST_STEPS)).all()
 
 
 def test_placing_coincident_points():
-    placed = place_step_by_step(np.zeros((4, 3, 3)), 2)
+    placed = place(np.zeros((4, 3, 3)), 2, MOST_STEPS)
     assert np.array_equal(placed, np.zeros((3, 2)))
 
 

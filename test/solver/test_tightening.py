@@ -7,14 +7,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solver_cases import bounds, box_of
+from solver_cases import bounds
 
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.groups import groups_of, with_measured_pair
 from dg_localization.solver.place.placements import MOST_STEPS, place, refine
 from dg_localization.solver.search.pruning import Pruner
-from dg_localization.solver.search.tightening import halves
 
 RELATIVE_ERROR = 0.03
 
@@ -77,21 +76,9 @@ def test_no_more_slices_than_allowed_are_examined(paper_fleet, monkeypatch):
     for slices in (1, 3, 7, 150):
         examined.clear()
         solve(problem, SolverOptions(tighten_slices=slices))
-        # Seven are too few for all ends, and linear programs leave no pair open.
-        assert (len(examined) > 0) == (slices > 7)
+        # Up to three there are linear programs only.
+        assert (len(examined) > 0) == (slices > 3)
         assert len(examined) <= slices
-
-
-def test_thehalves_of_a_slice_cover_it_and_there_are_none_of_a_point():
-    low, high = np.array([[0.0, 1.0, 4.0], [1.0, 0.0, 2.0], [4.0, 2.0, 0.0]]), np.zeros((3, 3))
-    high[:] = low + np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 2.0], [1.0, 2.0, 0.0]])
-    part = box_of(low, high)
-    first, second = halves(part, (0, 1), high - low)
-    assert np.array_equal(np.minimum(first[LOWER], second[LOWER]), low)
-    assert np.array_equal(np.maximum(first[UPPER], second[UPPER]), high)
-    assert (first[UPPER] == second[LOWER]).sum() == 2 + 3
-    part[UPPER] = part[LOWER]
-    assert halves(part, (0, 1), high - low) == []
 
 
 def test_without_sides_every_hypothesis_comes_close_to_its_exact_hull(paper_fleet):

@@ -94,7 +94,7 @@ def solve_subproblem(
         cancel = progress = _BoxLimit(options.max_boxes, cancel, progress)
     # One box at a time, so that no answer depends on the processors of a worker.
     args = part.problem, options, cancel, progress, part.within
-    cover, statistics = search(*args, at_once=1)
+    cover, statistics = search(*args)
     if part.all_or_nothing and cover.pending:
         return SolvedSubproblem(cover, statistics, ())
     of_cover = hypotheses_of if part.is_placed else unplaced_hypotheses_of

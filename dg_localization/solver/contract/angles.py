@@ -46,16 +46,6 @@ def contract_opposite_side(
     The law of cosines, s_bc = x^2 + y^2 - 2 x y cosine, is convex in the two other sides. Its
     maximum over a box is at a corner. It is zero only where both sides are, or on the diagonal
     for cosine 1, so that its minimum is on an edge, where it is a parabola.
-
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2.
-    a, b, c : int
-        The corner with the angle, and the ends of the side.
-    low_cosine, high_cosine : float
-        Bounds of the cosine of the angle.
-
     """
     if lower[a, b] > upper[a, b] or lower[a, c] > upper[a, c]:
         return
@@ -103,16 +93,6 @@ def contract_adjacent_side(
     Contract the side ab of a triangle with a known angle at a, in place.
 
     The law of cosines solved for x = d_ab, with y = d_ac: x = y cosine +- sqrt(s_bc - y^2 sine^2).
-
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2; `upper` becomes negative where there is no side.
-    a, b, c : int
-        The corner with the angle, the other end of the side, and the third corner.
-    low_cosine, high_cosine : float
-        Bounds of the cosine of the angle.
-
     """
     if math.isinf(upper[b, c]) or lower[a, c] > upper[a, c]:
         return
@@ -138,21 +118,7 @@ def contract_adjacent_side(
 def contract_by_angles(
     lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray, sweeps: int
 ) -> None:
-    """
-    Contract the sides of triangles with known angles, in place.
-
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2; reversed where the angles leave none.
-    corners : ndarray of int, shape (m, 3)
-        The point with the angle, and the two others.
-    cosines : ndarray, shape (m, 2)
-        Bounds of the cosines of the angles.
-    sweeps : int
-        Passes over all angles.
-
-    """
+    """Contract the sides of triangles with known angles, in place."""
     for _ in range(sweeps):
         for row in range(len(corners)):
             a, b, c = corners[row]

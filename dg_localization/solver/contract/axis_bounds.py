@@ -59,20 +59,6 @@ def axis_coordinate(
     A+, B- and an end of d; the minimum at A-, B+ and an end of d, or at d = sqrt(A- - B+) when
     that is an admissible length. Both bounds are then cut by what any triangle obeys,
     |t| <= sqrt(A) and |t - d| <= sqrt(B), which gives bounds even where d may vanish.
-
-    Parameters
-    ----------
-    a_lower, a_upper, b_lower, b_upper : float
-        Squared distances to the two ends of the axis in m^2, finite.
-    d_lower, d_upper : float
-        Length of the axis in m, finite.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound of the signed coordinate in m; reversed when the box holds no
-        triangle at all.
-
     """
     high_difference = up(a_upper - b_lower)
     high = _coordinate_up(high_difference, d_upper)
@@ -104,21 +90,6 @@ def coordinate_difference_down(low: float, high: float, d_lower: float, d_upper:
 
     Every squared distance occurs once and the quotient is monotone in d on either side of zero,
     so the corner named by the sign of the numerator gives the tightest bound.
-
-    Parameters
-    ----------
-    low : float
-        Lower bound of A_i - B_i in m^2.
-    high : float
-        Upper bound of A_j - B_j in m^2.
-    d_lower, d_upper : float
-        Length of the axis in m, finite.
-
-    Returns
-    -------
-    float
-        The bound in m; infinite where `d_lower` is zero and the sign is open.
-
     """
     low = down(low - high)
     if d_lower == 0.0:
@@ -173,18 +144,6 @@ def squared_height(
     the eight corners. Its maximum is B+ where a right angle at b is possible with B = B+
     (p <= B always, with equality there), A+ likewise at a, and else at a corner: with
     0 < t < d throughout, p grows with A and B; beyond either end it grows towards that end.
-
-    Parameters
-    ----------
-    a_lower, a_upper, b_lower, b_upper, c_lower, c_upper : float
-        Squared sides in m^2, finite; C is the squared length of the axis.
-
-    Returns
-    -------
-    tuple of float
-        Lower bound, clipped at zero because the box may hold impossible triangles, and upper
-        bound in m^2. The upper bound is negative when all of them are impossible.
-
     """
     ceiling = min(a_upper, b_upper)
     if c_lower <= 0.0:

@@ -184,16 +184,7 @@ def _difference(
 
 @kernel(inlined=True)
 def _count_gains(rows: Rows, x: int, count: int) -> tuple[int, int]:
-    """
-    Count the pairs of a row with later ones that have something to gain.
-
-    Returns
-    -------
-    tuple of int
-        How many narrow their squared distance or the coordinate of the point in row `x`, or leave
-        nothing, and how many narrow the coordinate of the other point.
-
-    """
+    """Count the pairs of a row with later ones that have something to gain."""
     ends, along, across = rows.ends, rows.along, rows.across
     x_t_lower, x_t_upper = ends[T_LOWER, x], ends[T_UPPER, x]
     t_lower, t_upper = ends[T_LOWER], ends[T_UPPER]
@@ -319,22 +310,7 @@ def back_project(box: FloatArray, rows: Rows, count: int, a: int, b: int) -> boo
     """
     Narrow `box` in place by its projection, after that was reduced (Section 4.3).
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box; its last axis may be longer.
-    rows : Rows
-        Its projection, as written by `project` and reduced. The coordinates are narrowed as well.
-    count : int
-        How many points were projected.
-    a, b : int
-        The axis.
-
-    Returns
-    -------
-    bool
-        False when no placement is left.
-
+    False when no placement is left.
     """
     # The axis itself is narrowed by the points only, after the pairs.
     last = count - 1

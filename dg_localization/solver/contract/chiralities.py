@@ -55,19 +55,6 @@ def volume_product(box: FloatArray, p: IntArray, q: IntArray) -> tuple[float, fl
 
     The product of the two determinants is the determinant of the inner products
     (p_i - p_1) . (q_j - q_1), each a sum of four squared distances (Eq. 3).
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    p, q : ndarray of int, shape (q + 1,)
-        The corners of the two simplices.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound in m^(2 q); infinite where a distance is unbounded.
-
     """
     size = len(p) - 1
     gram = np.empty((2, size, size))
@@ -98,20 +85,7 @@ def chiralities_are_possible(box: FloatArray, simplices: IntArray, signs: IntArr
 
     Every simplex is compared with the first one.
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    simplices : ndarray of int, shape (k, q + 1)
-        The corners of each simplex.
-    signs : ndarray of int, shape (k,)
-        Their chiralities.
-
-    Returns
-    -------
-    bool
-        False when two of them contradict each other everywhere in the box.
-
+    False when two of them contradict each other everywhere in the box.
     """
     for x in range(1, len(signs)):
         low, high = volume_product(box, simplices[0], simplices[x])

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Linear combinations of measured pairs, group by group, or for some pairs of a group."""
+"""Linear combinations of measured pairs, group by group."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray, IntArray, sub_box
 from dg_localization.solver.contract.linear import contract_linear
-from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.widths import largest_gain, remember_widths
 from dg_localization.solver.place.placements import place
@@ -53,27 +52,11 @@ def combine(
     explained: FloatArray,
 ) -> bool:
     """
-    Narrow every group of connected points by linear combinations of its measured pairs.
+    Narrow every group of connected points by linear combinations of its measured pairs, in place.
 
-    Called as ``combine(*groups, box, dimension, explained)``; see `apply_axes` for the reason.
-
-    Parameters
-    ----------
-    offsets, members, edge_offsets, edges, errors
-        The fields of `Groups`.
-    box : ndarray, shape (4, n, n)
-        The box in m^2, narrowed in place.
-    dimension : int
-        The dimension q of the space.
-    explained : ndarray, shape (n, n)
-        Where the widths that measurement errors explain are written, in m^2; zero for the pairs
-        of a group that the measurements do not make rigid.
-
-    Returns
-    -------
-    bool
-        False when the box is proved to hold no placement.
-
+    Called as ``combine(*groups, box, dimension, explained)``; see `apply_axes` for the reason. The
+    widths that measurement errors explain are written in m^2, zero for the pairs of a group that
+    the measurements do not make rigid. False when the box is proved to hold no placement.
     """
     explained[:] = 0.0
     for group in range(len(offsets) - 1):
@@ -100,65 +83,4 @@ def combine(
                     explained[points[x], points[y]] = local_explained[x, y]
                     for plane in range(4):
                         box[plane, points[x], points[y]] = local[plane, x, y]
-    return True
-
-
-@kernel
-def combine_in_frame(
-    offsets: IntArray,
-    members: IntArray,
-    edge_offsets: IntArray,
-    edges: IntArray,
-    errors: FloatArray,
-    box: FloatArray,
-    positions: FloatArray,
-    pairs: IntArray,
-    explained: FloatArray,
-) -> bool:
-    """
-    Narrow unknown pairs by the measured pairs of their group, in the frame of the first of them.
-
-    Called as ``combine_in_frame(*groups, box, positions, pairs, explained)``.
-
-    Parameters
-    ----------
-    offsets, members, edge_offsets, edges, errors
-        The fields of `Groups`.
-    box : ndarray, shape (4, n, n)
-        The box in m^2, narrowed in place.
-    positions : ndarray, shape (n, q)
-        A placement in or near the box, in m.
-    pairs : ndarray of int, shape (k, 2)
-        The pairs, of one group.
-    explained : ndarray, shape (k,)
-        See `contract_in_frame`.
-
-    Returns
-    -------
-    bool
-        False when the box is proved to hold no placement.
-
-    """
-    number = np.full(box.shape[1], -1)
-    for group in range(len(offsets) - 1):
-        points = members[offsets[group] : offsets[group + 1]]
-        for x in range(len(points)):
-            number[points[x]] = x
-        if number[pairs[0, 0]] < 0:
-            continue
-        local = sub_box(box, points)
-        local_pairs = np.empty_like(pairs)
-        for p in range(len(pairs)):
-            local_pairs[p, 0], local_pairs[p, 1] = number[pairs[p, 0]], number[pairs[p, 1]]
-        start, end = edge_offsets[group], edge_offsets[group + 1]
-        if not contract_in_frame(
-            local, positions[points], edges[start:end], errors[start:end], local_pairs, explained
-        ):
-            return False
-        for p in range(len(pairs)):
-            i, j = pairs[p, 0], pairs[p, 1]
-            for plane in range(4):
-                box[plane, i, j] = local[plane, local_pairs[p, 0], local_pairs[p, 1]]
-                box[plane, j, i] = box[plane, i, j]
-        break
     return True

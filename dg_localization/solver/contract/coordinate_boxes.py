@@ -27,20 +27,7 @@ def contract_coordinate_boxes(
     """
     Contract boxes of coordinates by the distances between their points, in place.
 
-    Parameters
-    ----------
-    low, high : ndarray, shape (n, q)
-        Bounds of the coordinates in m; may be infinite.
-    lower, upper : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2.
-    sweeps : int
-        Most passes over all pairs; fewer when nothing changes.
-
-    Returns
-    -------
-    bool
-        False when some box is left without any point.
-
+    False when some box is left without any point.
     """
     n_points, dimension = low.shape
     for _ in range(sweeps):

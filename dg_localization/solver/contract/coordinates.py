@@ -26,29 +26,7 @@ from dg_localization.solver.contract.rows import new_rows
 def enclose_coordinates(
     lower: FloatArray, upper: FloatArray, frame: Sequence[int]
 ) -> FloatArray | None:
-    """
-    Bound the coordinates of all points in the frame of some of them.
-
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2.
-    frame : sequence of int
-        The q + 1 points that make the frame: the first is the origin, the second lies on the
-        positive x axis, the third where y >= 0, the fourth where z >= 0.
-
-    Returns
-    -------
-    ndarray, shape (n, 2, q), or None
-        Lower and upper bound of every coordinate in m, rounded outward; infinite where the
-        distances bound nothing. None if no placement has these distances.
-
-    Raises
-    ------
-    ValueError
-        If the frame has fewer than two points or names a point twice.
-
-    """
+    """Bound the coordinates of all points in the frame of some of them."""
     if not 2 <= len(frame) <= 4 or len(set(frame)) < len(frame):
         raise ValueError(f'frame is {tuple(frame)}, it must name 2 to 4 different points')
     box = np.zeros((4, len(lower), len(lower)))
@@ -62,22 +40,7 @@ def enclose_coordinates(
 
 @kernel
 def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
-    """
-    Bound all coordinates in a frame; see `enclose_coordinates`.
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    frame : ndarray of int, shape (q + 1,)
-        The points that make the frame.
-
-    Returns
-    -------
-    ndarray, shape (n, 2, q)
-        The bounds in m; some are reversed when no placement has these distances.
-
-    """
+    """Bound all coordinates in a frame; see `enclose_coordinates`."""
     n_points = box.shape[1]
     dimension = len(frame) - 1
     enclosure = np.empty((n_points, 2, dimension))

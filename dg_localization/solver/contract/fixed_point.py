@@ -129,12 +129,6 @@ class Contractor:
 
     Three laws: the result lies inside the input; no placement of the input is lost; what is
     removed once stays removed.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -163,25 +157,7 @@ class Contractor:
     def contract(
         self, box: FloatArray, groups: Groups, goal: Goal, stopped: Callable[[], bool]
     ) -> Pruned:
-        """
-        Contract a box until nothing gains much.
-
-        Parameters
-        ----------
-        box : ndarray, shape (4, n, n)
-            The box in m^2; it is left as it is.
-        groups : Groups
-            The connected points and their measured pairs.
-        goal : Goal
-            When to end.
-        stopped : callable
-            Whether to stop early; the answer is ``UNFINISHED`` then.
-
-        Returns
-        -------
-        Pruned
-
-        """
+        """Contract a box until nothing gains much."""
         self._box[:] = box
         if self._n_points > MOST_THROUGH:
             # They are still in the order of the last axis of another box.

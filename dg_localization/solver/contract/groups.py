@@ -30,20 +30,7 @@ class Groups(NamedTuple):
 
 @kernel
 def groups_of(lower: FloatArray, upper: FloatArray) -> Groups:
-    """
-    Return the points of a problem in groups that chains of measured pairs connect.
-
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (n, n)
-        Bounds of the squared distances in m^2; infinite ones were not measured.
-
-    Returns
-    -------
-    Groups
-        The groups, each in ascending order of its points.
-
-    """
+    """Return the points of a problem in groups that chains of measured pairs connect."""
     n_points = len(upper)
     group_of = np.full(n_points, -1)
     queue = np.empty(n_points, dtype=np.int64)

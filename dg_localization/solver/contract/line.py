@@ -278,28 +278,7 @@ def reduce_line(
     """
     Reduce the squared distances of points on a line, in place (Algorithm 1).
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, w)
-        Squared distances in m^2 and their gaps: row x holds the pairs of `points[x]` with those
-        after it, in whole lanes (`rows`).
-    distance, is_open, n_open
-        Scratch space for the distances in m, and for what is open: fields of a `Workspace`.
-    points : ndarray of int
-        The points on the line.
-    n_through : int
-        Number of points, the first ones, that the others are compared through.
-    merged : int
-        The point that is the image of the projection axes, -1 for none.
-    sigma : ndarray of int8, shape (n, n)
-        Side of each pair of points with respect to `merged`: -1 same, +1 opposite, 0 free, or
-        `BOTH`.
-
-    Returns
-    -------
-    bool
-        False when no arrangement on a line is left.
-
+    False when no arrangement on a line is left.
     """
     count = len(points)
     at = -1

@@ -46,29 +46,7 @@ def contract_linear(
     errors: FloatArray,
     explained: FloatArray,
 ) -> Status:
-    """
-    Narrow all pairs of a box by linear combinations of the measured ones, in place.
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2; all its upper bounds are finite.
-    positions : ndarray, shape (n, q)
-        A placement in or near the box, in m; any placement is sound.
-    edges : ndarray of int, shape (m, 2)
-        The measured pairs.
-    errors : ndarray, shape (m,)
-        Width of the measured intervals of the problem in m^2.
-    explained : ndarray, shape (n, n)
-        Where the width that the errors explain to first order is written, in m^2.
-
-    Returns
-    -------
-    Status
-        ``EMPTY`` when the box is proved to hold no placement, ``CONTRACTED``, or ``NOT_RIGID``
-        where the measured pairs do not make the placement rigid.
-
-    """
+    """Narrow all pairs of a box by linear combinations of the measured ones, in place."""
     n_points, dimension = positions.shape
     linear = new_linearization(edges, n_points, dimension)
     frame = np.full(dimension + 1, -1)

@@ -127,24 +127,7 @@ def set_residuals(box: FloatArray, linear: Linearization, relative: FloatArray) 
 def bound_linear_function(
     linear: Linearization, multipliers: FloatArray, target: FloatArray
 ) -> tuple[float, float]:
-    """
-    Bound a linear function of the displacements by the measured pairs.
-
-    Parameters
-    ----------
-    linear : Linearization
-        The measured pairs; its remainder is written.
-    multipliers : ndarray, shape (m,)
-        The multipliers y; any numbers, though infinite ones and NaN bound nothing.
-    target : ndarray, shape (n, q)
-        The coefficients of the linear function.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound of ``(target * e).sum()``.
-
-    """
+    """Bound a linear function of the displacements by the measured pairs."""
     residuals, remainder = linear.residuals, linear.remainder
     n_points, dimension = target.shape
     for i in range(n_points):

@@ -16,19 +16,24 @@ from __future__ import annotations
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.linearization import (
+    Linearization,
+    bound_linear_function,
     narrow_to_linear,
     new_linearization,
     set_displacements,
 )
 from dg_localization.solver.contract.newton import narrow_displacements
-from dg_localization.solver.contract.programs import bound_by_program
 from dg_localization.solver.contract.reference import complete_frame, point_errors_m, set_reference
-from dg_localization.solver.contract.simplex import set_table
+from dg_localization.solver.contract.simplex import set_multipliers, set_table
 
 MOST_STEPS = 20
 """Interval Newton steps: in a box as wide as these are they gain little each at first."""
+
+
+TOLERANCE = 0.03
+"""By which fraction of their widths measured pairs may leave their bounds in a linear program."""
 
 
 @kernel
@@ -41,29 +46,10 @@ def contract_in_frame(
     explained: FloatArray,
 ) -> bool:
     """
-    Narrow some pairs of a box by the measured pairs, in place, in the frame of the first of them.
+    Narrow some pairs of a box in place, in the frame of the first of them; False: it is empty.
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2; all its upper bounds are finite.
-    positions : ndarray, shape (n, q)
-        A placement in or near the box, in m; any placement is sound.
-    edges : ndarray of int, shape (m, 2)
-        The measured pairs.
-    errors : ndarray, shape (m,)
-        Width of the measured intervals of the problem in m^2.
-    pairs : ndarray of int, shape (k, 2)
-        The pairs to narrow.
-    explained : ndarray, shape (k,)
-        Where the width of the linear program for each pair is written, in m^2: what the errors
-        explain to first order. Left as it is where there is no linear program.
-
-    Returns
-    -------
-    bool
-        False when the box is proved to hold no placement.
-
+    Any placement is sound; the upper bounds of the box are finite. What the errors explain of the
+    width of each pair to first order, in m^2, is written where there is a linear program.
     """
     n_points, dimension = positions.shape
     linear = new_linearization(edges, n_points, dimension)
@@ -92,10 +78,39 @@ def contract_in_frame(
         for axis in range(dimension):
             target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
             target[j, axis] = -target[i, axis]
-        low, high, explained[p] = bound_by_program(linear, table, active, target, errors)
+        low, high, explained[p] = _bound_by_program(linear, table, active, target, errors)
         if not narrow_to_linear(box, linear, i, j, low, high):
             return False
         for axis in range(dimension):
             target[i, axis] = 0.0
             target[j, axis] = 0.0
     return True
+
+
+@kernel
+def _bound_by_program(
+    linear: Linearization,
+    table: FloatArray,
+    active: IntArray,
+    target: FloatArray,
+    errors: FloatArray,
+) -> tuple[float, float, float]:
+    """Bound a linear function of the displacements; return its bounds, and what errors explain."""
+    n_rows = len(table)
+    multipliers = np.empty(len(linear.edges))
+    bounds = np.empty(2)
+    explained = 0.0
+    for end in range(2):
+        sign = 1.0 if end == UPPER else -1.0
+        table[n_rows - 2] = 0.0
+        for i in range(len(target)):
+            for axis in range(target.shape[1]):
+                row = linear.unknowns[i, axis]
+                if row >= 0 and target[i, axis] != 0.0:
+                    table[n_rows - 2] += sign * target[i, axis] * table[row]
+        set_multipliers(linear, table, active, TOLERANCE, multipliers)
+        for m in range(len(multipliers)):
+            multipliers[m] *= sign
+            explained += 0.5 * abs(multipliers[m]) * errors[m]
+        bounds[end] = bound_linear_function(linear, multipliers, target)[end]
+    return bounds[LOWER], bounds[UPPER], explained

@@ -39,20 +39,7 @@ def narrow_displacements(box: FloatArray, linear: Linearization, most_steps: int
     Each step weighs the pairs by their residuals anew, so that a pair whose square is not bounded
     yet spoils no other.
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    linear : Linearization
-        Its displacements are narrowed and its residuals written.
-    most_steps : int
-        Most steps; they end when one gains little.
-
-    Returns
-    -------
-    bool
-        False when no placement is left.
-
+    False when no placement is left.
     """
     inverse = np.empty((linear.unknowns.max() + 1, len(linear.edges)))
     relative = np.empty((len(linear.edges), 2, linear.reference.shape[1]))

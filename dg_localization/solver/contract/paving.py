@@ -138,24 +138,7 @@ def _regions(leaves: FloatArray) -> FloatArray:
 def regions_of_point(
     enclosure: FloatArray, lower: FloatArray, upper: FloatArray, least_ratio: float
 ) -> FloatArray:
-    """
-    Return the regions in which a point can be, by its distances to some others.
-
-    Parameters
-    ----------
-    enclosure : ndarray, shape (k, 2, q)
-        Bounds of the coordinates of the others in m.
-    lower, upper : ndarray, shape (k,)
-        Bounds of the squared distances to them in m^2.
-    least_ratio : float
-        Boxes are not bisected below this fraction of the longest distance.
-
-    Returns
-    -------
-    ndarray, shape (r, 2, q)
-        Bounds of the coordinates of each region in m; none when the point can be nowhere.
-
-    """
+    """Return the regions in which a point can be, by its distances to some others."""
     count, _, dimension = enclosure.shape
     low, high = np.empty((count + 1, dimension)), np.empty((count + 1, dimension))
     low[0], high[0] = -np.inf, np.inf
@@ -176,22 +159,7 @@ def distances_to_region(
     """
     Narrow the distances of one point to the first others by the region it is in.
 
-    Parameters
-    ----------
-    region : ndarray, shape (2, q)
-        Bounds of the coordinates of the point in m.
-    enclosure : ndarray, shape (k, 2, q)
-        Bounds of the coordinates of the first k points.
-    box : ndarray, shape (4, n, n)
-        The box in m^2, narrowed in place.
-    point : int
-        The point.
-
-    Returns
-    -------
-    bool
-        False when nothing is left.
-
+    False when nothing is left.
     """
     for x in range(len(enclosure)):
         low, high = 0.0, 0.0

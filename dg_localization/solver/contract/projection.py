@@ -56,28 +56,7 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
 
 @kernel(borrows=True)
 def project(box: FloatArray, rows: Rows, points: IntArray, a: int, b: int) -> int:
-    """
-    Project the points of a box along the axis from `a` to `b` (Section 4.1).
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box to project; its last axis may be longer. The distance of the two ends must be
-        finite.
-    rows : Rows
-        Where the projected points are written, a last, their coordinates, and the projected box.
-        A point infinitely far from an end is left out.
-    points : ndarray of int
-        The points of `box` to project.
-    a, b : int
-        The axis.
-
-    Returns
-    -------
-    int
-        The number of projected points; -1 when no placement is left.
-
-    """
+    """Project the points of a box along the axis from `a` to `b` (Section 4.1)."""
     count = _choose_points(box, rows.points, points, a, b)
     if count == 0:
         rows.points[0] = a

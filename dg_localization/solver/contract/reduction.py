@@ -243,24 +243,7 @@ def apply_axes(
     Called as ``apply_axes(*work, *sides, dimension, axes, count)``: what enters from Python enters
     flat, because numba takes six times as long to unpack named tuples.
 
-    Parameters
-    ----------
-    box, points, row_points, ends, squared, along, across, distance, is_open, n_open, names, sigma
-        The fields of a `Workspace`; the box is narrowed in place.
-    start, stop, rows
-        The fields of `Sides`.
-    dimension : int
-        Dimension of the space.
-    axes : ndarray of int, shape (k, 2)
-        The axes, in the order in which they are applied.
-    count : int
-        How many points are projected, those best known from the ends of the axis.
-
-    Returns
-    -------
-    bool
-        False when the box is proved to hold no placement.
-
+    False when the box is proved to hold no placement.
     """
     work = Workspace(
         box,

@@ -58,20 +58,7 @@ def _rows(problem: Problem) -> list[tuple[tuple[int, ...], int, int, int]]:
 
 
 def sides_of(problem: Problem) -> Sides:
-    """
-    Return the sides that a problem's side constraints and chiralities fix, sorted by face.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-
-    Returns
-    -------
-    Sides
-        Rows for the kernels; see there for the layout.
-
-    """
+    """Return the sides that a problem's side constraints and chiralities fix, sorted by face."""
     n_points = problem.n_points
     start = np.zeros((n_points, n_points), dtype=np.int64)
     stop = np.zeros((n_points, n_points), dtype=np.int64)

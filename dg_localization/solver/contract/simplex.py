@@ -90,21 +90,7 @@ def set_table(linear: Linearization, table: FloatArray, active: IntArray) -> boo
     """
     Write the table in terms of well-known measured pairs.
 
-    Parameters
-    ----------
-    linear : Linearization
-        The measured pairs.
-    table : ndarray, shape (d + 2, f)
-        Rows of the displacements that `linear` numbers, in terms of as many free ones as there
-        are columns; and two to work in. It is written in terms of the active pairs.
-    active : ndarray of int, shape (f,)
-        Where the active pairs are written.
-
-    Returns
-    -------
-    bool
-        False when the pairs do not determine the displacements.
-
+    False when the pairs do not determine the displacements.
     """
     residuals = linear.residuals
     n_edges, n_free, n_displacements = len(linear.edges), len(active), len(table) - 2
@@ -238,22 +224,7 @@ def set_multipliers(
     tolerance: float,
     multipliers: FloatArray,
 ) -> None:
-    """
-    Write the multipliers that bound the function in the last row but one from above.
-
-    Parameters
-    ----------
-    linear : Linearization
-        The measured pairs.
-    table, active
-        As `set_table` wrote them, and the function in the last row but one.
-    tolerance : float
-        By which fraction of their widths measured pairs may leave their bounds in the end. The
-        bound is rigorous whatever it is, but lacks about a tenth of it.
-    multipliers : ndarray, shape (m,)
-        Where they are written.
-
-    """
+    """Write the multipliers that bound the function in the last row but one from above."""
     n_rows, n_columns = table.shape
     function, work = n_rows - 2, n_rows - 1
     scale = np.abs(table[function]).max()

@@ -20,20 +20,7 @@ def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray) ->
     Upper bounds first, as shortest paths (Floyd and Warshall); then lower bounds, which need the
     final upper bounds and one pass in the same order (Dress and Havel, 1988).
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        Squared distances in m^2.
-    distance : ndarray, shape (4, n, n)
-        Scratch space.
-    points : ndarray of int
-        The points of the box that are smoothed, in the order in which they are taken.
-
-    Returns
-    -------
-    bool
-        False when the triangle inequalities contradict each other.
-
+    False when the triangle inequalities contradict each other.
     """
     count = len(points)
     for x in range(count):

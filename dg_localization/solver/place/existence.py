@@ -55,25 +55,6 @@ def settled(
     Move a placement onto the exact distances, and prove that it meets every constraint.
 
     The clock is looked at on the way (`look_after`).
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    positions : ndarray, shape (n, q)
-        Coordinates in m.
-    boxes : sequence of ndarray, shape (k, n, n), optional
-        The boxes in m^2 of the hypothesis that the placement is to be in one of; any will do
-        where they are not given.
-
-    Returns
-    -------
-    positions : ndarray, shape (n, q)
-        The coordinates, as they were where that is of no use.
-    proved : bool
-        Whether they meet every constraint and lie in a box, or a placement that meets every
-        constraint is proved to lie within `NEARNESS` of them, and may lie in a box.
-
     """
     if agrees(problem, positions):
         return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
@@ -101,15 +82,15 @@ def settled(
     return (moved[0], True) if proved else (positions, False)
 
 
-def has_exact_pairs(problem: Problem) -> bool:
-    """Return whether some distances of a problem are known exactly, or nearly so."""
-    return bool(_exact(problem).any())
-
-
 def _exact(problem: Problem) -> NDArray[np.bool_]:
     """Return which of its pairs a problem knows exactly, or nearly so."""
     lower, upper = problem.pairs.lower, problem.pairs.upper
     return np.isfinite(upper) & ((1.0 - NARROW) * upper <= lower)
+
+
+def has_exact_pairs(problem: Problem) -> bool:
+    """Return whether some distances of a problem are known exactly, or nearly so."""
+    return bool(_exact(problem).any())
 
 
 def _newton(

@@ -140,22 +140,6 @@ class Gradients:
     The gradients of some pairs, the rows of a matrix A, with A A^T factored.
 
     The clock is looked at on the way (`look_after`).
-
-    Parameters
-    ----------
-    pairs : ndarray of int, shape (m, 2)
-        The pairs.
-    slopes : ndarray, shape (m, q)
-        The entries of each gradient at the first of its points, the opposite of those at the
-        second.
-    n_points : int
-        The number of points.
-
-    Attributes
-    ----------
-    are_independent : bool
-        Whether A A^T could be factored; there is nothing to ask for otherwise.
-
     """
 
     def __init__(self, pairs: IntArray, slopes: FloatArray, n_points: int) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel, until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.place.existence import has_exact_pairs, settled
-from dg_localization.solver.place.placements import AT_ONCE, place_step_by_step
+from dg_localization.solver.place.placements import MOST_STEPS, place
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.place.sparse_placements import scaled, sought
@@ -30,6 +30,9 @@ LARGEST_M2 = 1e150
 MOST_SMALL, MOST_DENSE = 12, 60
 """Few points, or exact distances of up to `MOST_DENSE`, are placed by known pairs alone where no
 box leads to a placement. With 16 few points, fleets of 20 robots take up to 2.5 times as long."""
+
+AT_ONCE = 60
+"""Up to this many coordinates are placed whatever the time: that takes a millisecond or two."""
 
 
 def never() -> bool:
@@ -52,20 +55,7 @@ def _touch(first: FloatArray, second: FloatArray) -> bool:
 
 @kernel
 def components(bounds: FloatArray) -> IntArray:
-    """
-    Assign boxes to connected components, which are numbered in the order of their first boxes.
-
-    Parameters
-    ----------
-    bounds : ndarray, shape (k, 2, n, n)
-        Lower and upper bounds of the boxes.
-
-    Returns
-    -------
-    ndarray of int, shape (k,)
-        The number of the component of each box, from 0.
-
-    """
+    """Return the connected component of each box, numbered in the order of their first boxes."""
     count = len(bounds)
     label = np.full(count, -1)
     queue = np.empty(count, dtype=np.int64)
@@ -88,27 +78,8 @@ def components(bounds: FloatArray) -> IntArray:
     return label
 
 
-def place_everywhere(
-    box: FloatArray, dimension: int, stopped: Callable[[], bool] = never
-) -> FloatArray:
-    """
-    Return a placement for a box, its unconnected parts far enough apart.
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2, its triangles smoothed; it may be unbounded.
-    dimension : int
-        The dimension q of the space.
-    stopped : callable, optional
-        Once it returns true, what was found so far is returned.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        Coordinates in m.
-
-    """
+def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
+    """Return a placement for a box, its unconnected parts far enough apart."""
     positions = np.zeros((box.shape[1], dimension))
     placed = np.zeros(len(positions), dtype=np.bool_)
     edge_m, clearance_m = 0.0, 1.0 + 2.0 * math.sqrt(box[LOWER].max())
@@ -117,18 +88,16 @@ def place_everywhere(
             continue
         # The triangles bound every distance between points that any chain connects.
         island = np.flatnonzero(box[UPPER, seed] < np.inf)
-        local = place_step_by_step(sub_box(box, island), dimension, stopped)
+        local = np.asarray(place(sub_box(box, island), dimension, MOST_STEPS))
         local[:, 0] += edge_m - local[:, 0].min()
         positions[island], placed[island] = local, True
         edge_m = float(local[:, 0].max()) + clearance_m
     return positions
 
 
-def place_problem(
-    problem: Problem, box: FloatArray, stopped: Callable[[], bool] = never
-) -> FloatArray:
+def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
     """Return a placement for a box of a problem, with the chirality that is known."""
-    return with_known_chirality(problem, place_everywhere(box, problem.dimension, stopped))
+    return with_known_chirality(problem, place_everywhere(box, problem.dimension))
 
 
 @kernel
@@ -152,8 +121,14 @@ def placement_in(
     boxes: list[FloatArray],
     starts: Iterable[FloatArray | None],
     stopped: Callable[[], bool],
+    by_known_pairs: bool = True,
 ) -> tuple[FloatArray, bool]:
-    """Return a placement for the boxes of a component, and whether it is proved to agree."""
+    """
+    Return a placement for the boxes of a component, and whether it is proved to agree.
+
+    Where no box leads to one, few points are placed by the known pairs alone as well, if asked:
+    parts of a larger problem are placed together with the rest of it.
+    """
     ended = _end_of_placing(problem, stopped)
     for start in starts:
         if start is not None:
@@ -166,17 +141,15 @@ def placement_in(
         return _placement_by_known_pairs(problem, boxes, stopped)
     first = None
     for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
-        found = place_problem(problem, box, ended)
+        found = place_problem(problem, box)
         found, proved = _settled_in_time(problem, found, boxes, ended)
         if first is None or proved:
             first = found
         if proved or stopped():
             return first, proved
     assert first is not None
-    # Parts of a larger problem are placed together with the rest of it.
-    is_small = problem.n_points <= MOST_SMALL and stopped is not never
-    is_exact = problem.n_points > MOST_SMALL and has_exact_pairs(problem)
-    if is_moderate and (is_small or is_exact):
+    is_small = problem.n_points <= MOST_SMALL
+    if is_moderate and by_known_pairs and (is_small or has_exact_pairs(problem)):
         with until(stopped):
             found, proved = _placement_by_known_pairs(problem, boxes, stopped)
             if proved:
@@ -231,27 +204,7 @@ def hypotheses_of(
     stopped: Callable[[], bool] = never,
     start_of: Callable[[int], FloatArray | None] | None = None,
 ) -> tuple[Hypothesis, ...]:
-    """
-    Return the hypotheses that the boxes of a cover form, in the order of their first box.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    boxes : list of ndarray, shape (4, n, n)
-        The cover.
-    stopped : callable, optional
-        Whether there is no time left. Of a large piece only the first hypothesis is placed then,
-        as well as it can be at once, and all count as flexible: nothing shows that they are rigid.
-    start_of : callable, optional
-        Returns a placement in m that is in or near a box, by the number of the box, or None.
-
-    Returns
-    -------
-    tuple of Hypothesis
-        One for each connected component.
-
-    """
+    """Return the hypotheses that the boxes of a cover form, in the order of their first box."""
     ended = _end_of_placing(problem, stopped)
     measured = np.isfinite(problem.upper)
     parts = hulls_of(boxes)
@@ -276,20 +229,7 @@ def hypotheses_of(
 
 
 def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:
-    """
-    Return the hulls of the connected components of a cover, in the order of their first box.
-
-    Parameters
-    ----------
-    boxes : list of ndarray, shape (4, n, n)
-        The cover in m^2.
-
-    Returns
-    -------
-    list of tuple of (ndarray, list of int)
-        Lower and upper bounds of each component in m^2, shape (2, n, n), and its boxes by number.
-
-    """
+    """Return the hulls of the connected components of a cover, in the order of their first box."""
     if not boxes:
         return []
     bounds = np.array([box[: UPPER + 1] for box in boxes])

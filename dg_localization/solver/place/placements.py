@@ -11,13 +11,11 @@ outward: whether a placement agrees with the measurements is decided in `proofs`
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK, kernel
+from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import LARGEST
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 
@@ -26,9 +24,6 @@ MARGIN = 0.1
 
 MOST_STEPS = 40
 """Least squares takes at most so many steps."""
-
-AT_ONCE = 60
-"""So many coordinates are placed whatever the time: that takes a millisecond or two."""
 
 LEAST_GAIN = 0.01
 """A step that gains less than this fraction of the misfit is the last: others go where all agrees,
@@ -148,63 +143,30 @@ def solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool
     return True
 
 
-class Descent(NamedTuple):
-    """
-    Damped least squares on the way.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n, q)
-        The best coordinates so far, in m.
-    matrix, vector : ndarray
-        The normal equations there.
-    trials : ndarray, shape (2, n q, n q)
-        Scratch: the factor of a step, and the normal equations after it.
-    trial_vector : ndarray, shape (n q,)
-        Scratch.
-    numbers : ndarray, shape (3,)
-        The misfit in m^2, the damping, and what it grows by when a step fails.
-
-    """
-
-    positions: FloatArray
-    matrix: FloatArray
-    vector: FloatArray
-    trials: FloatArray
-    trial_vector: FloatArray
-    numbers: FloatArray
-
-
-@kernel
-def _begin(positions: FloatArray, box: FloatArray) -> Descent:
-    """Return least squares before the first step."""
-    size = positions.size
-    matrix, vector = np.empty((size, size)), np.empty(size)
-    best = positions.copy()
-    misfit = _assemble(best, box, matrix, vector)
-    numbers = np.array([misfit, FIRST_DAMPING, 2.0])
-    return Descent(best, matrix, vector, np.empty((2, size, size)), np.empty(size), numbers)
-
-
 @kernel(watched=True)
-def _descend(descent: Descent, box: FloatArray, most_steps: int) -> bool:
-    """Take steps of least squares; return whether there is no other one."""
-    best, matrix, vector = descent.positions, descent.matrix, descent.vector
-    trial_vector, numbers = descent.trial_vector, descent.numbers
-    n_points, dimension = best.shape
-    size = n_points * dimension
-    factor, trial_matrix = descent.trials[0], descent.trials[1]
-    misfit, damping, growth = numbers[0], numbers[1], numbers[2]
+def refine(positions: FloatArray, box: FloatArray, most_steps: int) -> FloatArray:
+    """
+    Move a placement into the intervals of a box by damped least squares.
+
+    The damping follows how well each step was predicted (H. B. Nielsen, Damping parameter in
+    Marquardt's method, 1999).
+    """
+    n_points, dimension = positions.shape
+    size = positions.size
+    best, vector, trial_vector = positions.copy(), np.empty(size), np.empty(size)
+    matrix, factor, trial_matrix = np.empty((3, size, size))
+    misfit = _assemble(best, box, matrix, vector)
+    damping, growth = FIRST_DAMPING, 2.0
     for _ in range(most_steps):
         if misfit == 0.0 or damping > MOST_DAMPING:
-            return True
+            break
         scale = 0.0
         for i in range(size):
             scale = max(scale, matrix[i, i])
         factor[:] = matrix
         step = vector.copy()
         if not solve_damped(factor, step, damping * scale + 1e-300):
-            return True
+            break
         trial = best - step.reshape((n_points, dimension))
         trial_misfit = _assemble(trial, box, trial_matrix, trial_vector)
         if not trial_misfit < misfit:
@@ -218,75 +180,25 @@ def _descend(descent: Descent, box: FloatArray, most_steps: int) -> bool:
         is_last = gain < LEAST_GAIN * misfit
         best[:], misfit = trial, trial_misfit
         if is_last:
-            return True
+            break
         matrix[:], vector[:] = trial_matrix, trial_vector
         surprise = 1.0 - 2.0 * gain / max(predicted, 1e-300)
         damping *= max(LEAST_DECREASE, 1.0 + surprise * surprise * surprise)
         damping, growth = max(damping, LEAST_DAMPING), 2.0
-    numbers[0], numbers[1], numbers[2] = misfit, damping, growth
-    return False
-
-
-@kernel
-def refine(positions: FloatArray, box: FloatArray, most_steps: int) -> FloatArray:
-    """
-    Move a placement into the intervals of a box by damped least squares.
-
-    The damping follows how well each step was predicted (H. B. Nielsen, Damping parameter in
-    Marquardt's method, 1999).
-    """
-    descent = _begin(positions, box)
-    _descend(descent, box, most_steps)
-    return descent.positions
-
-
-@kernel
-def _first(box: FloatArray, dimension: int) -> tuple[FloatArray, FloatArray, float]:
-    """Return a first placement, the box that it is for, and the unit of both in m."""
-    # The squares of squared distances must not overflow; a power of two changes no digit.
-    finite = np.minimum(box, LARGEST)
-    _, exponent = math.frexp(finite[UPPER].max())
-    half = max(0, exponent) // 2
-    scaled = finite * math.ldexp(1.0, -2 * half)
-    middle = 0.5 * (scaled[LOWER] + scaled[UPPER])
-    return _factor(middle, dimension), scaled, math.ldexp(1.0, half)
+    return best
 
 
 @kernel
 def place(box: FloatArray, dimension: int, most_steps: int) -> FloatArray:
     """
-    Return the coordinates of a placement in or near a box.
+    Return the coordinates of a placement in or near a box, in m and of either chirality.
 
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2; its upper bounds are finite, or overflowed.
-    dimension : int
-        The dimension q of the space.
-    most_steps : int
-        Most steps of least squares.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        Coordinates in m, of either chirality.
-
+    The upper bounds of the box are finite, or overflowed.
     """
-    positions, scaled, unit_m = _first(box, dimension)
-    return refine(positions, scaled, most_steps) * unit_m
-
-
-def place_step_by_step(
-    box: FloatArray, dimension: int, stopped: Callable[[], bool] = lambda: False
-) -> FloatArray:
-    """Return what `place` does; once `stopped` returns true, what was found so far."""
-    if box.shape[1] * dimension <= AT_ONCE:
-        return np.asarray(place(box, dimension, MOST_STEPS))
-    positions, scaled, unit_m = _first(box, dimension)
-    descent = _begin(positions, scaled)
-    # Most of a step is the factorization of the normal equations.
-    at_once = 1 + WORK_PER_LOOK // (1 + positions.size**3 // 6)
-    for done in range(0, MOST_STEPS, at_once):
-        if _descend(descent, scaled, min(at_once, MOST_STEPS - done)) or stopped():
-            break
-    return np.asarray(descent.positions * unit_m)
+    # The squares of squared distances must not overflow; a power of two changes no digit.
+    finite = np.minimum(box, LARGEST)
+    _, exponent = math.frexp(finite[UPPER].max())
+    half = max(0, exponent) // 2
+    scaled = finite * math.ldexp(1.0, -2 * half)
+    positions = _factor(0.5 * (scaled[LOWER] + scaled[UPPER]), dimension)
+    return refine(positions, scaled, most_steps) * math.ldexp(1.0, half)

@@ -121,18 +121,7 @@ def lies_in(box: FloatArray, positions: FloatArray) -> bool:
     """
     Prove that a placement lies in a box.
 
-    Parameters
-    ----------
-    box : ndarray, shape (k, n, n)
-        Lower and upper bounds of squared distances in m^2; further rows do not count.
-    positions : ndarray, shape (n, q)
-        Coordinates in m, taken as exact.
-
-    Returns
-    -------
-    bool
-        True is a proof, as that of `agrees`.
-
+    True is a proof, as that of `agrees`.
     """
     return bool(np.isfinite(positions).all()) and _lie_between(box[LOWER], box[UPPER], positions)
 
@@ -193,19 +182,6 @@ def chirality_signs(positions: FloatArray, simplices: IntArray) -> IntArray:
 
     The floating-point determinant decides where it exceeds its forward error; exact rationals
     decide otherwise.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n, q)
-        Coordinates in m, taken as exact.
-    simplices : ndarray of int, shape (k, q + 1)
-        The corners of each simplex.
-
-    Returns
-    -------
-    ndarray of int, shape (k,)
-        -1, 0 or +1 each; 0 when the points lie in one hyperplane.
-
     """
     signs = np.zeros(len(simplices), dtype=np.int64)
     if _set_signs(positions, simplices, signs):
@@ -251,19 +227,8 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
     """
     Prove that a placement meets every constraint of a problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    positions : ndarray, shape (n, q)
-        Coordinates in m, taken as exact.
-
-    Returns
-    -------
-    bool
-        True is a proof: distances are compared after outward rounding and chiralities by the signs
-        of determinants, or both in exact rationals where rounding leaves it open.
-
+    True is a proof: distances are compared after outward rounding and chiralities by the signs of
+    determinants, or both in exact rationals where rounding leaves it open.
     """
     if not _distances_agree(problem, positions):
         return False

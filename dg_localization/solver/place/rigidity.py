@@ -65,26 +65,7 @@ def _gradients(positions: FloatArray, measured: NDArray[np.bool_]) -> tuple[Floa
 def _count_some(
     columns: FloatArray, left: FloatArray, along: FloatArray, squares: FloatArray, most: int
 ) -> int:
-    """
-    Count unit rows that are new, at most so many, and take away what the others have of them.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (c, m)
-        The rows, by columns; what is left of them is written.
-    left : ndarray, shape (m,)
-        The squared length that is left of each row, zero of those that were counted.
-    along, squares : ndarray, shape (m,)
-        Scratch.
-    most : int
-        So many at most.
-
-    Returns
-    -------
-    int
-        How many were counted; fewer than `most` where no other row is new.
-
-    """
+    """Return how many unit rows are new, at most `most`, their part in others taken away."""
     n_columns, n_rows = columns.shape
     for count in range(most):
         pivot = 0
@@ -120,19 +101,8 @@ def is_flexible(positions: FloatArray, measured: NDArray[np.bool_]) -> bool:
 
     The clock is looked at on the way (`look_after`).
 
-    Parameters
-    ----------
-    positions : ndarray, shape (n, q)
-        A placement in m.
-    measured : ndarray of bool, shape (n, n)
-        The pairs whose distance is bounded by a measurement.
-
-    Returns
-    -------
-    bool
-        True when some distance is unknown and the rank of the rigidity matrix is lower than in
-        general position: a motion exists, or exists to first order.
-
+    True when some distance is unknown and the rank of the rigidity matrix is lower than in general
+    position: a motion exists, or exists to first order.
     """
     look_after(positions.size * int(np.count_nonzero(measured)))
     columns, n_rows, rigid_rank = _gradients(positions, measured)

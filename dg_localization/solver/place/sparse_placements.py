@@ -80,24 +80,7 @@ def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
 
 
 def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
-    """
-    Return the placement that agrees best with the lengths from a few points to all.
-
-    Parameters
-    ----------
-    lengths_m : ndarray, shape (k, n)
-        The lengths in m.
-    pivots : ndarray of int, shape (k,)
-        The points that they begin at.
-    dimension : int
-        The dimension q of the space.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        Coordinates in m.
-
-    """
+    """Return the placement that agrees best with the lengths from a few points to all."""
     longest_m = max(float(lengths_m.max()), np.finfo(float).tiny)
     squared = (lengths_m / longest_m) ** 2
     among = squared[:, pivots]
@@ -133,28 +116,7 @@ def sought(
     stopped: Callable[[], bool],
     most_unfolded: int = MOST_UNFOLDED,
 ) -> FloatArray:
-    """
-    Seek a placement that meets the bounds of many pairs.
-
-    Parameters
-    ----------
-    start : ndarray, shape (n, q)
-        Coordinates in m to begin with.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs.
-    lower, upper : ndarray, shape (m,)
-        Bounds of their squared distances in m^2.
-    stopped : callable
-        Whether to stop early.
-    most_unfolded : int, optional
-        How often it may be unfolded.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        The best coordinates found.
-
-    """
+    """Seek a placement that meets the bounds of many pairs."""
     known = pairs, lower, upper
     finite = upper[np.isfinite(upper)]
     if not len(finite):
@@ -219,30 +181,7 @@ def refined(
     stopped: Callable[[], bool],
     effort: Effort = THOROUGH,
 ) -> FloatArray:
-    """
-    Move a placement into the bounds of many pairs by least squares.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n, q)
-        Coordinates in m.
-    pairs : ndarray of int, shape (m, 2)
-        The pairs.
-    lower, upper : ndarray, shape (m,)
-        Bounds of their squared distances in m^2.
-    margin : float
-        Least squares aims this fraction of the width of an interval inside its ends.
-    stopped : callable
-        Whether to stop early.
-    effort : Effort, optional
-        How far to go.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        Better coordinates.
-
-    """
+    """Move a placement into the bounds of many pairs by least squares."""
     best = positions
     misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
     total, damping = float(misfits @ misfits), 1e-6

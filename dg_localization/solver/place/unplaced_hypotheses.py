@@ -49,19 +49,7 @@ class UnplacedHypothesis(Hypothesis):
 
 
 class HypothesisOfBoxes(UnplacedHypothesis):
-    """
-    A hypothesis of a cover.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    hull : ndarray, shape (2, n, n)
-        Lower and upper bounds in m^2.
-    boxes : list of ndarray, shape (4, n, n)
-        Its boxes in m^2.
-
-    """
+    """A hypothesis of a cover."""
 
     _problem: Problem
     _inside: list[FloatArray]
@@ -77,7 +65,7 @@ class HypothesisOfBoxes(UnplacedHypothesis):
         return np.array([box[: UPPER + 1] for box in self._inside])
 
     def _seek(self) -> tuple[FloatArray, bool]:
-        return placement_in(self._problem, self._inside, [], never)
+        return placement_in(self._problem, self._inside, [], never, by_known_pairs=False)
 
     @cached_property
     @default_environment()
@@ -92,22 +80,7 @@ class HypothesisOfBoxes(UnplacedHypothesis):
 def unplaced_hypotheses_of(
     problem: Problem, boxes: list[FloatArray]
 ) -> tuple[HypothesisOfBoxes, ...]:
-    """
-    Return the hypotheses of a cover like `hypotheses_of`, their placements only when asked for.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    boxes : list of ndarray, shape (4, n, n)
-        The cover.
-
-    Returns
-    -------
-    tuple of HypothesisOfBoxes
-        One for each connected component.
-
-    """
+    """Return the hypotheses of a cover, whose placements are sought only when asked for."""
     return tuple(
         HypothesisOfBoxes(problem, hull, [boxes[index] for index in indices])
         for hull, indices in hulls_of(boxes)

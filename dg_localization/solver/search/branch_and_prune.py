@@ -40,17 +40,7 @@ class Cover:
 
 
 class Budget:
-    """
-    How long a search may go on; the clock starts when this is made.
-
-    Parameters
-    ----------
-    options : SolverOptions
-        The limits.
-    cancel : object with ``is_set()``, optional
-        Stops the search when set.
-
-    """
+    """How long a search may go on; the clock starts when this is made."""
 
     def __init__(self, options: SolverOptions, cancel: Cancel | None = None) -> None:
         self.max_boxes = options.max_boxes
@@ -93,65 +83,45 @@ class Queue:
         """Add a box."""
         heapq.heappush(self._heap, (-_size_m(box), next(self._order), box))
 
-    def pop(self, most: int) -> list[FloatArray]:
-        """Take the next boxes."""
-        return [heapq.heappop(self._heap)[2] for _ in range(min(most, len(self._heap)))]
+    def pop(self) -> FloatArray:
+        """Take the next box."""
+        return heapq.heappop(self._heap)[2]
 
     def boxes(self) -> list[FloatArray]:
         """Return all boxes in their order."""
         return [box for _, _, box in sorted(self._heap)]
 
 
-def branch_and_prune(
+def pave(
     boxes: Iterable[FloatArray],
-    prune: Callable[[list[FloatArray]], Iterable[Pruned]],
+    contract: Callable[[FloatArray], Pruned],
     split: Callable[[Pruned], list[FloatArray]],
     budget: Budget,
-    at_once: int = 1,
     progress: Callable[[Statistics], None] | None = None,
 ) -> Cover:
     """
-    Cover all placements in some boxes by smaller boxes.
+    Cover all placements in some boxes by smaller boxes; those kept and pending hold every one.
 
-    Parameters
-    ----------
-    boxes : iterable of ndarray, shape (4, n, n)
-        The boxes in m^2.
-    prune : callable
-        Contracts several boxes, which may be empty afterwards.
-    split : callable
-        Returns the parts of a contracted box, none when it is finished.
-    budget : Budget
-        When to stop.
-    at_once : int, optional
-        How many boxes are pruned at a time.
-    progress : callable, optional
-        Called with the statistics so far, once a box.
-
-    Returns
-    -------
-    Cover
-        Kept and pending boxes, which together hold every placement.
-
+    `split` returns the parts of a contracted box, none when it is finished.
     """
     cover, queue = Cover(), Queue()
     for box in boxes:
         queue.push(box)
     while queue and cover.processed < budget.max_boxes and not budget.stopped():
-        for pruned in prune(queue.pop(min(at_once, budget.max_boxes - cover.processed))):
-            if pruned.status is Status.UNFINISHED:
-                queue.push(pruned.box)
-                continue
-            if pruned.status is Status.EMPTY:
-                cover.empty += 1
-            elif parts := split(pruned):
-                cover.split += 1
-                for part in parts:
-                    queue.push(part)
-            else:
-                cover.kept.append(pruned.box)
-            if progress:
-                progress(budget.statistics(cover, len(queue)))
+        pruned = contract(queue.pop())
+        if pruned.status is Status.UNFINISHED:
+            queue.push(pruned.box)
+            continue
+        if pruned.status is Status.EMPTY:
+            cover.empty += 1
+        elif parts := split(pruned):
+            cover.split += 1
+            for part in parts:
+                queue.push(part)
+        else:
+            cover.kept.append(pruned.box)
+        if progress:
+            progress(budget.statistics(cover, len(queue)))
     cover.pending = queue.boxes()
     return cover
 

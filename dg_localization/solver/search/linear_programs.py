@@ -4,11 +4,10 @@
 """
 Which pairs of a finished box to bound by linear programs, and in which frames.
 
-In the plane one frame serves all pairs (`common_frame`). Where the boxes are too wide for it, and
-in space, pairs are left to frames at two points. Such a frame is made at the pair of which most is
-unexplained, and serves all open pairs that share a point with it. A pair is closed when it is
-hardly wider than its linear program explains. Frames come to an end when no pair is open, or when
-some in a row gained nothing: effects of higher order are then too large for linear programs.
+A frame is made at the pair of which most is unexplained, and serves all open pairs that share a
+point with it. A pair is closed when it is hardly wider than its linear program explains. Frames
+come to an end when no pair is open, or when some in a row gained nothing: effects of higher order
+are then too large for linear programs.
 """
 
 from __future__ import annotations
@@ -28,15 +27,12 @@ from dg_localization.solver.search.pruning import Pair, Pruner
 WELL_EXPLAINED = 0.01
 """An interval this close to the first-order effect of the errors, relatively, is left alone."""
 
-CLOSED_WIDTH = 1.2
+CLOSED_WIDTH = 1.05
 """A pair is closed below this width, over what its linear program explains."""
 
 LEAST_GAIN = 0.02
-MOST_IDLE_FRAMES = (3, 2, 3)
-"""
-After so many frames in a row, in 1, 2, 3 dimensions, that shorten no interval by this fraction
-there are no more.
-"""
+MOST_IDLE_FRAMES = 10
+"""There are no more frames after so many in a row that shorten no interval by this fraction."""
 
 
 def unexplained_pairs(problem: Problem, pruned: Pruned) -> list[Pair]:
@@ -72,14 +68,13 @@ class _Frames:
         self._pairs = pairs
         self._explained = np.zeros(len(pairs))
         self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
-        self._is_done = np.zeros(len(pairs), dtype=np.bool_)
 
     def next_frame(self) -> IntArray | None:
         """Return the numbers of the pairs for the next frame, its axis first; None at the end."""
         width = self._widths()
         excess = np.full(len(width), np.inf)
         np.divide(width, self._explained, out=excess, where=self._explained > 0.0)
-        is_open = (excess > CLOSED_WIDTH) & ~self._is_done
+        is_open = excess > CLOSED_WIDTH
         candidates = np.flatnonzero(is_open & ~self._was_axis)
         if not len(candidates):
             return None
@@ -88,23 +83,6 @@ class _Frames:
         meets = np.isin(self._pairs, self._pairs[axis]).any(axis=1)
         others = np.flatnonzero(is_open & meets)
         return np.concatenate([[axis], others[others != axis]])
-
-    def narrow_all(
-        self,
-        pruner: Pruner,
-        positions: FloatArray,
-        by_least_squares: FloatArray,
-        stopped: Callable[[], bool],
-    ) -> bool:
-        """Narrow all pairs in a common frame, for good; False when the box is empty."""
-        explained = by_least_squares[tuple(self._pairs.T)]
-        before = explained.copy()
-        is_left = pruner.narrow_in_common_frame(
-            self._box, positions, self._pairs, explained, stopped
-        )
-        self._is_done = explained != before
-        self._explained[self._is_done] = explained[self._is_done]
-        return is_left
 
     def narrow(self, pruner: Pruner, positions: FloatArray, chosen: IntArray) -> float | None:
         """Narrow some pairs; return the largest relative gain, None when the box is empty."""
@@ -132,43 +110,18 @@ class _Frames:
 
 def narrow_by_linear_programs(pruner: Pruner, pruned: Pruned, stopped: Callable[[], bool]) -> bool:
     """
-    Narrow the unexplained pairs of a box by linear programs, in place.
+    Narrow the unexplained pairs of a box by linear programs, in place; False when it is empty.
 
-    Parameters
-    ----------
-    pruner : Pruner
-        Narrows the pairs of a frame.
-    pruned : Pruned
-        The box, and what the errors explain of it, which is corrected to what linear programs
-        explain.
-    stopped : callable
-        Whether to stop early; the box is sound all the same.
-
-    Returns
-    -------
-    bool
-        False when the box is proved to hold no placement.
-
+    What the errors explain is corrected to what linear programs explain.
     """
-    problem = pruner.problem
-    unexplained = unexplained_pairs(problem, pruned)
+    unexplained = unexplained_pairs(pruner.problem, pruned)
     if not unexplained:
         return True
-    pairs = np.array(unexplained)
-    in_plane = problem.dimension == 2
-    if in_plane:
-        # One frame serves them all, and least squares explain more than linear programs do.
-        pairs = np.argwhere(np.triu(np.isinf(problem.upper) & (pruned.explained > 0.0)))
-        # Where time is short the widest come first.
-        pairs = pairs[np.argsort(-_excess(problem, pruned)[tuple(pairs.T)], kind='stable')]
-    positions = place_problem(problem, pruned.box)
-    frames = _Frames(pruned.box, pairs)
-    n_idle, most_idle = 0, MOST_IDLE_FRAMES[problem.dimension - 1]
+    positions = place_problem(pruner.problem, pruned.box)
+    frames = _Frames(pruned.box, np.array(unexplained))
+    n_idle = 0
     with until(stopped):
-        by_least_squares = pruned.explained
-        if in_plane and not frames.narrow_all(pruner, positions, by_least_squares, stopped):
-            return False
-        while n_idle < most_idle and not stopped():
+        while n_idle < MOST_IDLE_FRAMES and not stopped():
             chosen = frames.next_frame()
             if chosen is None:
                 break

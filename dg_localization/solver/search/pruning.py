@@ -10,16 +10,16 @@ from collections.abc import Callable
 import numpy as np
 
 from dg_localization.interval.kernels import until
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.combination import combine, combine_in_frame
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
+from dg_localization.solver.contract.combination import combine
 from dg_localization.solver.contract.fixed_point import Contractor, Goal, Pruned
 from dg_localization.solver.contract.groups import groups_of, with_measured_pair
+from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.search.common_frame import narrow_in_common_frame
 from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
 
 MAX_SWEEPS = 50
@@ -35,17 +35,7 @@ def _never() -> bool:
 
 
 class Pruner:
-    """
-    Prunes the boxes of one problem, one at a time.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    options : SolverOptions
-        The resolution is taken from them.
-
-    """
+    """Prunes the boxes of one problem, one at a time."""
 
     def __init__(self, problem: Problem, options: SolverOptions) -> None:
         self.problem = problem
@@ -90,32 +80,18 @@ class Pruner:
         """
         Narrow unknown pairs of a finished box in place, in the frame of the first of them.
 
-        Parameters
-        ----------
-        box : ndarray, shape (4, n, n)
-            The box in m^2.
-        positions : ndarray, shape (n, q)
-            A placement in or near the box, in m.
-        pairs : ndarray of int, shape (k, 2)
-            Pairs of points that measured pairs connect.
-        explained : ndarray, shape (k,)
-            Where the width that the errors explain to first order is written, in m^2.
-
-        Returns
-        -------
-        bool
-            False when the box is proved to hold no placement.
-
+        See `contract_in_frame`; False when the box is proved to hold no placement.
         """
-        return bool(combine_in_frame(*self._groups, box, positions, pairs, explained))
-
-    def narrow_in_common_frame(
-        self,
-        box: FloatArray,
-        positions: FloatArray,
-        pairs: IntArray,
-        explained: FloatArray,
-        stopped: Callable[[], bool],
-    ) -> bool:
-        """Narrow unknown pairs of a finished box in the plane; see `narrow_in_common_frame`."""
-        return narrow_in_common_frame(self._groups, box, positions, pairs, explained, stopped)
+        offsets, members, edge_offsets, edges, errors = self._groups
+        group = next(
+            g for g in range(len(offsets)) if pairs[0, 0] in members[slice(*offsets[g : g + 2])]
+        )
+        points = members[offsets[group] : offsets[group + 1]]
+        inside = slice(edge_offsets[group], edge_offsets[group + 1])
+        local, of_points = sub_box(box, points), np.searchsorted(points, pairs)
+        frame = positions[points], edges[inside], errors[inside], of_points, explained
+        if not contract_in_frame(local, *frame):
+            return False
+        (i, j), (x, y) = pairs.T, of_points.T
+        box[:, i, j] = box[:, j, i] = local[:, x, y]
+        return True

@@ -6,9 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import repeat
-import os
 
 import numpy as np
 
@@ -19,13 +16,10 @@ from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Budget, Cover, branch_and_prune
+from dg_localization.solver.search.branch_and_prune import Budget, Cover, pave
 from dg_localization.solver.search.pruning import Pruner
 from dg_localization.solver.search.splitting import split
 from dg_localization.solver.search.tightening import tighten
-
-POINTS_PER_WORKER = 32
-"""From this many points on several boxes are examined at a time: below, threads do not pay."""
 
 
 def search(
@@ -34,51 +28,28 @@ def search(
     cancel: Cancel | None = None,
     progress: Callable[[Statistics], None] | None = None,
     within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
-    at_once: int | None = None,
     at_gaps: bool = False,
 ) -> tuple[Cover, Statistics]:
-    """
-    Cover all placements of a problem by boxes.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    options : SolverOptions
-        Resolution and limits.
-    cancel : object with ``is_set()``, optional
-        Stops the search when set, as a limit would.
-    progress : callable, optional
-        Called with the statistics so far, once a box.
-    within : sequence of (ndarray, ndarray), shapes (n, n), optional
-        Lower and upper bounds, in m^2, of the boxes to search in; None for everywhere.
-    at_once : int, optional
-        How many boxes to examine at a time; as many as there are processors without it, where
-        the boxes are large. The cover depends on it.
-    at_gaps : bool, optional
-        Whether boxes are split at gaps only; one without a gap is finished then.
-
-    Returns
-    -------
-    cover : Cover
-        Kept and pending boxes, which together hold every placement.
-    statistics : Statistics
-        The effort.
-
-    """
+    """Cover all placements of a problem by boxes."""
     budget = Budget(options, cancel)
     if _is_convex(problem):
         cover = _cover_by_triangles(problem, within, budget, progress)
         return cover, budget.statistics(cover, len(cover.pending))
-    pruners = [Pruner(problem, options) for _ in range(at_once or _n_workers(problem))]
-    whole = pruners[0].whole()
+    pruner = Pruner(problem, options)
+    whole = pruner.whole()
     if whole is None:
         cover = Cover(empty=1)
     else:
         starts = [whole] if within is None else _common_parts(whole, within)
-        cover = _cover(starts, pruners, options.resolution, at_gaps, budget, progress)
+        cover = pave(
+            starts,
+            lambda box: pruner.prune(box, budget.stopped),
+            lambda pruned: split(pruned, options.resolution, at_gaps),
+            budget,
+            progress,
+        )
     if not cover.pending and options.tighten_slices:
-        _tighten_kept(cover, pruners[0], options.tighten_slices, budget)
+        _tighten_kept(cover, pruner, options.tighten_slices, budget)
     return cover, budget.statistics(cover, len(cover.pending))
 
 
@@ -111,9 +82,7 @@ def _cover_by_triangles(
     if smoothed(whole).status is Status.EMPTY:
         return Cover(empty=1)
     starts = [whole] if within is None else _common_parts(whole, within)
-    return branch_and_prune(
-        starts, lambda boxes: map(smoothed, boxes), lambda _: [], budget, 1, progress
-    )
+    return pave(starts, smoothed, lambda _: [], budget, progress)
 
 
 def _common_parts(
@@ -128,43 +97,6 @@ def _common_parts(
         if (part[LOWER] <= part[UPPER]).all():
             parts.append(part)
     return parts
-
-
-def _n_workers(problem: Problem) -> int:
-    """Return how many boxes to examine at a time; threads do not pay for small ones."""
-    if problem.n_points < POINTS_PER_WORKER:
-        return 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else 1
-
-
-def _cover(
-    starts: list[FloatArray],
-    pruners: list[Pruner],
-    resolution_m: float,
-    at_gaps: bool,
-    budget: Budget,
-    progress: Callable[[Statistics], None] | None,
-) -> Cover:
-    """Cover the placements in some boxes, as many boxes at a time as there are pruners."""
-
-    def split_further(pruned: Pruned) -> list[FloatArray]:
-        return split(pruned, resolution_m, at_gaps)
-
-    def prune_here(boxes: list[FloatArray]) -> list[Pruned]:
-        return [pruners[0].prune(box, budget.stopped) for box in boxes]
-
-    if len(pruners) == 1:
-        return branch_and_prune(starts, prune_here, split_further, budget, 1, progress)
-    with ThreadPoolExecutor(len(pruners)) as pool:
-
-        def prune_in_threads(boxes: list[FloatArray]) -> list[Pruned]:
-            if len(boxes) == 1:
-                # Handing over the only box would take as long as some boxes do.
-                return prune_here(boxes)
-            return list(pool.map(Pruner.prune, pruners, boxes, repeat(budget.stopped)))
-
-        at_once = len(pruners)
-        return branch_and_prune(starts, prune_in_threads, split_further, budget, at_once, progress)
 
 
 def _tighten_kept(cover: Cover, pruner: Pruner, slices: int, budget: Budget) -> None:

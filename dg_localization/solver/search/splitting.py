@@ -28,22 +28,6 @@ def choose_split(
     Of several gaps the one is taken that leaves the least of its interval: both parts are then
     known well, and contraction decides about them. The widest gaps are those of far points, about
     which little is known yet.
-
-    Parameters
-    ----------
-    box : ndarray, shape (4, n, n)
-        The box in m^2.
-    explained : ndarray, shape (n, n)
-        The widths that measurement errors explain in m^2, zero where they explain none.
-    resolution_m : float
-        What all distances should be known to, in m.
-
-    Returns
-    -------
-    tuple
-        The pair, the end of the lower part and the start of the upper part in m^2; the pair is
-        (-1, -1) when the box is finished.
-
     """
     n_points = box.shape[1]
     gap_i, gap_j, least_left_m = -1, -1, math.inf
@@ -72,24 +56,7 @@ def choose_split(
 
 
 def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
-    """
-    Split a contracted box.
-
-    Parameters
-    ----------
-    pruned : Pruned
-        The box, and what the errors explain of it.
-    resolution_m : float
-        What all distances should be known to, in m.
-    at_gaps : bool, optional
-        Whether to split at gaps only.
-
-    Returns
-    -------
-    list of ndarray, shape (4, n, n)
-        Its two parts; none when it is finished.
-
-    """
+    """Split a contracted box."""
     box = pruned.box
     i, j, low_end, high_start = choose_split(box, pruned.explained, resolution_m)
     if at_gaps and low_end == high_start:
