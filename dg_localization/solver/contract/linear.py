@@ -69,7 +69,8 @@ def contract_linear(
         widths[m] = box[UPPER, edges[m, 0], edges[m, 1]] - box[LOWER, edges[m, 0], edges[m, 1]]
     if not set_inverse(widths, linear, inverse):
         return Status.NOT_RIGID
-    if not narrow_displacements(box, linear, NEWTON_STEPS):
+    relative = np.empty((len(edges), 2, dimension))
+    if not narrow_displacements(box, linear, relative, NEWTON_STEPS):
         return Status.EMPTY
     left = _narrow_all_pairs(box, linear, inverse, errors, explained)
     return Status.CONTRACTED if left else Status.EMPTY

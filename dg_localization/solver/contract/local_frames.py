@@ -23,14 +23,21 @@ from dg_localization.solver.contract.linearization import (
     narrow_to_linear,
     new_linearization,
     set_displacements,
+    set_residuals,
 )
-from dg_localization.solver.contract.newton import narrow_displacements
+from dg_localization.solver.contract.newton import (
+    LEAST_NEWTON_GAIN,
+    narrow_bounds,
+    narrow_displacements,
+)
 from dg_localization.solver.contract.reference import complete_frame, point_errors_m, set_reference
 from dg_localization.solver.contract.simplex import set_multipliers, set_table
 
+MOST_PROGRAM_STEPS = 4
+"""Most Newton steps with multipliers of linear programs, after those of least squares."""
+
 MOST_STEPS = 20
 """Interval Newton steps: in a box as wide as these are they gain little each at first."""
-
 
 TOLERANCE = 0.03
 """By which fraction of their widths measured pairs may leave their bounds in a linear program."""
@@ -66,13 +73,21 @@ def contract_in_frame(
         return False
     if n_unknowns < 1 or len(edges) < n_unknowns:
         return True
-    if not narrow_displacements(box, linear, MOST_STEPS):
+    relative = np.empty((len(edges), 2, dimension))
+    if not narrow_displacements(box, linear, relative, MOST_STEPS):
         return False
     table = np.eye(n_unknowns + 2, n_unknowns)
     active = np.full(n_unknowns, -1)
     if not set_table(linear, table, active):
         return True
     target = np.zeros((n_points, dimension))
+    for _ in range(MOST_PROGRAM_STEPS):
+        gain = _narrow_by_programs(linear, table, active, relative, errors)
+        if gain < 0.0:
+            return False
+        set_residuals(box, linear, relative)
+        if gain < LEAST_NEWTON_GAIN:
+            break
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
         for axis in range(dimension):
@@ -85,6 +100,31 @@ def contract_in_frame(
             target[i, axis] = 0.0
             target[j, axis] = 0.0
     return True
+
+
+@kernel
+def _narrow_by_programs(
+    linear: Linearization,
+    table: FloatArray,
+    active: IntArray,
+    relative: FloatArray,
+    errors: FloatArray,
+) -> float:
+    """Narrow the relative displacements of the measured pairs; return the gain, -1 when empty."""
+    n_points, dimension = linear.reference.shape
+    target = np.zeros((n_points, dimension))
+    largest_gain = 0.0
+    for m in range(len(linear.edges)):
+        i, j = linear.edges[m, 0], linear.edges[m, 1]
+        for axis in range(dimension):
+            target[i, axis], target[j, axis] = 1.0, -1.0
+            low, high, _ = _bound_by_program(linear, table, active, target, errors)
+            target[i, axis], target[j, axis] = 0.0, 0.0
+            gain = narrow_bounds(relative[m], axis, low, high)
+            if gain < 0.0:
+                return -1.0
+            largest_gain = max(largest_gain, gain)
+    return largest_gain
 
 
 @kernel

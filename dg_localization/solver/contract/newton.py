@@ -32,7 +32,9 @@ known: it seldom cuts off an end."""
 
 
 @kernel
-def narrow_displacements(box: FloatArray, linear: Linearization, most_steps: int) -> bool:
+def narrow_displacements(
+    box: FloatArray, linear: Linearization, relative: FloatArray, most_steps: int
+) -> bool:
     """
     Narrow the displacements and write the residuals of the measured pairs.
 
@@ -42,7 +44,6 @@ def narrow_displacements(box: FloatArray, linear: Linearization, most_steps: int
     False when no placement is left.
     """
     inverse = np.empty((linear.unknowns.max() + 1, len(linear.edges)))
-    relative = np.empty((len(linear.edges), 2, linear.reference.shape[1]))
     relative[:, LOWER] = -np.inf
     relative[:, UPPER] = np.inf
     if not _narrow_relative(linear, relative):

@@ -30,7 +30,7 @@ WELL_EXPLAINED = 0.01
 CLOSED_WIDTH = 1.05
 """A pair is closed below this width, over what its linear program explains."""
 
-LEAST_GAIN = 0.02
+LEAST_GAIN = 0.1
 MOST_IDLE_FRAMES = 10
 """There are no more frames after so many in a row that shorten no interval by this fraction."""
 
