@@ -121,14 +121,8 @@ def placement_in(
     boxes: list[FloatArray],
     starts: Iterable[FloatArray | None],
     stopped: Callable[[], bool],
-    by_known_pairs: bool = True,
 ) -> tuple[FloatArray, bool]:
-    """
-    Return a placement for the boxes of a component, and whether it is proved to agree.
-
-    Where no box leads to one, few points are placed by the known pairs alone as well, if asked:
-    parts of a larger problem are placed together with the rest of it.
-    """
+    """Return a placement for the boxes of a component, and whether it is proved to agree."""
     ended = _end_of_placing(problem, stopped)
     for start in starts:
         if start is not None:
@@ -148,8 +142,9 @@ def placement_in(
         if proved or stopped():
             return first, proved
     assert first is not None
-    is_small = problem.n_points <= MOST_SMALL
-    if is_moderate and by_known_pairs and (is_small or has_exact_pairs(problem)):
+    # Parts of a larger problem are placed together with the rest of it.
+    is_small = problem.n_points <= MOST_SMALL and stopped is not never
+    if is_moderate and (is_small or has_exact_pairs(problem)):
         with until(stopped):
             found, proved = _placement_by_known_pairs(problem, boxes, stopped)
             if proved:

@@ -65,7 +65,7 @@ class HypothesisOfBoxes(UnplacedHypothesis):
         return np.array([box[: UPPER + 1] for box in self._inside])
 
     def _seek(self) -> tuple[FloatArray, bool]:
-        return placement_in(self._problem, self._inside, [], never, by_known_pairs=False)
+        return placement_in(self._problem, self._inside, [], never)
 
     @cached_property
     @default_environment()
