@@ -30,7 +30,6 @@ from dg_localization.fleet import (  # noqa: E402
     RejectionReason,
 )
 from dg_localization.ros.interface.diagnostics import Malformed, Report, statuses  # noqa: E402
-from dg_localization.ros.interface.frames import frame_id  # noqa: E402
 from dg_localization.ros.interface.links import Link, Template  # noqa: E402
 from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
@@ -44,6 +43,7 @@ from dg_localization.ros.interface.poses import (  # noqa: E402
     CovarianceKind,
     PoseCovariance,
     feasible_poses,
+    frame_id,  # noqa: E402
     unique_pose,
 )
 from msg_adapters import Level, Shape  # noqa: E402

@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
-from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
+from dg_localization.ros.node.clock import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
 from dg_localization.ros.node.worker import MOST_STUCK
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 

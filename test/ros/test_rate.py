@@ -5,7 +5,7 @@
 
 import pytest
 
-from dg_localization.ros.interface.rate import LEAST_TIGHTEN_S, SHARE_OF_PERIOD, Pace, RateMeter
+from dg_localization.ros.node.clock import LEAST_TIGHTEN_S, SHARE_OF_PERIOD, Pace, RateMeter
 
 
 def meter(period_s, until_s, wanted_hz=5.0):

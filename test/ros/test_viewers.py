@@ -17,7 +17,6 @@ from rclpy.serialization import deserialize_message  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from dg_localization.fleet import FixedFrame, FrameKind, Localizer  # noqa: E402
-from dg_localization.ros.interface.frames import frame_id  # noqa: E402
 from dg_localization.ros.interface.markers import (  # noqa: E402
     CONTRADICTING_RGBA,
     FRESH_RGBA,
@@ -32,6 +31,7 @@ from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
     check_values,
     settings_from,
 )
+from dg_localization.ros.interface.poses import frame_id  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 RVIZ = yaml.safe_load((REPOSITORY / 'config/localizer.rviz').read_text(encoding='utf-8'))

@@ -29,9 +29,9 @@ from dg_localization.fleet import (
     RejectionReason,
     SensorBounds,
 )
-from dg_localization.ros.interface.frames import usable_frame_id
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
+from dg_localization.ros.interface.poses import usable_frame_id
 from dg_localization.ros.interface.report import NONE_MALFORMED, Malformed, shortened
 from dg_localization.ros.interface.transforms import OdometryPoses
 from msg_adapters import (

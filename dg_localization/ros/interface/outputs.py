@@ -20,12 +20,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
-from dg_localization.ros.interface.frames import frame_id
 from dg_localization.ros.interface.markers import scene
 from dg_localization.ros.interface.poses import (
     DEFAULT_COVARIANCE,
     PoseCovariance,
     feasible_poses,
+    frame_id,
     unique_pose,
 )
 from msg_adapters import Diagnostics

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An estimate as poses, in the values that the message adapters take."""
+"""An estimate as poses, in the values that the message adapters take, and the names of frames."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet import Estimate, Placement
+from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement
 from msg_adapters import PoseList, UncertainPose
 
 # ROS has no unknown orientation. A zero quaternion is none at all, viewers accept it as such, and
@@ -145,3 +145,51 @@ def in_space(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points of shape (..., 2) or (..., 3) with three coordinates, z = 0 in the plane."""
     missing = 3 - points_m.shape[-1]
     return np.pad(points_m, [(0, 0)] * (points_m.ndim - 1) + [(0, missing)])
+
+
+BODY_FRAME = 'base_link'
+SHAPE_FRAME = 'fleet'
+
+
+LONGEST_FRAME_ID = 255
+"""Longer names of others are not published, nor are those that cannot be printed."""
+
+
+def usable_frame_id(name: str) -> str:
+    """Return the name of a frame as a message states it; empty where it is not fit to publish."""
+    return name if len(name) <= LONGEST_FRAME_ID and name.isprintable() else ''
+
+
+def check_frame_id(name: str) -> None:
+    """Raise ValueError unless `name` can be that of a frame."""
+    if not name or '/' in name[:1] or ' ' in name or not usable_frame_id(name):
+        raise ValueError(
+            "it must be the name of a frame, such as 'map', without blanks and without a slash at "
+            'the beginning'
+        )
+
+
+def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
+    """
+    Return the name of a frame, which says what it is tied to.
+
+    Parameters
+    ----------
+    frame : FixedFrame or None
+        The frame of an estimate; None when it has no placements.
+    fixed_frame : str
+        The name of the frame of the anchors, and of what is empty.
+
+    Returns
+    -------
+    str
+        `fixed_frame`, the odometry or the body frame of a robot, or that of a shape only.
+
+    """
+    if frame is None or frame.kind == FrameKind.ANCHORS:
+        return fixed_frame
+    if frame.kind == FrameKind.ODOMETRY:
+        return frame.name
+    if frame.kind == FrameKind.HEADING:
+        return f'{frame.points[0]}/{BODY_FRAME}'
+    return SHAPE_FRAME

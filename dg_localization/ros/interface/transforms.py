@@ -24,8 +24,7 @@ from dg_localization.fleet.rotations import (
     quaternion_product,
     rotation_of_quaternion,
 )
-from dg_localization.ros.interface.frames import BODY_FRAME, frame_id, usable_frame_id
-from dg_localization.ros.interface.poses import unique_pose
+from dg_localization.ros.interface.poses import BODY_FRAME, frame_id, unique_pose, usable_frame_id
 from msg_adapters import OdometryReading
 from msg_adapters.transforms import Transform
 

@@ -36,8 +36,7 @@ from dg_localization.ros.interface.outputs import (
     estimate_messages,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
-from dg_localization.ros.interface.rate import Pace, RateMeter
-from dg_localization.ros.node.clock import NodeTime
+from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.lifecycle import ManagedNode

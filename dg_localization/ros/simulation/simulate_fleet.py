@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from dg_localization.ros.interface.frames import BODY_FRAME
 from dg_localization.ros.interface.outputs import LATCHED
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
@@ -34,6 +33,7 @@ from dg_localization.ros.interface.parameters.spec import (
     given_values,
     refuse_unknown,
 )
+from dg_localization.ros.interface.poses import BODY_FRAME
 from dg_localization.ros.spinning import STEADY, spin
 from dg_localization.simulation import moving_fleet as simulation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors

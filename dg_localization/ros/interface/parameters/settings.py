@@ -22,7 +22,6 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.rotations import quaternion_of_euler
-from dg_localization.ros.interface.frames import check_frame_id
 from dg_localization.ros.interface.links import Link, Template
 from dg_localization.ros.interface.parameters.inputs import (
     elevation_errors_from,
@@ -45,7 +44,7 @@ from dg_localization.ros.interface.parameters.table import (
     named_specs,
     takes_effect_at_once,
 )
-from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance
+from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance, check_frame_id
 from dg_localization.solver.options import SolverOptions
 
 # An answer counts as new for so many periods, and at least for so long.
