@@ -10,7 +10,7 @@ import numpy as np
 
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.bags.fit import Fit, range_parameters
-from dg_localization.ros.interface.links import OVERRIDES, STAMP_OFFSET, Link
+from dg_localization.ros.interface.links import KINDS, STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.table import TABLE
 
 COLUMNS = 98
@@ -23,7 +23,7 @@ MEASURED = {
 }
 # What it may state of them: all that can be learned.
 BOUNDS = {
-    kind: tuple(name for name in OVERRIDES[kind] if name != STAMP_OFFSET)
+    kind: tuple(name for name in KINDS[kind].overrides if name != STAMP_OFFSET)
     for kind in (LinkKind.RANGE, LinkKind.BEARING)
 }
 
@@ -80,7 +80,9 @@ def _link_text(fit: Fit, link: Link, fleet: FleetConfig) -> str:
     bounds = {**others, **own}
     words = [link.topic, link.type_name, link.key.observer, link.key.target]
     words += [
-        f'{name}={_number(bounds[name])}' for name in OVERRIDES[link.key.kind] if name in bounds
+        f'{name}={_number(bounds[name])}'
+        for name in KINDS[link.key.kind].overrides
+        if name in bounds
     ]
     return ' '.join(filter(None, words))
 

@@ -9,7 +9,7 @@ from itertools import permutations
 import math
 import re
 from string import Formatter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +33,6 @@ from msg_adapters import (
     known_types,
 )
 
-KIND_OF_VALUE = {
-    RangeReading: LinkKind.RANGE,
-    BearingReading: LinkKind.BEARING,
-    OdometryReading: LinkKind.ODOMETRY,
-    ElevationReading: LinkKind.ELEVATION,
-    PeersReading: LinkKind.PEERS,
-    IdentifiedReading: LinkKind.PEERS,
-    PixelReading: LinkKind.PEERS,
-    CameraReading: LinkKind.CAMERA,
-}
-
 # Their messages never say who measured.
 NAMELESS = {PeersReading, PixelReading}
 
@@ -58,24 +47,52 @@ RANGE_FIELDS = fields_of(RangeErrorModel, 'range.')
 del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
 STAMP_OFFSET = 'stamp_offset'
-OVERRIDES = {
-    LinkKind.RANGE: (*RANGE_FIELDS, STAMP_OFFSET),
-    LinkKind.BEARING: ('half_width', 'expected_error', STAMP_OFFSET),
-    LinkKind.ODOMETRY: (STAMP_OFFSET,),
-    LinkKind.ELEVATION: ('min_error', 'max_error', STAMP_OFFSET),
-    LinkKind.PEERS: (*RANGE_BOUNDS, 'half_width', *TURNS, STAMP_OFFSET),
-    LinkKind.CAMERA: (),
-}
 
-# Who stands in braces in a template, by what its topics measure.
-FIELDS = {
-    LinkKind.RANGE: ('observer', 'target'),
-    LinkKind.BEARING: ('observer', 'target'),
-    LinkKind.ODOMETRY: ('robot',),
-    LinkKind.ELEVATION: ('observer',),
-    LinkKind.PEERS: ('observer',),
-    LinkKind.CAMERA: ('observer',),
+
+class InputKind(NamedTuple):
+    """
+    A kind of input: its readings, its topics, and what its links may override.
+
+    `fields` stand in braces in a template, `template_type` is the type of its topics.
+    """
+
+    readings: tuple[type, ...]
+    fields: tuple[str, ...]
+    overrides: tuple[str, ...]
+    template_type: str = ''
+
+
+KINDS = {
+    LinkKind.RANGE: InputKind(
+        (RangeReading,),
+        ('observer', 'target'),
+        (*RANGE_FIELDS, STAMP_OFFSET),
+        'sensor_msgs/msg/Range',
+    ),
+    LinkKind.BEARING: InputKind(
+        (BearingReading,),
+        ('observer', 'target'),
+        ('half_width', 'expected_error', STAMP_OFFSET),
+        'geometry_msgs/msg/Vector3Stamped',
+    ),
+    LinkKind.ODOMETRY: InputKind(
+        (OdometryReading,), ('robot',), (STAMP_OFFSET,), 'nav_msgs/msg/Odometry'
+    ),
+    LinkKind.PEERS: InputKind(
+        (PeersReading, IdentifiedReading, PixelReading),
+        ('observer',),
+        (*RANGE_BOUNDS, 'half_width', *TURNS, STAMP_OFFSET),
+        'sensor_msgs/msg/PointCloud2',
+    ),
+    LinkKind.ELEVATION: InputKind(
+        (ElevationReading,),
+        ('observer',),
+        ('min_error', 'max_error', STAMP_OFFSET),
+        'geometry_msgs/msg/PointStamped',
+    ),
+    LinkKind.CAMERA: InputKind((CameraReading,), ('observer',), ()),
 }
+KIND_OF_VALUE = {value: kind for kind, one in KINDS.items() for value in one.readings}
 
 
 @dataclass(frozen=True)
@@ -169,7 +186,7 @@ def parse_link(text: str) -> Link:
         raise ValueError("it must read 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'")
     topic, type_name, observer, target = [*names, ''][:4]
     kind = _kind_of(type_name)
-    if bool(target) != ('target' in FIELDS[kind]):
+    if bool(target) != ('target' in KINDS[kind].fields):
         wanted = 'takes no target' if target else 'needs an observer and a target'
         raise ValueError(f'a link of type {type_name} {wanted}')
     if observer == ANY_OBSERVER and kind is not LinkKind.PEERS:
@@ -208,8 +225,8 @@ def _kind_of(type_name: str) -> LinkKind:
 
 def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
     name, _, text = word.partition('=')
-    if name not in OVERRIDES[kind]:
-        allowed = ', '.join(OVERRIDES[kind]) or 'nothing'
+    if name not in KINDS[kind].overrides:
+        allowed = ', '.join(KINDS[kind].overrides) or 'nothing'
         article = 'an' if kind[0] in 'aeiou' else 'a'
         raise ValueError(
             f"'{name}' cannot be overridden here; {article} {kind} link allows {allowed}"
@@ -251,7 +268,7 @@ class Template:
     @property
     def fields(self) -> tuple[str, ...]:
         """What must stand in braces."""
-        return FIELDS[self.kind]
+        return KINDS[self.kind].fields
 
     @property
     def shape(self) -> str:

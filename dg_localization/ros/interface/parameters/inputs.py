@@ -13,6 +13,7 @@ from dg_localization.fleet import ElevationErrorModel, LinkKind, LinkOverride, R
 from dg_localization.ros.interface.identities import NOBODY, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
+    KINDS,
     STAMP_OFFSET,
     Link,
     Template,
@@ -21,11 +22,7 @@ from dg_localization.ros.interface.links import (
 from dg_localization.ros.interface.parameters.spec import WrongParameterError, refused
 
 TEMPLATE_TYPES = {
-    'range.topic': 'sensor_msgs/msg/Range',
-    'bearing.topic': 'geometry_msgs/msg/Vector3Stamped',
-    'odometry.topic': 'nav_msgs/msg/Odometry',
-    'peers.topic': 'sensor_msgs/msg/PointCloud2',
-    'elevation.topic': 'geometry_msgs/msg/PointStamped',
+    f'{kind}.topic': one.template_type for kind, one in KINDS.items() if one.template_type
 }
 BEARING_FIELDS = {
     'half_width': 'bearing_half_width_rad',
