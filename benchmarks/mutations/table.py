@@ -815,12 +815,12 @@ FLEET = [
     ),
     *_in(
         'ros',
-        'interface/parameters/link_bounds',
+        'interface/parameters/inputs',
         ('test/ros/test_parameters.py',),
         (
             'a cloud without bounds has those of another link',
-            ' or is_cloud or kind is LinkKind.RANGE:',
-            ' or kind is LinkKind.RANGE:',
+            'if kind in (LinkKind.RANGE, LinkKind.PEERS):',
+            'if kind is LinkKind.RANGE:',
         ),
         (
             'the last of two links that measure the same gives the bounds',
