@@ -1,0 +1,109 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The answers to the beginning of each recording, so that a change of numbers shows in review.
+
+No limit of time is used. Where the new answers are meant, DG_WRITE_GOLDEN=1 writes them.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+
+import convert_lias  # noqa: E402
+import convert_mrclam  # noqa: E402
+from recorder import Recorder  # noqa: E402
+from small_bags import read  # noqa: E402
+
+from dg_localization.ros.executables import localize_bag  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[2]
+GOLDEN = REPOSITORY / 'test/golden/answers.json'
+# Stamps of 0 count as not filled in.
+START_S = 1_000_000.0
+SHOWN, NEAR_M = 8, 0.01
+# Least and greatest error of a range, in m and as a fraction.
+TABLES = {
+    'plaza1': (-1.0, 1.5, 0.03, 0.1),
+    'labyrinth': (-0.5, 0.5, 0.0, 0.0),
+    'rcv2': (-0.4, 0.4, 0.0, 0.0),
+    'rcv5': (-0.4, 0.4, 0.0, 0.0),
+    'rcv6': (-0.4, 0.4, 0.0, 0.0),
+}
+
+
+def rows_of(path):
+    return [line.split(',') for line in path.read_text().split()[1:]] if path.exists() else []
+
+
+def record(folder, name, bag):
+    """Write a recording of one robot among anchors as a bag, with its parameters."""
+    recorder = Recorder()
+    for text, anchor, range_m in rows_of(folder / 'ranges.csv'):
+        stamp_s = START_S + float(text)
+        recorder.add_range('robot', anchor, float(range_m), stamp_s, stamp_s)
+    for row in rows_of(folder / 'odometry.csv'):
+        stamp_s, x, y, yaw = map(float, row)
+        recorder.add_odometry('robot', (x, y), yaw, START_S + stamp_s)
+    recorder.write(bag)
+    places = {row[0]: [float(one) for one in row[1:]] for row in rows_of(folder / 'anchors.csv')}
+    fields = ('min_error', 'max_error', 'min_error_relative', 'max_error_relative')
+    fleet = {
+        'robots': ['robot'],
+        'dimension': len(next(iter(places.values()))),
+        'anchors': {'names': list(places), **{n: {'position': p} for n, p in places.items()}},
+        'range': dict(zip(fields, TABLES[name], strict=True)),
+        'max_outliers': 1,
+        'max_speed': 2.0,
+        'rate': 2.0,
+    }
+    params = bag.with_suffix('.yaml')
+    params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
+    return bag, params, 25
+
+
+def bag_of(name, shared, bag):
+    """Return the bag of a recording, its parameters, and how many seconds of it are read."""
+    if name == 'tiers':
+        return shared / 'data/tiers_uwb/rosbag2_shortbag', REPOSITORY / 'config/tiers_uwb.yaml', 17
+    if name == 'mrclam':
+        convert_mrclam.convert(shared / 'data/mrclam/excerpt_D7_t800_822', bag)
+        return bag, bag.with_suffix('.yaml'), 10
+    if name == 'lias':
+        table = shared / 'data/lias_uwb/UWB_static_exp_8_14_pos1_deg_120.csv'
+        convert_lias.convert(shared / 'data/lias_uwb/geometry.json', table, bag)
+        return bag, bag.with_suffix('.yaml'), 10
+    return record(shared / 'data' / name, name, bag)
+
+
+@pytest.mark.parametrize('name', ['tiers', 'mrclam', 'lias', *TABLES])
+def test_the_answers_are_those_of_before(name, shared, tmp_path):
+    bag, params, seconds = bag_of(name, shared, tmp_path / name)
+    report = tmp_path / 'report.json'
+    paths = ('-o', tmp_path / 'out', '--params', params, '--report', report)
+    assert localize_bag([str(a) for a in (bag, *paths, '--duration', seconds)]) == 0
+    tree = json.loads(report.read_text())
+    _, answers = read(tmp_path / 'out', '/localizer/feasible_poses')
+    found = {
+        'hypotheses': tree['ticks_by_hypotheses'],
+        'widths_m': tree['median_enclosure_width_m'],
+        'poses_m': [
+            np.round(one.positions_m, 3).tolist() for one in answers[:: len(answers) // SHOWN]
+        ],
+    }
+    golden = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
+    if os.environ.get('DG_WRITE_GOLDEN') == '1':
+        GOLDEN.write_text(json.dumps({**golden, name: found}, indent=1, sort_keys=True) + '\n')
+        return
+    before = golden[name]
+    assert found['hypotheses'] == before['hypotheses']
+    assert found['widths_m'] == pytest.approx(before['widths_m'], abs=NEAR_M)
+    for new, old in zip(found['poses_m'], before['poses_m'], strict=True):
+        np.testing.assert_allclose(new, old, rtol=0.0, atol=NEAR_M)
