@@ -234,7 +234,8 @@ class Estimate:
         Whom the contradictions make suspect: the observations of every smallest set without which
         the rest agree, or one sensor or robot that they have in common.
     suspected_sensors : tuple of Suspect
-        The sensors that these belong to, or the robots that they are.
+        The sensors that these belong to and the anchors that they measure, or the robots that they
+        are.
     suspects_in_window : tuple of Suspect
         The observations of the window that explain why it does not agree with itself, where
         `window_outliers` tolerates that.

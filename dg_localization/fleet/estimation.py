@@ -353,12 +353,12 @@ def _explained(
         estimate = replace(estimate, reason=reason)
     else:
         why = plans[0].reason if plans else ''
-        reason = reason_of(snapshot.config, explanation, why)
+        reason = reason_of(snapshot, lineup, explanation, why)
         estimate = _without_placements(snapshot, Verdict.INFEASIBLE, reason, statistics, conflicts)
     return replace(
         estimate,
         suspects=suspects,
-        suspected_sensors=tuple(sorted(lineup.sensors_of(suspects))),
+        suspected_sensors=tuple(sorted(lineup.offenders(suspects))),
         forgotten=_forget_guilty(snapshot, blamed),
     )
 

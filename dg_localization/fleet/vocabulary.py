@@ -276,3 +276,9 @@ class LinkState:
     age_s: float
     stale: bool
     contradicts: bool = False
+
+    def __str__(self) -> str:
+        bounds = (
+            f' ({self.lower_m:.2f} to {self.upper_m:.2f} m)' if self.upper_m < math.inf else ''
+        )
+        return f'{self.key}{bounds}'

@@ -151,7 +151,7 @@ def test_a_cancelled_search_claims_nothing():
         cancel.set()
         return True
 
-    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE), cancel)
+    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE, cancel))
     assert explanation.searched == 0
     assert explanation.conflicts == ()
     assert explanation.among == frozenset()

@@ -4,6 +4,7 @@
 """Who is suspected of a contradiction: observations, sensors, robots; and who was before."""
 
 import math
+import re
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -92,7 +93,7 @@ def test_a_range_and_a_ray_of_different_stamps_are_two_observations():
     feed(localizer, turned={('a', 'm')}, camera_s=NOW_S - 0.05)
     estimate = localizer.step(NOW_S)
     assert names(estimate.suspects) == ['bearing a->m']
-    assert names(estimate.suspected_sensors) == ["a's camera"]
+    assert names(estimate.suspected_sensors) == ['m', "a's camera"]
     assert holds_truth(estimate)
 
 
@@ -171,13 +172,33 @@ def test_repeat_offenders_are_counted_for_a_minute():
         feed(localizer, turned=wrong, stamp_s=stamp_s, camera_s=stamp_s - 0.05)
         estimate = localizer.step(stamp_s)
     counts = {str(o.sensor): (o.count, o.contradictions) for o in estimate.offenders}
-    assert counts == {"a's camera": (15, 18), "b's camera": (3, 18)}
-    assert str(estimate.offenders[0]) == (
+    sensors = {"a's camera": (15, 18), "b's camera": (3, 18)}
+    assert counts == {**sensors, 'm': (15, 18), 'n': (3, 18)}
+    (named,) = [o for o in estimate.offenders if str(o.sensor) == "a's camera"]
+    assert str(named) == (
         "a's camera was among the suspects in 15 of 18 contradictions of the last 60 s"
     )
     localizer.reset()
     feed(localizer, stamp_s=stamp_s + 2.0)
     assert localizer.step(stamp_s + 2.0).offenders == ()
+
+
+@pytest.mark.parametrize('unit', SuspectKind)
+def test_two_anchors_that_are_exchanged_are_named_together(unit):
+    exchanged = {**ANCHORS, 'm': ANCHORS['p'], 'p': ANCHORS['m']}
+    localizer = make_localizer(
+        anchors={name: Anchor(place) for name, place in exchanged.items()},
+        outlier_unit=unit,
+        max_outliers=1,
+    )
+    for robot in ROBOTS:
+        for anchor in ANCHORS:
+            localizer.add_range(robot, anchor, range_m(robot, anchor), NOW_S, NOW_S)
+    estimate = localizer.step(NOW_S)
+    assert names(estimate.suspects) == ['m', 'p']
+    assert names(offender.sensor for offender in estimate.offenders) == ['m', 'p']
+    assert 'together these explain it: m, p' in estimate.reason
+    assert re.search(r'range a->\w \(\d+\.\d\d to \d+\.\d\d m\)', estimate.reason)
 
 
 @settings(max_examples=40, deadline=None)

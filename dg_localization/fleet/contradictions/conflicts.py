@@ -17,7 +17,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import combinations
 import time
+from types import MappingProxyType
 
 from dg_localization.fleet.contradictions.suspects import Suspect, Suspects
 from dg_localization.solver.options import Cancel
@@ -53,12 +55,15 @@ class Limits:
         How often to ask the solver.
     max_seconds : float
         How long to go on.
+    cancel : Cancel, optional
+        Ends the search when set.
 
     """
 
     max_outliers: int
     max_solves: int
     max_seconds: float
+    cancel: Cancel | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,8 @@ class Explanation:
     culprits : tuple of Suspect
         Without corrections, those that each alone explain everything, as far as the solver can
         tell in brief: observations, else sensors, else robots.
+    together : tuple of Suspect
+        Without any of these, two anchors whose places explain all together.
     stopped : bool
         Whether the limits ended the search for conflicts or culprits.
 
@@ -90,6 +97,7 @@ class Explanation:
     searched: int
     among: Suspects = frozenset()
     culprits: tuple[Suspect, ...] = ()
+    together: tuple[Suspect, ...] = ()
     stopped: bool = False
 
 
@@ -100,11 +108,11 @@ class _LimitReachedError(Exception):
 class _Oracle:
     """Answers whether observations contradict each other, within limits; remembers its answers."""
 
-    def __init__(self, contradicts: Contradicts, limits: Limits, cancel: Cancel | None) -> None:
+    def __init__(self, contradicts: Contradicts, limits: Limits) -> None:
         self._contradicts = contradicts
         self._solves_left = limits.max_solves
         self._deadline_s = time.monotonic() + limits.max_seconds
-        self._cancel = cancel
+        self._cancel = limits.cancel
         self._known: dict[tuple[Suspects, Effort], bool] = {}
 
     def __call__(self, observations: Suspects, effort: Effort) -> bool:
@@ -139,8 +147,8 @@ def explain(
     named: Sequence[Mapping[Suspect, Suspects]],
     contradicts: Contradicts,
     limits: Limits,
-    cancel: Cancel | None = None,
     refuted: Collection[Suspects] = (),
+    anchors: Mapping[Suspect, Suspects] = MappingProxyType({}),
 ) -> Explanation:
     """
     Explain a contradiction.
@@ -156,21 +164,22 @@ def explain(
         of the first; all serve to name a culprit.
     contradicts : callable
     limits : Limits
-    cancel : Cancel, optional
-        Ends the search when set.
     refuted : collection of frozenset of Suspect, optional
         Sets that are known to be no corrections, although no effort shows it.
+    anchors : mapping of Suspect to frozenset of Suspect, optional
+        Those that two may explain together: they may be exchanged.
 
     Returns
     -------
     Explanation
 
     """
-    oracle = _Oracle(contradicts, limits, cancel)
+    oracle = _Oracle(contradicts, limits)
     contradicting = [observations - _stand_for(dropped, named[0]) for dropped in refuted]
     search = _Search(observations, regions, oracle, contradicting)
     searched, stopped = 0, False
     culprits: tuple[Suspect, ...] = ()
+    together: tuple[Suspect, ...] = ()
     try:
         # One size after the other: where larger ones take too long, smaller ones are known.
         for size in range(1, limits.max_outliers + 1):
@@ -179,6 +188,7 @@ def explain(
         search.find_disjoint_conflicts()
         if not search.corrections:
             culprits = search.culprits(named)
+            together = () if culprits else search.together(anchors)
     except _LimitReachedError:
         stopped = True
     return Explanation(
@@ -187,6 +197,7 @@ def explain(
         searched,
         search.among,
         culprits,
+        together,
         stopped,
     )
 
@@ -253,6 +264,16 @@ class _Search:
             if found:
                 return found
         return ()
+
+    def together(self, anchors: Mapping[Suspect, Suspects]) -> tuple[Suspect, ...]:
+        """Return the only two anchors without which the rest seem to agree; none else."""
+        found = [
+            pair
+            for pair in combinations(anchors, 2)
+            if all(conflict & (anchors[pair[0]] | anchors[pair[1]]) for conflict in self.conflicts)
+            and not self._contradict(self._observations - anchors[pair[0]] - anchors[pair[1]])
+        ]
+        return found[0] if len(found) == 1 else ()
 
     def _conflict_without(self, dropped: Suspects, *, minimal: bool) -> Suspects | None:
         """Return a conflict that none of the dropped observations is part of, or None."""

@@ -29,7 +29,8 @@ OF_SETTINGS = (
 
 def lineup_of(snapshot: Snapshot) -> Lineup:
     """Return who can be wrong in a snapshot."""
-    return line_up(snapshot.keys, snapshot.detections, snapshot.config.sensors)
+    config = snapshot.config
+    return line_up(snapshot.keys, snapshot.detections, config.sensors, config.anchors)
 
 
 def explain_snapshot(
@@ -50,9 +51,11 @@ def explain_snapshot(
         regions_of(snapshot, lineup),
         [lineup.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
         ContradictionOracle(snapshot, lineup, cancel),
-        Limits(config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds),
-        cancel,
+        Limits(
+            config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds, cancel
+        ),
         refuted,
+        {one: lineup.robots[one] for one in sorted(lineup.of_anchors)},
     )
 
 
@@ -61,8 +64,8 @@ def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]
     found: Suspects = frozenset()
     if explanation.corrections:
         found = found.union(*map(lineup.in_short, explanation.corrections))
-    elif explanation.culprits:
-        found = frozenset(explanation.culprits)
+    elif explanation.culprits or explanation.together:
+        found = frozenset(explanation.culprits or explanation.together)
     else:
         found = explanation.among.union(*explanation.conflicts)
     return tuple(sorted(found))
@@ -84,24 +87,24 @@ def not_searched(config: FleetConfig, explanation: Explanation) -> str:
     )
 
 
-def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
+def reason_of(snapshot: Snapshot, lineup: Lineup, explanation: Explanation, frame: str) -> str:
     """
     Return why a contradiction leaves no placements.
 
-    Parameters
-    ----------
-    config : FleetConfig
-    explanation : Explanation
-    frame : str
-        Why there is no frame for what is left without the corrections; empty if there is one.
-
+    `frame` says why there is none for what is left without the corrections; empty if there is one.
     """
+    config, links = snapshot.config, {link.key: link for link in snapshot.links}
+
+    def listed(observations: Suspects) -> str:
+        keys = sorted(lineup.links_of(observations))
+        return ', '.join(str(links.get(key, key)) for key in keys)
+
     if frozenset() in explanation.conflicts:
         return OF_SETTINGS
     text = 'the measurements contradict each other'
-    conflicts = [', '.join(map(str, sorted(conflict))) for conflict in explanation.conflicts]
+    conflicts = [listed(conflict) for conflict in explanation.conflicts]
     if explanation.among:
-        conflicts.append(f'among {", ".join(map(str, sorted(explanation.among)))}')
+        conflicts.append(f'among {listed(explanation.among)}')
     if conflicts:
         text += ': ' + '; '.join(conflicts)
     if explanation.stopped:
@@ -114,4 +117,6 @@ def reason_of(config: FleetConfig, explanation: Explanation, frame: str) -> str:
     text += not_searched(config, explanation)
     if explanation.culprits:
         text += f'; each alone explains it: {", ".join(map(str, explanation.culprits))}'
+    if explanation.together:
+        text += f'; together these explain it: {", ".join(map(str, explanation.together))}'
     return text

@@ -89,12 +89,15 @@ class Lineup:
         By observation, the links that it consists of.
     sensors, robots : mapping of Suspect to frozenset of Suspect
         By sensor and by robot, the observations that it is part of.
+    anchors : frozenset of str
+        The names of robots that are anchors.
 
     """
 
     links: Mapping[Suspect, Links]
     sensors: Mapping[Suspect, Suspects]
     robots: Mapping[Suspect, Suspects]
+    anchors: frozenset[str] = frozenset()
 
     @property
     def observations(self) -> Suspects:
@@ -111,11 +114,21 @@ class Lineup:
         """Return the links of some observations."""
         return frozenset(key for one in observations for key in self.links[one])
 
-    def sensors_of(self, suspects: Iterable[Suspect]) -> Suspects:
-        """Return the sensors of observations; sensors and robots stand for themselves."""
+    def offenders(self, suspects: Iterable[Suspect]) -> Suspects:
+        """
+        Return sensors and anchors that observations accuse; others stand for themselves.
+
+        Whether a sensor is wrong or the place of an anchor that it measures is not known.
+        """
         named = frozenset(suspects)
         whole = named - self.links.keys()
-        return whole.union(sensor for sensor, covered in self.sensors.items() if covered & named)
+        accused = [suspect for suspect, covered in self.sensors.items() if covered & named]
+        return whole.union(accused, (one for one in self.of_anchors if self.robots[one] & named))
+
+    @property
+    def of_anchors(self) -> Suspects:
+        """The anchors as suspects."""
+        return frozenset(one for one in self.robots if one.name in self.anchors)
 
     def in_short(self, observations: Suspects) -> Suspects:
         """Return who is to blame where all of some observations are wrong: one name if it can."""
@@ -128,24 +141,16 @@ class Lineup:
 
 
 def line_up(
-    keys: Collection[LinkKey], detections: Collection[tuple[str, str]], mounted: Collection[str]
+    keys: Collection[LinkKey],
+    detections: Collection[tuple[str, str]],
+    mounted: Collection[str],
+    anchors: Collection[str] = (),
 ) -> Lineup:
     """
-    Return who can be wrong.
+    Return who can be wrong of the ranges and bearings in use.
 
-    Parameters
-    ----------
-    keys : collection of LinkKey
-        The ranges and bearings in use.
-    detections : collection of (str, str)
-        Observers and targets whose range and bearing come of one detection.
-    mounted : collection of str
-        The points that are sensors mounted on a robot: all that one measures is of one sensor.
-
-    Returns
-    -------
-    Lineup
-
+    `detections` are observers and targets whose range and bearing come of one detection. All that
+    one of the `mounted` points measures is of one sensor.
     """
     links = _observations(keys, detections)
     kinds: dict[str, set[LinkKind]] = {}
@@ -162,7 +167,9 @@ def line_up(
         for point in (observation.name, observation.target):
             name = point.rpartition('/')[0] if point in mounted else point
             robots.setdefault(Suspect(SuspectKind.ROBOT, name), set()).add(observation)
-    return Lineup(links, _frozen(sensors), _frozen(robots))
+    by_sensor = {suspect: frozenset(sensors[suspect]) for suspect in sorted(sensors)}
+    by_robot = {suspect: frozenset(robots[suspect]) for suspect in sorted(robots)}
+    return Lineup(links, by_sensor, by_robot, frozenset(anchors))
 
 
 def _observations(
@@ -179,8 +186,3 @@ def _observations(
         ): frozenset(found)
         for found in parts.values()
     }
-
-
-def _frozen(found: Mapping[Suspect, set[Suspect]]) -> dict[Suspect, Suspects]:
-    """Return the same in the order of the suspects, unchangeable."""
-    return {suspect: frozenset(found[suspect]) for suspect in sorted(found)}

@@ -127,8 +127,12 @@ def _explained(
         [],
         [{one: frozenset([one]) for one in observations}],
         oracle,
-        Limits(config.window_outliers, config.max_conflict_solves, config.max_conflict_seconds),
-        _Stop(stopped),
+        Limits(
+            config.window_outliers,
+            config.max_conflict_solves,
+            config.max_conflict_seconds,
+            _Stop(stopped),
+        ),
     )
     corrected = frozenset().union(*explanation.corrections)
     if corrected and explanation.searched == config.window_outliers:

@@ -174,8 +174,9 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
     if estimate.statistics is not None:
         values['boxes'] = str(estimate.statistics.processed)
         values['solve_s'] = f'{estimate.statistics.seconds:.4f}'
+    links = {link.key: link for link in estimate.links}
     for number, conflict in enumerate(estimate.conflicts):
-        values[f'conflict_{number}'] = ', '.join(map(str, conflict))
+        values[f'conflict_{number}'] = ', '.join(str(links.get(key, key)) for key in conflict)
     for name, suspects in (
         ('suspects', estimate.suspects),
         ('suspects_in_window', estimate.suspects_in_window),
