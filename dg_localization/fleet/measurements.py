@@ -30,7 +30,7 @@ from dg_localization.fleet.admission import (
     rows_of_peers,
 )
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.contradictions.stuck import StuckWatch
+from dg_localization.fleet.contradictions.stuck import FrozenWatch, StuckWatch
 from dg_localization.fleet.elevations import Elevations
 from dg_localization.fleet.error_models import (
     finite_number,
@@ -129,6 +129,7 @@ class MeasurementStore:
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
         self._stuck = StuckWatch(config)
+        self._frozen = FrozenWatch()
         self._elevations = Elevations(config)
         self.memory = Memory(config)
 
@@ -262,6 +263,9 @@ class MeasurementStore:
         self._check_stuck(key, (reading_m,), stamp_s)
         likeliest_m = likeliest_distance_m(model, reading_m)
         reading = DistanceReading(key, stamp_s, *bounds, likeliest_m)
+        poses = self._newest_poses(key)
+        if poses and len(poses) == len(self._stuck.movable(key)):
+            self._frozen.add(reading, poses)
         return self._elevations.in_plane(reading, now_s) if self._config.elevations_m else reading
 
     def _ray_reading(
@@ -377,13 +381,15 @@ class MeasurementStore:
                 in_use=is_young(self._config, source.newest_stamp_s, now_s),
                 stuck=self._stuck.sentence(key),
                 restart=self._restart(key, now_s),
-                warning='; '.join(self._warnings(source)),
+                warning='; '.join(self._warnings(key, source)),
             )
             for key, source in sorted(self._inputs.items())
         ]
 
-    def _warnings(self, source: _Input) -> Iterator[str]:
-        """Yield what an input shows to be wrong with its settings."""
+    def _warnings(self, key: LinkKey, source: _Input) -> Iterator[str]:
+        """Yield what an input shows to be wrong with its settings, or with itself."""
+        if key.kind is LinkKind.ODOMETRY and (frozen := self._frozen.sentence(key.observer)):
+            yield frozen
         if self._is_ahead(source):
             yield (
                 f'stamps are up to {source.ahead_s:.3f} s ahead of their arrival, stamp_error is '
@@ -408,6 +414,8 @@ class MeasurementStore:
         if bent:
             yield f'targets of rays are not in the plane: {_listed(bent)}'
         for robot, track in self._tracks.items():
+            if frozen := self._frozen.sentence(robot):
+                yield f'odometry of {robot} is frozen: {frozen}'
             silent_s = now_s - track.newest.stamp_s
             if SILENT_S < silent_s <= max(self._config.max_age_s, self._config.memory_s):
                 yield f'odometry of {robot} is silent for {silent_s:.1f} s'
@@ -453,13 +461,16 @@ class MeasurementStore:
             )
         return self._tracks[robot]
 
+    def _newest_poses(self, key: LinkKey) -> dict[str, OdometryReading]:
+        """Return the newest odometry of those of the robots at a link that can move."""
+        if not self._tracks:
+            return {}
+        robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
+        return {robot: self._tracks[robot].newest for robot in robots}
+
     def _check_stuck(self, key: LinkKey, value: tuple[float, ...], stamp_s: float) -> None:
         """Note a reading; refuse it when it is stuck and such readings are dropped."""
-        newest = {}
-        if self._tracks:
-            robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
-            newest = {robot: self._tracks[robot].newest for robot in robots}
-        self._stuck.add(key, value, stamp_s, newest)
+        self._stuck.add(key, value, stamp_s, self._newest_poses(key))
         if self._config.drop_stuck and (sentence := self._stuck.sentence(key)):
             raise RefusedError(RejectionReason.STUCK, sentence)
 

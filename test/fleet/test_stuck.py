@@ -117,3 +117,23 @@ def test_odometry_that_starts_anew_is_no_motion():
         max_speed_m_s=1.0,
     )
     assert state.stuck.endswith('while b moved by 0.5 m')
+
+
+@pytest.mark.parametrize(
+    ('value_of', 'motion', 'frozen'),
+    [
+        (lambda step: 3.0 + 0.1 * step, parked, True),
+        (lambda step: 3.0 + 0.1 * step, driving, False),
+        (lambda step: 3.0 + 0.002 * step, parked, False),
+        (lambda step: 5.0 if step % 5 == 0 else 3.0, parked, False),
+        (lambda step: 3.0 + 0.1 * step, unknown, False),
+    ],
+)
+def test_odometry_that_never_changes_while_ranges_show_motion_is_told(value_of, motion, frozen):
+    localizer, _ = watched(value_of, motion)
+    now_s = START_S + 2.9
+    states = {state.key: state.warning for state in localizer.input_states(now_s)}
+    of_b = states.get(LinkKey(LinkKind.ODOMETRY, 'b', ''), '')
+    assert of_b.startswith('the pose has not changed since 100.000 s, while range a->b') == frozen
+    told = [text for text in localizer.snapshot(now_s).warnings if 'is frozen' in text]
+    assert len(told) == (2 if frozen else 0)

@@ -85,8 +85,8 @@ class Explanation:
     culprits : tuple of Suspect
         Without corrections, those that each alone explain everything, as far as the solver can
         tell in brief: observations, else sensors, else robots.
-    together : tuple of Suspect
-        Without any of these, two anchors whose places explain all together.
+    together : tuple of (Suspect, Suspect)
+        Without any of these, pairs of anchors that explain everything: they may be exchanged.
     stopped : bool
         Whether the limits ended the search for conflicts or culprits.
 
@@ -97,7 +97,7 @@ class Explanation:
     searched: int
     among: Suspects = frozenset()
     culprits: tuple[Suspect, ...] = ()
-    together: tuple[Suspect, ...] = ()
+    together: tuple[tuple[Suspect, Suspect], ...] = ()
     stopped: bool = False
 
 
@@ -179,7 +179,7 @@ def explain(
     search = _Search(observations, regions, oracle, contradicting)
     searched, stopped = 0, False
     culprits: tuple[Suspect, ...] = ()
-    together: tuple[Suspect, ...] = ()
+    together: tuple[tuple[Suspect, Suspect], ...] = ()
     try:
         # One size after the other: where larger ones take too long, smaller ones are known.
         for size in range(1, limits.max_outliers + 1):
@@ -265,15 +265,14 @@ class _Search:
                 return found
         return ()
 
-    def together(self, anchors: Mapping[Suspect, Suspects]) -> tuple[Suspect, ...]:
-        """Return the only two anchors without which the rest seem to agree; none else."""
-        found = [
-            pair
-            for pair in combinations(anchors, 2)
-            if all(conflict & (anchors[pair[0]] | anchors[pair[1]]) for conflict in self.conflicts)
-            and not self._contradict(self._observations - anchors[pair[0]] - anchors[pair[1]])
-        ]
-        return found[0] if len(found) == 1 else ()
+    def together(self, anchors: Mapping[Suspect, Suspects]) -> tuple[tuple[Suspect, Suspect], ...]:
+        """Return the pairs of anchors without one of which the rest seem to agree."""
+        return tuple(
+            (first, second)
+            for first, second in combinations(anchors, 2)
+            if all(conflict & (anchors[first] | anchors[second]) for conflict in self.conflicts)
+            and not self._contradict(self._observations - anchors[first] - anchors[second])
+        )
 
     def _conflict_without(self, dropped: Suspects, *, minimal: bool) -> Suspects | None:
         """Return a conflict that none of the dropped observations is part of, or None."""

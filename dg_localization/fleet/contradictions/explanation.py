@@ -65,7 +65,7 @@ def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]
     if explanation.corrections:
         found = found.union(*map(lineup.in_short, explanation.corrections))
     elif explanation.culprits or explanation.together:
-        found = frozenset(explanation.culprits or explanation.together)
+        found = frozenset(explanation.culprits).union(*explanation.together)
     else:
         found = explanation.among.union(*explanation.conflicts)
     return tuple(sorted(found))
@@ -118,5 +118,6 @@ def reason_of(snapshot: Snapshot, lineup: Lineup, explanation: Explanation, fram
     if explanation.culprits:
         text += f'; each alone explains it: {", ".join(map(str, explanation.culprits))}'
     if explanation.together:
-        text += f'; together these explain it: {", ".join(map(str, explanation.together))}'
+        pairs = ', or '.join(f'{first} and {second}' for first, second in explanation.together)
+        text += f'; together these explain it: {pairs}'
     return text

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Stuck sensors: readings that repeat themselves to the last bit although robots move.
+Stuck sensors: readings or odometry that stay the same to the last bit although robots move.
 
 Equal readings of robots that stand still prove nothing, since many sensors round theirs.
 """
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.vocabulary import LinkKey, LinkKind, OdometryReading
+from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkKind, OdometryReading
 
 LEAST_WAY_M = 0.5
 LEAST_TURN_RAD = 0.5
@@ -24,6 +24,9 @@ LEAST_TURN_RAD = 0.5
 
 TIMES_MORE = 10
 """Of so many times the readings nothing need be known of the motion."""
+
+SHOWN = 3
+"""So many ranges in a row show motion: one or two may be wrong."""
 
 UNKNOWN_MOTION = 'and no odometry says that the robots stand still'
 
@@ -141,3 +144,59 @@ def _angle_rad(rotation: np.ndarray) -> float:
     """Return the angle of a rotation matrix."""
     cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
     return math.acos(min(1.0, max(-1.0, cosine)))
+
+
+class _Still(NamedTuple):
+    """A range while no odometry of its ends changed: its first readings, and how many are off."""
+
+    poses: Poses
+    first: tuple[DistanceReading, ...]
+    shown: int = 0
+
+
+class FrozenWatch:
+    """
+    Watches for odometry whose pose never changes while ranges show motion.
+
+    Ranges show it when `SHOWN` in a row, with newer odometry each time, agree with none of the
+    first ones, although all robots at the ends have odometry or are parked.
+    """
+
+    def __init__(self) -> None:
+        self._still: dict[LinkKey, _Still] = {}
+        self._frozen: dict[str, str] = {}
+
+    def add(self, reading: DistanceReading, newest: Poses) -> None:
+        """Note a range; `newest` are the poses of the robots at its ends that can move."""
+        before = self._still.get(reading.key)
+        for robot, pose in newest.items():
+            if before is None or not _is_same_pose(before.poses[robot], pose):
+                self._still[reading.key] = _Still(newest, (reading,))
+                self._frozen.pop(robot, None)
+                before = None
+        if before is None or all(before.poses[r].stamp_s == p.stamp_s for r, p in newest.items()):
+            return
+        first, shown = before.first, 0
+        if len(first) < SHOWN:
+            first = (*first, reading)
+        elif all(reading.lower_m > f.upper_m or reading.upper_m < f.lower_m for f in first):
+            shown = before.shown + 1
+        self._still[reading.key] = _Still(newest, first, shown)
+        for robot in newest if shown >= SHOWN else ():
+            self._frozen[robot] = (
+                f'the pose has not changed since {first[0].stamp_s:.3f} s, while {reading.key} '
+                f'went from {first[0].likeliest_m:.2f} to {reading.likeliest_m:.2f} m'
+            )
+
+    def sentence(self, robot: str) -> str:
+        """Return why the odometry of a robot seems to be frozen; empty if it does not."""
+        return self._frozen.get(robot, '')
+
+
+def _is_same_pose(before: OdometryReading, now: OdometryReading) -> bool:
+    """Return whether two poses are equal to the last bit."""
+    return before is now or (
+        np.array_equal(before.position_m, now.position_m)
+        and np.array_equal(before.rotation, now.rotation)
+        and _is_same_frame(before, now)
+    )
