@@ -429,7 +429,7 @@ def test_a_hypothesis_can_be_followed_although_the_order_changes():
 
 def test_conflicts_are_named():
     made = estimate(verdict=Verdict.INFEASIBLE, conflicts=((AB, BA),))
-    assert status('fleet', made).values['conflict_0'] == 'range a->b, range b->a'
+    assert status('fleet', made).values['conflict_0'] == 'range a->b (3.00 to 3.30 m), range b->a'
     assert status('robot a', made).level is Level.ERROR
     assert status('input range a->b', made).level is Level.ERROR
 
