@@ -567,11 +567,6 @@ FLEET = [
         'fleet',
         'window/follow',
         ('test/fleet/test_overtaken.py',),
-        (
-            'an estimate that fails has changed what later ones know',
-            'other.filters = self.filters.copied()',
-            'other.filters = self.filters',
-        ),
     ),
     *_in(
         'fleet',
@@ -651,16 +646,6 @@ FLEET = [
             'the projection of a steep ray errs no more than the ray',
             'quotient_up(angle_up(math.sin(half_width_rad)), horizontal)',
             'quotient_up(angle_up(math.sin(half_width_rad)), 1.0)',
-        ),
-    ),
-    *_in(
-        'fleet/window',
-        'mutual_walk',
-        ('test/fleet/test_mounted_memory.py',),
-        (
-            'ranges of sensors are taken for those between origins',
-            'if not (arms_m.lower.any() or arms_m.upper.any()):',
-            'if True:',
         ),
     ),
     *_in(
@@ -1204,41 +1189,6 @@ FLEET = [
     ),
     *_in(
         'fleet/window',
-        'pose_filters',
-        ('test/fleet/test_pose_filters.py',),
-        (
-            'a filter outlives the memory',
-            'in_memory = self._oldest_s <= pose_filter.since_s and pose_filter',
-            'in_memory = pose_filter',
-        ),
-    ),
-    *_in(
-        'fleet/window',
-        'pair_filters',
-        ('test/fleet/test_pair_filters.py',),
-        (
-            'a filter of two robots outlives the memory',
-            'if not self._oldest_s <= known.since_s <= known.knot_s <= self._now_s:',
-            'if not known.knot_s <= self._now_s:',
-        ),
-        (
-            'readings that come late are left out',
-            'self._settled_s = min(self._now_s - config.max_age_s, newest_s)',
-            'self._settled_s = min(self._now_s, newest_s)',
-        ),
-        (
-            'the line of sight points the same way from both ends',
-            'back_rad[other] = math.pi',
-            'back_rad[other] = 0.0',
-        ),
-        (
-            'two robots that have each other ahead head the same way',
-            '_less(arc_rad + math.pi, self.arcs_rad[other])',
-            '_less(arc_rad, self.arcs_rad[other])',
-        ),
-    ),
-    *_in(
-        'fleet/window',
         'recollection',
         ('test/fleet/test_wrong_readings.py',),
         (
@@ -1258,34 +1208,9 @@ FLEET = [
         ),
     ),
     *_in(
-        'fleet/window',
-        'mutual_walk',
-        ('test/fleet/test_window_suspects.py', 'test/fleet/test_pair_filters.py'),
-        (
-            'the errors of the ways of two robots do not count',
-            'ball_m = sum_up(first.ball_m, second.ball_m)',
-            'ball_m = 0.0',
-        ),
-        (
-            'what is not walked in time is a contradiction',
-            'if stopped():\n                return False',
-            'if stopped():\n                return True',
-        ),
-        (
-            'ranges before the odometry of both count',
-            'if stamp_s >= known_s and math.isfinite(observation.upper_m):',
-            'if math.isfinite(observation.upper_m):',
-        ),
-    ),
-    *_in(
         'fleet/contradictions',
         'window_suspects',
         ('test/fleet/test_window_suspects.py',),
-        (
-            'nobody is suspected where a search ends at its limits',
-            'return corrected | (suspects or frozenset().union(*explanation.conflicts))',
-            'return corrected',
-        ),
     ),
     *_in(
         'fleet/window',
@@ -1314,134 +1239,17 @@ FLEET = [
     ),
 ]
 
-CUTS = ('test/pairs/test_cuts.py',)
-NEVER = ('test/pairs/test_pairs_never_lose.py',)
+CUTS = ('test/poses/test_cuts.py',)
+NEVER = ('test/poses/test_poses_never_lose.py',)
 COVERS = (
-    'test/pairs/test_covers.py::test_a_ring',
-    'test/pairs/test_covers.py::test_contradictory_readings_leave_nothing_unless_one_may_be_wrong',
-    'test/pairs/test_pairs_never_lose.py::test_no_truth_is_lost_among_liars[1]',
-)
-
-MUTUAL = (
-    'test/pairs/test_mutual.py::test_every_point_of_a_cell_is_carried_on_by_every_way',
-    'test/pairs/test_mutual.py::test_no_truth_is_lost_in_few_large_cells',
-    'test/pairs/test_mutual.py::test_cells_of_a_grid_hold_what_was_gathered',
+    'test/poses/test_covers.py::test_a_ring',
+    'test/poses/test_covers.py::test_contradictory_readings_leave_nothing_unless_one_may_be_wrong',
+    'test/poses/test_poses_never_lose.py::test_no_truth_is_lost_among_liars[1]',
 )
 
 PAIRS = [
     *_in(
-        'pairs',
-        'mutual_kernels',
-        MUTUAL,
-        (
-            'the errors of turns do not widen directions',
-            'off = turn + way[SECOND]',
-            'off = turn',
-        ),
-        (
-            'planes do not follow the errors of turns',
-            'off = abs(by_x) * way[FIRST] + abs(by_y) * way[SECOND]',
-            'off = 0.0',
-        ),
-        (
-            'the way of a mutual cover does not err',
-            'off += up(way[BALL] * math.hypot(1.0, both / look[LEAST]))',
-            'off += 0.0',
-        ),
-        (
-            'a way is linear over a cell',
-            'error = up(0.5 * curved) + rounding_error',
-            'error = rounding_error',
-        ),
-        (
-            'a range is exact on its way back',
-            'look[ERROR_ABOVE] - way[BALL] - slack',
-            'look[ERROR_ABOVE] - slack',
-        ),
-    ),
-    *_in(
-        'pairs',
-        'mutual',
-        ('test/pairs/test_mutual.py::test_ways_that_nothing_is_known_of_lose_nothing',),
-        (
-            'ranges on a way that is not known count',
-            'return bool(np.all(np.abs(numbers_m) < FARTHEST_M))',
-            'return not np.any(np.abs(numbers_m) >= FARTHEST_M)',
-        ),
-    ),
-    *_in(
-        'pairs',
-        'mutual_grid',
-        MUTUAL,
-        (
-            'planes of a gathered cell are those of its last part',
-            'cell[BELOW] = min(cell[BELOW], below - slack)',
-            'cell[BELOW] = below - slack',
-        ),
-    ),
-    *_in(
-        'pairs',
-        'mutual_steps',
-        MUTUAL,
-        (
-            'a half is dropped where a cell is too large',
-            'waiting += 2',
-            'waiting += 1',
-        ),
-    ),
-    *_in(
-        'pairs',
-        'polygon_kernels',
-        ('test/pairs/test_polygons.py',),
-        (
-            'a step does not swing with the yaws of a slice',
-            'way = value + abs(slope) * half + 0.5 * half * half * max(-value, 0.0)',
-            'way = value + 0.5 * half * half * max(-value, 0.0)',
-        ),
-        (
-            'the way does not err',
-            'way += min(half, 2.0) * wide * 1.5 + ball',
-            'way += min(half, 2.0) * wide * 1.5',
-        ),
-        (
-            'a ray does not turn with the yaws of a slice',
-            's, c = s * math.cos(half) + c * math.sin(half), '
-            'c * math.cos(half) - s * math.sin(half)',
-            's, c = s, c',
-        ),
-        (
-            'the least distance leaves a tangent',
-            'least = sqrt_down(down(square_down(row[NEAREST]) - square_up(max(stray, 0.0))))',
-            'least = row[NEAREST]',
-        ),
-        (
-            'what broke a reading is gone',
-            'levels[level, j] = max(h[j], before)',
-            'levels[level, j] = h[j]',
-        ),
-        (
-            'a half-space cuts at the supports it has cut already',
-            'bound = with_error(s * room + t * before[i],',
-            'bound = with_error(s * room + t * min(before[i], room),',
-        ),
-    ),
-    *_in(
-        'pairs',
-        'yaw_slices',
-        ('test/pairs/test_yaw_slices.py', 'test/pairs/test_counted.py'),
-        (
-            'a slice spreads by one too few',
-            'np.arange(-by, by + 1)',
-            'np.arange(1 - by, by + 1)',
-        ),
-        (
-            'what is left of an error after a spread is forgotten',
-            'slices = replace(self, beyond_rad=max(left, 0.0))',
-            'slices = replace(self, beyond_rad=0.0)',
-        ),
-    ),
-    *_in(
-        'pairs',
+        'poses',
         'half_spaces',
         CUTS,
         (
@@ -1456,19 +1264,9 @@ PAIRS = [
         ),
     ),
     *_in(
-        'pairs',
+        'poses',
         'cuts',
         CUTS,
-        (
-            'the error of the point of B is forgotten',
-            'return _across(row, cx, cy, cz) + _turning(row, bx, by, cz) + drift',
-            'return _across(row, cx, cy, cz)',
-        ),
-        (
-            'the ray of B changes with the yaw the wrong way',
-            'slope = cx * qy - cy * qx',
-            'slope = cy * qx - cx * qy',
-        ),
         (
             'the nearest distance is not shortened by the errors',
             'least = sqrt_down(down(square_down(nearest) - square_up(stray)))',
@@ -1476,63 +1274,23 @@ PAIRS = [
         ),
     ),
     *_in(
-        'pairs',
+        'poses',
         'inversion',
         COVERS,
-        (
-            'one outlier fewer is tolerated than was asked',
-            'if spent > max_outliers:',
-            'if spent >= max_outliers:',
-        ),
-        (
-            'only one half of a box is passed on',
-            'halves = 1 if small or share < LEAST_CUT else 2',
-            'halves = 1',
-        ),
-        (
-            'a cut counts although an outlier may have made it',
-            'box[LOW, axis] = max(box[LOW, axis], tops[LOW, axis, spare])',
-            'box[LOW, axis] = max(box[LOW, axis], tops[LOW, axis, 0])',
-        ),
     ),
     *_in(
-        'pairs',
+        'poses',
         'search',
         NEVER,
-        (
-            'what was not examined is not part of the cover',
-            'return Cover(np.concatenate([kept, rest, generation.boxes]), refined=False)',
-            'return Cover(np.concatenate([kept, generation.boxes]), refined=False)',
-        ),
     ),
     *_in(
-        'pairs',
+        'poses',
         'readings',
         NEVER,
         (
             'the turn since a ray was measured does not widen it',
             'errors = angle_up(up(np.asarray(errors_rad, dtype=float) + half))',
             'errors = angle_up(np.asarray(errors_rad, dtype=float))',
-        ),
-    ),
-    *_in(
-        'pairs',
-        'heading_kernels',
-        ('test/pairs/test_headings.py',),
-        (
-            'the width of a cell is halved',
-            'box[HIGH, YAW] = up(yaw + up(2.0 * half_cell))',
-            'box[HIGH, YAW] = up(yaw + up(half_cell))',
-        ),
-        (
-            'a turned box does not grow with the angle',
-            'around = half_angle * (half_x + half_y + 0.5 * half_angle * size)',
-            'around = 0.0',
-        ),
-        (
-            'headings that are not tried do not widen the way',
-            'if halved > 1 and _is_inside(allowed, a, b) and not _may_widen(hull, way, between):',
-            'if halved > 1 and _is_inside(allowed, a, b):',
         ),
     ),
 ]

@@ -30,10 +30,8 @@ from dg_localization.fleet.contradictions.explanation import (
     reason_of,
     suspects_of,
 )
-from dg_localization.fleet.contradictions.suspects import Lineup, Suspect, Suspects
+from dg_localization.fleet.contradictions.suspects import Lineup, Suspects
 from dg_localization.fleet.contradictions.window_suspects import (
-    SuspectsByPair,
-    explain_window,
     suspects_in_window,
 )
 from dg_localization.fleet.estimate import Estimate, Group
@@ -42,11 +40,10 @@ from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
+from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.narrowing import narrow_answer
-from dg_localization.fleet.window.pair_filters import PairFilters
-from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import Recollection, recall
 from dg_localization.interval.environment import default_environment
@@ -66,8 +63,7 @@ def estimate_snapshot(
     snapshot: Snapshot,
     cancel: Cancel | None = None,
     proved: Sequence[Proved] = (),
-    filters: PoseFilters | None = None,
-    pair_filters: PairFilters | None = None,
+    earlier: EarlierSets | None = None,
 ) -> tuple[Estimate, tuple[Proved, ...]]:
     """
     Find every placement that agrees with a snapshot, or the reason why there is none.
@@ -78,10 +74,8 @@ def estimate_snapshot(
     cancel : Cancel, optional
     proved : sequence of Proved
         What the estimate before proved, the oldest chain first.
-    filters : PoseFilters, optional
-        They follow robots among anchors from estimate to estimate, and go on to this one.
-    pair_filters : PairFilters, optional
-        They follow two robots without anchors.
+    earlier : EarlierSets, optional
+        Pose sets of earlier estimates, which go on to this one.
 
     Returns
     -------
@@ -91,7 +85,7 @@ def estimate_snapshot(
 
     """
     began_s = time.perf_counter()
-    recalled = recall(snapshot, proved, cancel, filters, pair_filters)
+    recalled = recall(snapshot, proved, cancel, earlier)
     if recalled.forgotten:
         # What contradicts the memory may contradict itself, which says nothing of the memory.
         contradiction = _contradiction_of_moment(snapshot, recalled, cancel)
@@ -116,11 +110,9 @@ def estimate_snapshot(
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
-        recalled.allowance.resume()
         # The moment contradicts itself: that says nothing of what else is remembered.
         forgotten = (*by_memory, *estimate.forgotten)
-        suspects = _suspects(snapshot, recalled, in_window)
-        return replace(estimate, suspects_in_window=suspects, forgotten=forgotten), ()
+        return replace(estimate, suspects_in_window=in_window, forgotten=forgotten), ()
     solved_s = time.perf_counter()
     parts: list[Answer | Group] = [found, *found.groups]
     alone = [
@@ -139,7 +131,7 @@ def estimate_snapshot(
     estimate = replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out), *doubts]),
-        suspects_in_window=_suspects(snapshot, recalled, in_window),
+        suspects_in_window=in_window,
         ruled_out=narrowed.ruled_out,
         forgotten=narrowed.forgotten,
         seconds={
@@ -162,14 +154,6 @@ def _contradiction_of_moment(
         return _explained(snapshot, constraints, found.statistics, cancel)
     recalled.allowance.resume()
     return None
-
-
-def _suspects(
-    snapshot: Snapshot, recalled: Recollection, found: SuspectsByPair
-) -> tuple[Suspect, ...]:
-    """Return whom a window makes suspect, in what is left of the time for it."""
-    by_pair = explain_window(snapshot, found, recalled.allowance.part(1))
-    return tuple(sorted(frozenset().union(*by_pair.values())))
 
 
 def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions:

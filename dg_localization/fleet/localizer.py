@@ -406,12 +406,11 @@ class Localizer:
             snapshot,
             cancel,
             follower.proved_for(snapshot),
-            follower.filters,
-            follower.pair_filters,
+            follower.earlier,
         )
         if estimate.conflicts:
             # What contradicts itself now must not cut, or put in doubt, what is remembered.
-            follower.filters = self._follower.filters.copied()
+            follower.earlier = self._follower.earlier.copied()
         follower.forget(snapshot, estimate)
         if cancel is None or not cancel.is_set():
             estimate = follower.follow(snapshot, estimate, proved)

@@ -36,8 +36,8 @@ from dg_localization.fleet.rotations import rotations_about_z, steepness
 from dg_localization.fleet.track_poses import TrackPoses, TrackStep
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
-from dg_localization.pairs import PastPoses
-from dg_localization.pairs.turns import turned
+from dg_localization.poses import PastPoses
+from dg_localization.poses.turns import turned
 
 
 @dataclass(frozen=True)
@@ -168,11 +168,6 @@ class OdometryPath:
         """Return the stamp of the sample nearest to a time."""
         return float(self._stamps_s[self._index_at(time_s)])
 
-    def stated(self, time_s: float) -> tuple[float, float, float]:
-        """Return x, y and yaw of the sample nearest to a time, in the odometry frame."""
-        index = self._index_at(time_s)
-        return (*self._positions_m[index, :2].tolist(), float(self._yaws_rad[index]))
-
     def track_step(self, first_s: float, last_s: float) -> TrackStep:
         """
         Return where the track is at the sample nearest to a time, seen from that of another.
@@ -191,6 +186,11 @@ class OdometryPath:
         end_m, end_rad = self._off_track(now)
         yaw = Interval(-end_rad, end_rad)
         return TrackStep(PastPoses(PastPoses.at_rest(1).position_m, yaw), float(end_m[0]))
+
+    def track_back(self, first_s: float, last_s: float) -> PastPoses:
+        """Return the pose of `track_step` the other way round: the first seen from the last."""
+        first, last = self._index_at(first_s), self._index_at(last_s)
+        return PastPoses(*self._walk_back(np.array([first]), last))
 
     def leveled_points(self, times_s: ArrayLike, points_m: Interval) -> Interval:
         """
@@ -260,7 +260,7 @@ class OdometryPath:
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""
-        return int(np.argmin(np.abs(self._stamps_s - time_s)))
+        return int(self._nearest(np.array([time_s])).index[0])
 
     def _nearest(self, times_s: np.ndarray) -> _Nearest:
         """Return the samples nearest to some times."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dg_localization.pairs import PastPoses
+from dg_localization.poses import PastPoses
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dg_localization.fleet.checks import ConfigError
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
-from dg_localization.pairs import PastPoses
+from dg_localization.poses import PastPoses
 
 TERMS = ('translation_per_m', 'translation_per_rad', 'rotation_per_m', 'rotation_per_rad')
 

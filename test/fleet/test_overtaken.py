@@ -36,17 +36,14 @@ def forgetting(*arguments):
 
 
 def failing(snapshot, *others):
-    """Estimate, lose what the filters know, and fail then."""
+    """Estimate, lose what earlier sets know, and fail then."""
     real(snapshot, *others)
-    filters, pair_filters = others[-2:]
-    for of_some in filters, pair_filters:
-        of_some.forget(snapshot.config, [Forgotten(ALL_ENDS, math.inf, 'a test')])
+    others[-1].forget(snapshot.config, [Forgotten(ALL_ENDS, math.inf, 'a test')])
     raise RuntimeError('a defect')
 
 
-def filters_of(localizer):
-    follower = localizer._follower
-    return dict(follower.filters._filters), follower.pair_filters._filters
+def sets_of(localizer):
+    return dict(localizer._follower.earlier._sets)
 
 
 def estimate_by(localizer, snapshot, monkeypatch, how):
@@ -57,7 +54,7 @@ def estimate_by(localizer, snapshot, monkeypatch, how):
 
 @pytest.fixture(params=[0, 3])
 def history(request):
-    """Two robots with and without anchors, which are followed by filters."""
+    """Two robots with and without anchors, whose pose sets are carried on."""
     return History.draw([1, 5], 2, request.param, 6.0, memory_s=30.0)
 
 
@@ -90,11 +87,11 @@ def test_an_estimate_that_was_overtaken_changes_nothing(history, monkeypatch):
 def test_an_estimate_that_fails_changes_nothing(history, monkeypatch):
     localizer = localizer_of(history)
     for time_s, _ in history.play(localizer, TICKS_S):
-        known = filters_of(localizer)
+        known = sets_of(localizer)
         with pytest.raises(RuntimeError, match='a defect'):
             snapshot = localizer.snapshot(history.start_s + time_s)
             estimate_by(localizer, snapshot, monkeypatch, failing)
-        assert filters_of(localizer) == known
+        assert sets_of(localizer) == known
     assert any(known)
 
 

@@ -27,10 +27,11 @@ from dg_localization.fleet.frames.finders import FittedPlacement, fit_with_past
 from dg_localization.fleet.frames.odometry_frame import BodyPose, frame_turn, in_odometry_frame
 from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.rotations import rotation_angle_rad, yaw_of
+from dg_localization.fleet.window import recollection
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
 from dg_localization.fleet.window.proved import PoseBounds
-from dg_localization.fleet.window.recollection import MOST_REFINED, Recollection, recall
+from dg_localization.fleet.window.recollection import MOST_REFINED, recall
 from dg_localization.fleet.window.shape_headings import Narrowed, within_bounds
 from dg_localization.fleet.window.sifting import sifted
 
@@ -179,12 +180,12 @@ def test_mirror_images_are_narrowed_together(monkeypatch):
     ]
     calls = []
 
-    def narrow(_, placement, *__):
+    def narrow(placement, *_):
         calls.append(placement.number)
         # The first of the images that are tried last is impossible.
         return Narrowed(None, (0, 1)) if len(calls) == last else Narrowed(placement)
 
-    monkeypatch.setattr(Recollection, '_narrow', narrow)
+    monkeypatch.setattr(recollection, 'narrow_placement', narrow)
     snapshot = fleet.localizer.snapshot(fleet.now_s)
     recalled = recall(snapshot, (), None)
     for last in range(len(placements) + 1, len(placements) + MOST_REFINED + 1):

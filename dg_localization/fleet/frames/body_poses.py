@@ -21,7 +21,7 @@ from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.arrays import Interval
-from dg_localization.pairs import NO_RAY_RAD, Cover, PairOptions, PairReadings, cover_poses
+from dg_localization.poses import NO_RAY_RAD, Cover, PairOptions, PairReadings, cover_poses
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]

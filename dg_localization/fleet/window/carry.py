@@ -28,9 +28,10 @@ from dg_localization.fleet.track_poses import TrackPoses
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
 from dg_localization.fleet.window.paths import Tilt, path_of
-from dg_localization.fleet.window.rows import BodyDistance, Row, Table
+from dg_localization.fleet.window.rows import Row, Table
 from dg_localization.interval.arrays import Interval
-from dg_localization.pairs import PairReadings, PastPoses
+from dg_localization.interval.bounds import sum_up
+from dg_localization.poses import Cover, PairReadings, PastPoses
 
 WORLD = -1
 """The body of the anchors."""
@@ -163,14 +164,6 @@ class CarriedWindow:
         """Return the times of the observations of a pair, newest first."""
         return self._stamps_of(pair)
 
-    def distances(self, pair: Pair) -> tuple[BodyDistance, ...]:
-        """Return the distances that two robots observed of each other, as `sources` has them."""
-        arms_m = places_on_body(self._config, self._config.points)
-        return tuple(
-            BodyDistance(seen.stamp_s, seen.lower_m, seen.upper_m, arms_m[list(points)])
-            for seen, _, points in self._rows[pair]
-        )
-
     def sources(self, pair: Pair) -> tuple[tuple[str, str, Observation], ...]:
         """Return the observations of a pair with observer and target, newest first."""
         names = self._config.points
@@ -201,51 +194,17 @@ class CarriedWindow:
         past = {body: tracks[body].past for body in pair if body != WORLD}
         return self._readings(pair, past, None, newest_s)
 
-    def readings_between(self, robot: int, after_s: float, until_s: float) -> PairReadings | None:
-        """
-        Return what a robot and the anchors observed of each other between two times.
-
-        Parameters
-        ----------
-        robot : int
-        after_s, until_s : float
-            After the first, up to the second, at which the track of the robot is the frame.
-
-        Returns
-        -------
-        PairReadings or None
-            None where they observed nothing.
-
-        """
-        pair = (WORLD, robot)
-        if pair not in self._tables:
-            return None
-        seen = self._tables[pair]
-        seen = seen.some(seen.between(after_s, until_s))
-        count = len(seen.stamps_s)
-        if not count:
-            return None
-        past = self.path(robot).past_poses_on_track(seen.stamps_s, until_s).past
-        return self._seen(pair, seen, PastPoses.at_rest(count), past)
-
-    def seen_between(self, robot: int, after_s: float, until_s: float) -> tuple[Observation, ...]:
-        """Return what `readings_between` is made of."""
-        pair = (WORLD, robot)
-        if pair not in self._tables:
-            return ()
-        rows = self._rows[pair][self._tables[pair].between(after_s, until_s)]
-        return tuple(row.observation for row in rows)
-
-    def tracks(self, pair: Pair) -> tuple[PastPoses, PastPoses]:
-        """Return where the tracks of a pair are now, seen from the two bodies."""
-        now_s = np.array([self._now_s])
-        first, second = (
-            PastPoses.at_rest(1)
-            if body == WORLD
-            else self.path(body).past_poses_on_track(now_s, self._now_s).track
-            for body in pair
-        )
-        return first, second
+    def off_tracks(self, pair: Pair, cover: Cover) -> Cover:
+        """Return the poses of a pair now, by those of their tracks."""
+        first, second = pair
+        step, ball_m, back = self.path(second).off_track(self._now_s), 0.0, None
+        if first != WORLD:
+            # A turn about the origin of the first leaves a ball as it is.
+            off = self.path(first).off_track(self._now_s)
+            ball_m, back = off.ball_m, PastPoses(off.pose.position_m, -off.pose.yaw_rad)
+        in_plane = self._config.dimension == 2
+        moved = cover.carried(step.pose, sum_up(step.ball_m, ball_m), back, in_plane)
+        return cover.unbounded() if moved is None else moved
 
     @cached_property
     def _tracks(self) -> dict[int, TrackPoses]:
@@ -326,7 +285,7 @@ class CarriedWindow:
         return config.robots.index(robot)
 
     def _stamps_of(self, pair: Pair) -> NDArray[np.float64]:
-        return self._tables[pair].stamps_s
+        return self._tables[pair].stamps_s if pair in self._tables else np.empty(0)
 
     def _stamps_with(self, robot: int) -> NDArray[np.float64]:
         """Return the times of all observations of a robot, ascending."""

@@ -14,11 +14,10 @@ from dg_localization.fleet.contradictions.offenders import Record
 from dg_localization.fleet.estimate import Estimate, FixedFrame, Placement
 from dg_localization.fleet.frames.standing_frame import StandingFrame
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s
 from dg_localization.fleet.window.memory import Ends, Spans
 from dg_localization.fleet.window.numbering import Framed, matches
-from dg_localization.fleet.window.pair_filters import PairFilters
-from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import chain_seconds
 
@@ -49,10 +48,8 @@ class Follower:
 
     Attributes
     ----------
-    filters : PoseFilters
-        They follow robots among anchors from estimate to estimate.
-    pair_filters : PairFilters
-        They follow two robots without anchors.
+    earlier : EarlierSets
+        Pose sets that are carried from estimate to estimate.
 
     """
 
@@ -72,8 +69,7 @@ class Follower:
         self._standing_frame = StandingFrame()
         self._frame_changes = 0
         self._record = Record(memory_s)
-        self.filters = PoseFilters()
-        self.pair_filters = PairFilters()
+        self.earlier = EarlierSets()
 
     @property
     def forgotten(self) -> Spans:
@@ -95,8 +91,7 @@ class Follower:
         other = copy(self)
         other._standing_frame = copy(self._standing_frame)
         other._record = self._record.copied()
-        other.filters = self.filters.copied()
-        other.pair_filters = copy(self.pair_filters)
+        other.earlier = self.earlier.copied()
         return other
 
     def proved_for(self, snapshot: Snapshot) -> tuple[Proved, ...]:
@@ -112,7 +107,7 @@ class Follower:
         """
         Forget what an estimate says has to be forgotten.
 
-        That counts where an estimate was cancelled, too: its filters have gone on.
+        That counts where an estimate was cancelled, too: its sets have gone on.
         """
         oldest_s = snapshot.stamp_s - snapshot.config.memory_s
         if self._last.stamp_s > snapshot.stamp_s:
@@ -120,8 +115,7 @@ class Follower:
             self._forgotten, self._left_out = {}, {}
         self._forgotten = also_forgotten(self._forgotten, estimate.forgotten, oldest_s)
         self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
-        self.filters.forget(snapshot.config, estimate.forgotten)
-        self.pair_filters.forget(snapshot.config, estimate.forgotten)
+        self.earlier.forget(snapshot.config, estimate.forgotten)
         if estimate.forgotten:
             # What was proved before may rest on what is forgotten.
             self._proved = ()

@@ -22,7 +22,7 @@ from dg_localization.fleet.estimate import Placement
 from dg_localization.fleet.frames.finders import FittedPlacement
 from dg_localization.fleet.window.proved import heading_arcs, intersect_arcs
 from dg_localization.fleet.window.shape_headings import with_headings
-from dg_localization.pairs.cover import arc_around
+from dg_localization.poses.cover import arc_around
 
 MOST_COMPARED = 40
 """Placements of more robots are not joined: the time grows with the cube of their number."""

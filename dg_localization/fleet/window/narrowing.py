@@ -14,10 +14,9 @@ from dg_localization.fleet.frames.finders import FittedPlacement
 from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.meeting import join_meeting
-from dg_localization.fleet.window.pair_filters import PAIR
 from dg_localization.fleet.window.proved import Proved
 from dg_localization.fleet.window.recollection import Recollection
-from dg_localization.fleet.window.sifting import Left, sifted
+from dg_localization.fleet.window.sifting import Left
 
 Refit = Callable[[FramePlan, Placement], FittedPlacement]
 
@@ -60,10 +59,9 @@ def narrow_answer(
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.allowance.resume()
-    main = by_chains = Left((), ())
+    main = Left((), ())
     if plans.main is not None:
-        by_chains = recalled.narrow(found.placements, plans.main.frame)
-        main = _seen_by_robots(by_chains, plans.main.frame, recalled)
+        main = recalled.narrow(found.placements, plans.main.frame)
     of_groups = [recalled.narrow(group.placements, group.frame) for group in found.groups]
     parts: list[tuple[Answer | Group, Left]] = [
         (found, main),
@@ -80,8 +78,7 @@ def narrow_answer(
     proved: tuple[Proved, ...] = ()
     placements = main.placements
     if plans.main is not None:
-        # What rests on all of the memory, as directions do, proves nothing of later answers.
-        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, by_chains))
+        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, main))
         placements = _hypotheses(main, plans.main, recalled, refit)
     answer = replace(
         found,
@@ -94,17 +91,6 @@ def narrow_answer(
     )
     ruled_out = tuple(text for _, left in parts for text in left.ruled_out)
     return NarrowedAnswer(answer, ruled_out, recalled.forgotten, proved)
-
-
-def _seen_by_robots(left: Left, frame: FixedFrame, recalled: Recollection) -> Left:
-    """Return what the directions in which two robots have each other leave of placements."""
-    directions, robots = recalled.directions, recalled.config.robots
-    if directions is None:
-        return left
-    span_s = recalled.snapshot.carried.span_s(PAIR)
-    cause = f'{" - ".join(robots)} over {span_s:.0f} s'
-    seen = sifted(left.placements, lambda one: (directions.leave(one, frame, robots), cause))
-    return Left(seen.placements, left.ruled_out + seen.ruled_out)
 
 
 def _hypotheses(

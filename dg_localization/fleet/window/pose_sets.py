@@ -16,13 +16,13 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
+from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between
-from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.bounds import squared_distance
-from dg_localization.pairs import Cover, PairOptions, count_agreeing, cover_poses
+from dg_localization.poses import Cover, PairOptions, count_agreeing, cover_poses
 
-RESOLUTION_M = 0.1
+RESOLUTION_M = 0.15
 MOST_BOXES = 1000
 
 
@@ -76,16 +76,14 @@ def place_robots(
     carried: CarriedWindow,
     allowance: Allowance,
     newest_s: float,
-    filters: PoseFilters,
+    earlier: EarlierSets,
 ) -> tuple[PoseSets, tuple[Forgotten, ...]]:
     """
     Return the pose sets of all robots that observed anchors in a window.
 
-    In the plane robots are followed from estimate to estimate, where that tells more.
-
     The pose sets of robots that observed each other are made, too, where nothing that is measured
-    now connects the two. Where outliers are tolerated, and not both are placed, they are always:
-    no single reading can be trusted then. They add nothing else.
+    now connects the two, and of two robots without anchors. Where outliers are tolerated, and not
+    both are placed, they are always: no single reading can be trusted then. They add nothing else.
 
     Parameters
     ----------
@@ -95,7 +93,7 @@ def place_robots(
         Divided among the sets.
     newest_s : float
         What robots observed of each other counts so long.
-    filters : PoseFilters
+    earlier : EarlierSets
         They go on to now.
 
     Returns
@@ -108,12 +106,14 @@ def place_robots(
     anchored = bool(snapshot.anchors.cores)
     robots_too = snapshot.config.window_outliers > 0
     apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
+    alone = not anchored and len(snapshot.config.robots) == 2
+    known = sorted(earlier.pairs.union(carried.pairs))
     pairs = [
         pair
-        for pair in carried.pairs
-        if (anchored if pair[0] == WORLD else robots_too or pair in apart)
+        for pair in known
+        if (anchored if pair[0] == WORLD else alone or robots_too or pair in apart)
     ]
-    filters.doubts.keep(carried.pairs, snapshot.stamp_s)
+    earlier.doubts.keep(known, snapshot.stamp_s)
     covers: dict[Pair, Cover] = {}
     forgotten: list[Forgotten] = []
     in_doubt: set[int] = set()
@@ -123,23 +123,23 @@ def place_robots(
         if not in_doubt.isdisjoint(pair) or (placed and pair not in apart):
             continue
         found = _place(
-            snapshot, carried, pair, filters, newest_s if pair in apart else math.inf, stopped
+            snapshot, carried, pair, earlier, newest_s if pair in apart else math.inf, stopped
         )
         if isinstance(found, Cover):
             stamps_s, complete = carried.stamps_s(pair), not stopped()
-            if filters.doubts.settled(pair, stamps_s, snapshot.stamp_s, complete):
+            if earlier.doubts.settled(pair, stamps_s, snapshot.stamp_s, complete):
                 if found.bounded:
                     covers[pair] = found
                 continue
         else:
-            is_new = not filters.doubts.about(pair)
-            agreed_s = filters.doubts.contradicted(pair, snapshot.stamp_s)
+            is_new = not earlier.doubts.about(pair)
+            agreed_s = earlier.doubts.contradicted(pair, snapshot.stamp_s)
             # What came late may be as old as this.
             after_s = agreed_s - snapshot.config.max_age_s
             forgotten.append(_what_contradicts(snapshot, pair, found.since_s, after_s))
             if pair[0] == WORLD and (is_new or agreed_s == -math.inf):
                 forgotten.append(_what_odometry_carries(snapshot, pair[1], agreed_s, is_new))
-        filters.set_back(pair)
+        earlier.set_back(pair)
         in_doubt |= {pair[1]} if pair[0] == WORLD else set()
     pose_sets = PoseSets(
         {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
@@ -168,7 +168,7 @@ def _place(
     snapshot: Snapshot,
     carried: CarriedWindow,
     pair: Pair,
-    filters: PoseFilters,
+    earlier: EarlierSets,
     newest_s: float,
     stopped: Callable[[], bool],
 ) -> Cover | _Contradiction:
@@ -177,10 +177,10 @@ def _place(
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
     height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
     followed = None
-    if pair[0] == WORLD and in_plane:
-        followed = filters.place(snapshot, pair[1], stopped)
+    if newest_s == math.inf:
+        followed = earlier.place(snapshot, pair, options, stopped)
     if followed is not None and not followed.empty:
-        return _unless_contradicted(snapshot, pair, followed)
+        return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, followed))
     readings = carried.readings_on_tracks(pair, newest_s)
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
@@ -192,7 +192,7 @@ def _place(
         return _Contradiction(None)
     if not cover.bounded:
         return cover
-    return _unless_contradicted(snapshot, pair, cover.moved(*carried.tracks(pair)))
+    return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, cover))
 
 
 def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover | _Contradiction:

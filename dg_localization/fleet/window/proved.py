@@ -21,8 +21,8 @@ from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.arrays import Interval
-from dg_localization.pairs.cover import arc_around
-from dg_localization.pairs.turns import HALF_TURN_UP, TURN, turned
+from dg_localization.poses.cover import arc_around
+from dg_localization.poses.turns import HALF_TURN_UP, TURN, turned
 
 FloatArray = NDArray[np.float64]
 
@@ -129,7 +129,7 @@ class CarriedPlacements:
         position.lower[:, origin] = position.upper[:, origin] = 0.0
         angle = yaw[:, origin]
         if frame.kind is not FrameKind.HEADING and len(frame.points) > 1:
-            angle = _directions(position[:, self._robots.index(frame.points[1])])
+            angle = directions_of(position[:, self._robots.index(frame.points[1])])
         turn = -angle[:, None]
         known = np.isfinite(position.lower) & np.isfinite(position.upper)
         finite = Interval(
@@ -214,7 +214,7 @@ def _carried(
     return Interval(lower, upper), Interval(yaws[:, :, 0], yaws[:, :, 1])
 
 
-def _directions(places: Interval) -> Interval:
+def directions_of(places: Interval) -> Interval:
     """Return the angles at which boxes (k, 3) are seen from the origin, shape (k,)."""
     low, high = places.lower[:, :2], places.upper[:, :2]
     around = np.all((low <= 0.0) & (high >= 0.0), axis=1)

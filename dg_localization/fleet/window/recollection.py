@@ -8,33 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
+from dg_localization.fleet.estimate import FixedFrame, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
+from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between, without
 from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
-from dg_localization.fleet.window.pair_filters import Directions, PairFilters
-from dg_localization.fleet.window.pose_filters import PoseFilters
 from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
 from dg_localization.fleet.window.proved import CarriedPlacements, Proved
 from dg_localization.fleet.window.shape_headings import (
-    COARSE_CELLS,
-    FINE_CELLS,
-    JOINT_BOXES,
-    LONE_BOXES,
-    Narrowed,
     narrow_placement,
     within_bounds,
 )
 from dg_localization.fleet.window.sifting import Left, parted, sifted
-from dg_localization.pairs import HeadingOptions, PairReadings
-from dg_localization.pairs.joint import PARTY
+from dg_localization.poses import PairOptions, PairReadings
 from dg_localization.solver.options import Cancel
 
 PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measured now'
@@ -50,9 +41,6 @@ Observations of a pair, and of all, that narrow headings: a pair has more of the
 few. More cost time and tell little more.
 """
 
-MOST_BEFORE_JOINT = 12
-"""Of these, for tables of headings that joint poses by all of them follow."""
-
 WINDOW_SHARE = 0.5
 """
 Of the memory, for what robots measured of each other. An estimate proves something of the next
@@ -61,6 +49,11 @@ one for the rest of it: nothing older than the memory has any effect.
 
 CHAIN_SHARE = 0.5
 """Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
+
+JOINT_RESOLUTION_M = 0.05
+COARSE_BOXES, FINE_BOXES = 32, 1000
+"""Boxes of the poses of a few robots together: few to rule out what is impossible, more to bound
+what is left."""
 
 MOST_REFINED = 16
 """Of more placements than these, the others get coarse headings only."""
@@ -91,8 +84,6 @@ class Recollection:
         Of the robots with pose sets, in space.
     in_doubt : tuple of str
         The robots of which nothing is said until newer measurements agree with the anchors.
-    directions : Directions or None
-        Where two robots without anchors have each other, by all of the memory.
 
     """
 
@@ -106,7 +97,6 @@ class Recollection:
     chains: tuple[CarriedPlacements | None, ...] = (None,)
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
-    directions: Directions | None = None
 
     @property
     def config(self) -> FleetConfig:
@@ -138,7 +128,7 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        known = self.readings or self.pose_sets.covers or self.directions
+        known = self.readings or self.pose_sets.any
         return not (known or any(self.chains))
 
     def narrow(self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0) -> Left:
@@ -161,20 +151,17 @@ class Recollection:
             return self._narrowed_in_space(placements, frame)
         stopped = self.allowance.part(len(self.chains) - chain)
         gone_on = _carried_on(placements, frame, self.chains[chain])
-        if self._cells == COARSE_CELLS and len(gone_on.placements) <= MOST_REFINED:
-            # Tables of all placements first would leave no time for joint poses.
-            options = HeadingOptions(COARSE_CELLS, max_rounds=1, most_readings=MOST_BEFORE_JOINT)
-            boxes = self._joint_boxes(frame)
-            refined = self._tried(gone_on.placements, frame, options, boxes, stopped)
-            return Left(refined.placements, gone_on.ruled_out + refined.ruled_out)
         outliers = self.config.window_outliers
-        options = HeadingOptions(COARSE_CELLS, outliers, max_rounds=1)
-        possible = self._tried(gone_on.placements, frame, options, 0, stopped)
-        most, others = parted(possible.placements, MOST_REFINED)
-        options = replace(options, cells=self._cells)
-        refined = self._tried(most, frame, options, self._joint_boxes(frame), stopped)
-        sentences = gone_on.ruled_out + possible.ruled_out + refined.ruled_out
-        return Left((*refined.placements, *others), sentences)
+        most, others = parted(gone_on.placements, MOST_REFINED)
+        sentences = gone_on.ruled_out
+        if others:
+            coarse = PairOptions(outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
+            possible = self._tried(gone_on.placements, frame, coarse, stopped)
+            most, others = parted(possible.placements, MOST_REFINED)
+            sentences += possible.ruled_out
+        options = PairOptions(outliers, JOINT_RESOLUTION_M, FINE_BOXES)
+        refined = self._tried(most, frame, options, stopped)
+        return Left((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _narrowed_in_space(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
         """Return the placements of robots among anchors; others are left as they are."""
@@ -186,58 +173,24 @@ class Recollection:
 
         return sifted(placements, narrow)
 
-    def _joint_boxes(self, frame: FixedFrame) -> int:
-        """Return how finely joint poses are divided; not where directions tell all of it."""
-        if self.directions is not None and self.directions.tell(frame, self.config.robots):
-            return 0
-        return LONE_BOXES if len(self.config.robots) <= PARTY else JOINT_BOXES
-
-    @property
-    def _cells(self) -> int:
-        """How finely tables resolve headings: joint poses know neither rays nor outliers."""
-        rays = any(np.isfinite(part.ray_errors_rad).any() for part in self.readings.values())
-        fine = rays or self.config.window_outliers or self.pose_sets.covers
-        return FINE_CELLS if fine else COARSE_CELLS
-
     def _tried(
         self,
         placements: Sequence[Placement],
         frame: FixedFrame,
-        options: HeadingOptions,
-        max_boxes: int,
+        options: PairOptions,
         stopped: Callable[[], bool],
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
+        robots = self.config.robots
 
         def narrow(placement: Placement) -> tuple[Placement | None, str]:
-            narrowed = self._narrow(placement, frame, options, max_boxes, stopped)
+            narrowed = narrow_placement(
+                placement, frame, robots, self.readings, self.pose_sets, options, stopped
+            )
             pair = narrowed.ruled_out_by
             return narrowed.placement, '' if pair is None else self._over(pair)
 
         return sifted(placements, narrow)
-
-    def _narrow(
-        self,
-        placement: Placement,
-        frame: FixedFrame,
-        options: HeadingOptions,
-        max_boxes: int,
-        stopped: Callable[[], bool],
-    ) -> Narrowed:
-        """Return what the window leaves of one of some placements."""
-        reference = 0
-        if frame.kind is FrameKind.HEADING:
-            reference = self.config.robots.index(frame.points[0])
-        return narrow_placement(
-            placement,
-            frame.kind,
-            reference,
-            self.readings,
-            self.pose_sets,
-            options,
-            max_boxes,
-            stopped,
-        )
 
     def _over(self, pair: Pair) -> str:
         """Return the name of a pair and for how long it has measured."""
@@ -290,8 +243,7 @@ def recall(
     snapshot: Snapshot,
     proved: Sequence[Proved],
     cancel: Cancel | None,
-    filters: PoseFilters | None = None,
-    pair_filters: PairFilters | None = None,
+    earlier: EarlierSets | None = None,
 ) -> Recollection:
     """
     Return what the window of a snapshot and earlier estimates say.
@@ -304,14 +256,14 @@ def recall(
     tolerates = config.window_outliers > 0 and config.memory_s > 0.0
     replaced = carried.links_among(snapshot.keys) if tolerates else frozenset()
     any_upright = any(map(config.is_upright, config.robots))
-    if not any_upright or not (snapshot.window.observations or proved):
+    earlier = earlier or EarlierSets()
+    if not any_upright or not (snapshot.window.observations or proved or earlier.pairs):
         return Recollection(snapshot, allowance, replaced=replaced)
     if allowance.part(1)():
         proved = ()
     newest_s = config.memory_s * WINDOW_SHARE
-    filters = filters or PoseFilters()
-    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, filters)
-    spans_s = {pair: carried.span_s(pair) for pair in carried.pairs}
+    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, earlier)
+    spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.pairs)}
     snapshot = without(snapshot, forgotten)
     carried = snapshot.carried
     recalled = Recollection(
@@ -321,11 +273,10 @@ def recall(
         pose_sets=pose_sets,
         replaced=replaced,
         forgotten=forgotten,
-        in_doubt=tuple(config.robots[robot] for robot in sorted(filters.doubts.robots)),
+        in_doubt=tuple(config.robots[robot] for robot in sorted(earlier.doubts.robots)),
     )
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
-    pair_filters = pair_filters or PairFilters()
     near = carried.near_pairs(MOST_PARTNERS, newest_s)
     most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
     return replace(
@@ -334,8 +285,7 @@ def recall(
         readings={
             pair: carried.readings(pair, most, newest_s)
             for pair in near
-            if not pose_sets.covers.keys() >= {*pair} and filters.doubts.robots.isdisjoint(pair)
+            if not pose_sets.covers.keys() >= {*pair} and earlier.doubts.robots.isdisjoint(pair)
         },
         chains=_chains(snapshot, proved),
-        directions=pair_filters.follow(snapshot, allowance.part(2)),
     )

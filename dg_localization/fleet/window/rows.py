@@ -6,16 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.window.memory import Observation
-from dg_localization.interval.arrays import Interval
-from dg_localization.pairs import NO_RAY_RAD
+from dg_localization.poses import NO_RAY_RAD
 
 AHEAD = np.array([1.0, 0.0, 0.0])
 
@@ -26,35 +23,6 @@ class Row(NamedTuple):
     observation: Observation
     seen_by_second: bool
     points: tuple[int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class BodyDistance:
-    """
-    Bounds of the distance from a point of one body to a point of another, at one time.
-
-    Parameters
-    ----------
-    stamp_s, lower_m, upper_m : float
-    arms_m : Interval, shape (2, 3)
-        Where on their bodies the points are.
-
-    """
-
-    stamp_s: float
-    lower_m: float
-    upper_m: float
-    arms_m: Interval
-
-    @property
-    def is_known(self) -> bool:
-        """Whether the bounds say anything."""
-        return self.lower_m > 0.0 or self.upper_m < math.inf
-
-    @property
-    def reach_m(self) -> float:
-        """How far the points are from the origins of their bodies together, about."""
-        return float(np.linalg.norm(self.arms_m.upper, axis=-1).sum())
 
 
 class Table(NamedTuple):
@@ -89,8 +57,3 @@ class Table(NamedTuple):
     def some(self, index: slice | NDArray[np.int64]) -> Table:
         """Return some of the rows."""
         return Table._make(column[index] for column in self)
-
-    def between(self, after_s: float, until_s: float) -> slice:
-        """Return the rows after a time and up to another."""
-        first, end = np.searchsorted(-self.stamps_s, [-until_s, -after_s])
-        return slice(int(first), int(end))

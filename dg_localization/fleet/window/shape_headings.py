@@ -4,48 +4,37 @@
 """
 Shape first, then headings: what a window tells of a placement of the moment.
 
-The placement bounds the places of the robots in some frame. Old observations, carried to now, then
-leave few headings, or none: such a placement is impossible, as a mirror image mostly is. Tables of
-headings take the pairs one by one; what they leave is narrowed by all pairs of a few robots.
+The placement bounds the places of the robots in some frame. Pose sets and old observations,
+carried to now, then leave few headings, or none: such a placement is impossible, as a mirror image
+mostly is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.frames.headings import Heading
 from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
-from dg_localization.fleet.window.proved import PoseBounds, heading_arcs, intersect_arcs
+from dg_localization.fleet.window.proved import (
+    PoseBounds,
+    directions_of,
+    heading_arcs,
+    intersect_arcs,
+)
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
-from dg_localization.pairs import (
-    HeadingOptions,
-    JointPoses,
-    PairReadings,
-    heading_cells,
-    narrow_headings,
-    narrow_jointly,
-)
+from dg_localization.poses import Cover, JointPoses, PairOptions, PairReadings, narrow_jointly
+from dg_localization.poses.cover import arc_around
+from dg_localization.poses.turns import HALF_TURN_UP, turned
 
 FloatArray = NDArray[np.float64]
-
-COARSE_CELLS = 32
-FINE_CELLS = 128
-"""Cells of the full turn: few to rule out what is impossible, more to bound what is left."""
-
-JOINT_BOXES = 96
-LONE_BOXES = 256
-"""
-Boxes of the poses of a few robots together, where these narrow each other; more where there are no
-others.
-"""
 
 KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
 """A heading in less than a half turn counts as known."""
@@ -71,88 +60,85 @@ class Narrowed:
 
 def narrow_placement(
     placement: Placement,
-    frame: FrameKind,
-    reference: int,
+    frame: FixedFrame,
+    robots: Sequence[str],
     readings: Mapping[Pair, PairReadings],
     pose_sets: PoseSets,
-    options: HeadingOptions,
-    max_boxes: int,
+    options: PairOptions,
     stopped: Callable[[], bool],
 ) -> Narrowed:
     """
-    Return what a window leaves of a placement.
+    Return what a window leaves of a placement of the moment in the plane.
 
-    Parameters
-    ----------
-    placement : Placement
-        Of the moment, in the plane.
-    frame : FrameKind
-        Of its coordinates.
-    reference : int
-        The robot whose body frame that is, where it is one.
-    readings : mapping of (int, int) to PairReadings
-        What pairs of robots observed of each other.
-    pose_sets : PoseSets
-        Of robots among anchors, where these make the frame.
-    options : HeadingOptions
-    max_boxes : int
-        For the joint poses of a few robots; none where zero, or where outliers are tolerated.
-    stopped : callable
-        Once it is true, what is found so far is returned.
-
-    Returns
-    -------
-    Narrowed
-
+    `readings` are what pairs of robots observed of each other. Once `stopped` is true, what is
+    found so far is returned.
     """
-    enclosure = placement.enclosure_m.copy()
-    known = _known_headings(placement, frame, reference, options.cells)
-    if frame is FrameKind.ANCHORS:
-        for robot, cover in pose_sets.covers.items():
-            part = poses_within(cover, *enclosure[robot])
-            if part.empty:
-                return Narrowed(None, (WORLD, robot))
-            known[robot] &= heading_cells(part.boxes[:, 0, 3], part.boxes[:, 1, 3], options.cells)
-            if not known[robot].any():
-                return Narrowed(None, (WORLD, robot))
-            position_m = part.position_m[:2]
-            enclosure[robot] = position_m.lower, position_m.upper
+    enclosure, arcs = placement.enclosure_m.copy(), heading_arcs(placement)
+    if frame.kind is FrameKind.HEADING:
+        arcs[robots.index(frame.points[0])] = 0.0
+    for pair, bounds in _bounds_of_sets(frame, robots, enclosure, pose_sets):
+        if bounds is None:
+            return Narrowed(None, pair)
+        enclosure[:, 0] = np.maximum(enclosure[:, 0], bounds.enclosure_m[:, 0])
+        enclosure[:, 1] = np.minimum(enclosure[:, 1], bounds.enclosure_m[:, 1])
+        arcs, met = intersect_arcs(arcs, bounds.arcs_rad)
+        if not np.all(met) or np.any(enclosure[:, 0] > enclosure[:, 1]):
+            return Narrowed(None, pair)
     lower, upper = np.zeros((2, len(enclosure), 3))
     lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
-    settled = pose_sets.covers if frame is FrameKind.ANCHORS else {}
+    settled = pose_sets.covers if frame.kind is FrameKind.ANCHORS else {}
     # Two robots that are known among the anchors tell each other little, and it takes long.
     useful = {pair: part for pair, part in readings.items() if not settled.keys() >= {*pair}}
-    found = narrow_headings(lower, upper, useful, options, known=known, stopped=stopped)
-    if not found.possible:
-        return Narrowed(None, found.ruled_out_by)
-    poses = _within_known(JointPoses.of(found), placement)
-    if max_boxes and not options.max_outliers:
-        poses = narrow_jointly(poses, useful, max_boxes, stopped=stopped)
-        if not poses.possible:
-            return Narrowed(None, poses.ruled_out_by)
+    poses = narrow_jointly(JointPoses(lower, upper, arcs), useful, options, stopped=stopped)
+    if not poses.possible:
+        return Narrowed(None, poses.ruled_out_by)
     enclosure[:, 0], enclosure[:, 1] = poses.lower_m[:, :2], poses.upper_m[:, :2]
     return Narrowed(within_bounds(placement, PoseBounds(enclosure, poses.arcs_rad)))
 
 
-def _known_headings(
-    placement: Placement, frame: FrameKind, reference: int, cells: int
-) -> NDArray[np.bool_]:
-    """Return the cells that may hold each heading by the rays of the moment."""
-    known = np.ones((len(placement.heading_known), cells), bool)
-    arcs = heading_arcs(placement)
-    for robot in np.flatnonzero(placement.heading_known):
-        known[robot] = heading_cells(arcs[robot, 0], arcs[robot, 1], cells)
-    if frame is FrameKind.HEADING:
-        known[reference] = heading_cells(0.0, 0.0, cells)
-    return known
+def _bounds_of_sets(
+    frame: FixedFrame, robots: Sequence[str], enclosure_m: FloatArray, pose_sets: PoseSets
+) -> Iterator[tuple[Pair, PoseBounds | None]]:
+    """Yield what each pose set leaves of poses in a frame; None where nothing is left."""
+    nothing = np.tile([[-math.inf], [math.inf]], (len(robots), 1, 2))
+    any_way = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (len(robots), 1))
+    if frame.kind is FrameKind.ANCHORS:
+        for robot, cover in pose_sets.covers.items():
+            part = poses_within(cover, *enclosure_m[robot])
+            bounds = None
+            if not part.empty:
+                bounds = PoseBounds(nothing.copy(), any_way.copy())
+                position_m = part.position_m[:2]
+                bounds.enclosure_m[robot] = position_m.lower, position_m.upper
+                bounds.arcs_rad[robot] = part.hull.yaw_rad
+            yield (WORLD, robot), bounds
+    elif len(robots) == 2 and {*frame.points} <= {*robots}:
+        for pair, cover in pose_sets.relative.items():
+            yield pair, None if cover.empty else _two_robots(frame, robots, cover)
 
 
-def _within_known(poses: JointPoses, placement: Placement) -> JointPoses:
-    """Return poses with their headings within those that are known, finer than cells are."""
-    known = heading_arcs(placement)
-    arcs, met = intersect_arcs(poses.arcs_rad, known)
-    # Arcs that have only a rounded end in common are left as they are.
-    return replace(poses, arcs_rad=np.where(met[:, None], arcs, known))
+def _two_robots(frame: FixedFrame, robots: Sequence[str], cover: Cover) -> PoseBounds:
+    """Return bounds of the poses of two robots in a frame of theirs, by a cover of the second."""
+    boxes = cover.boxes
+    place = Interval(boxes[:, 0, :3], boxes[:, 1, :3])
+    yaw = Interval(boxes[:, 0, 3], boxes[:, 1, 3])
+    origin = robots.index(frame.points[0])
+    none = Interval.point(np.zeros(len(boxes)))
+    if frame.kind is FrameKind.HEADING:
+        turn = none if origin == 0 else -yaw
+    else:
+        turn = -directions_of(place)
+        if origin == 1:
+            turn = turn + Interval.point(np.array([math.pi]))
+    other = turned(turn, place)
+    if origin == 1:
+        other = -other
+    enclosure_m = np.zeros((2, 2, 2))
+    enclosure_m[1 - origin, 0] = other.lower[:, :2].min(axis=0)
+    enclosure_m[1 - origin, 1] = other.upper[:, :2].max(axis=0)
+    second = yaw + turn
+    arcs = [arc_around(turn.lower, turn.upper), arc_around(second.lower, second.upper)]
+    return PoseBounds(enclosure_m, np.array(arcs))
 
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:

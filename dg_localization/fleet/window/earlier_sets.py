@@ -1,0 +1,223 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Earlier pose sets: what was known of two bodies, carried to now by odometry, is one more factor.
+
+Seen from now, the errors of the odometry count anew for each old reading. An earlier set was made
+where these readings were young, and is carried from there in one step: so new readings cut it, and
+not all that there is. A set lives for `FleetConfig.memory_s`, while the next one grows beside it:
+what is older has no effect, unless nothing newer bounds the pose. So no body is lost in a gap of
+readings, for as long as odometry arrives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from copy import copy
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.carry import WORLD, Pair
+from dg_localization.fleet.window.forgetting import Doubts, Forgotten
+from dg_localization.poses import Cover, PairOptions, PairReadings, cover_poses
+
+STEPS = 30
+"""In a memory: after one of these a set is replaced by the newer one that was made with it."""
+
+OVERLAP = 1.0 / 3.0
+"""Of the memory: readings that cut again what they have cut where the bodies were before."""
+
+START = 1.0 / 9.0
+"""Of the memory: the readings that a set starts from, which is to live for the rest of it."""
+
+MOST_CARRIED = 240
+"""Boxes of a set that is carried."""
+
+
+@dataclass(frozen=True)
+class EarlierSet:
+    """
+    The poses of the tracks of two bodies at a time, by all that they observed since another.
+
+    Parameters
+    ----------
+    since_s : float
+        Older observations have no effect.
+    stamp_s : float
+    samples_s : tuple of float
+        The stamps of the samples of the odometries at which the tracks are; NaN of the world.
+    cover : Cover
+
+    """
+
+    since_s: float
+    stamp_s: float
+    samples_s: tuple[float, ...]
+    cover: Cover
+
+
+class EarlierSets:
+    """
+    The earlier sets of all pairs of bodies, the oldest first, in the thread of the estimates.
+
+    Attributes
+    ----------
+    doubts : Doubts
+        Which pairs of bodies contradict themselves.
+
+    """
+
+    def __init__(self) -> None:
+        self.doubts = Doubts()
+        self._before: dict[Pair, tuple[EarlierSet, ...]] = {}
+        self._sets: dict[Pair, tuple[EarlierSet, ...]] = {}
+
+    @property
+    def pairs(self) -> frozenset[Pair]:
+        """The pairs of bodies that have a set."""
+        return frozenset(pair for pair, known in self._sets.items() if known)
+
+    def copied(self) -> EarlierSets:
+        """Return the same sets; what changes one does not change the other."""
+        other = copy(self)
+        other.doubts = self.doubts.copied()
+        other._before, other._sets = dict(self._before), dict(self._sets)
+        return other
+
+    def place(
+        self, snapshot: Snapshot, pair: Pair, options: PairOptions, stopped: Callable[[], bool]
+    ) -> Cover | None:
+        """
+        Return the poses of the tracks of a pair now, by its readings and earlier sets.
+
+        None where there is no earlier set: then all readings together tell as much.
+        """
+        self._before[pair] = self._sets.get(pair, ())
+        step = _Step(snapshot, pair, options, stopped)
+        known = [one for one in self._before[pair] if step.goes_on(one)]
+        if len(known) > 1 and known[0].since_s < step.oldest_s:
+            known = known[1:]
+        if not known:
+            self._sets[pair] = step.started(-math.inf)
+            return None
+        oldest = step.taken(known[0])
+        if oldest is None:
+            self._sets[pair] = step.started(-math.inf)
+            return None
+        if step.is_due(known[0]):
+            younger = [found for one in known[1:] if (found := step.taken(one)) is not None]
+            if not younger and known[0].since_s < step.half_s:
+                younger += step.started(snapshot.stamp_s - START * snapshot.config.memory_s)
+            known = [oldest, *younger]
+        self._sets[pair] = tuple(known)
+        return oldest.cover
+
+    def set_back(self, pair: Pair) -> None:
+        """Undo the last `place` of a pair: what it measured since is in doubt."""
+        if pair in self._before:
+            self._sets[pair] = self._before[pair]
+
+    def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:
+        """Drop the sets that know of observations that are forgotten."""
+        for item in forgotten:
+            bodies = {frozenset(map(config.robot_of, ends)) for ends in item.ends}
+            for pair, known in self._sets.items():
+                if any(_are_of(config, pair, ends) for ends in bodies):
+                    self._sets[pair] = tuple(
+                        one
+                        for one in known
+                        if one.since_s >= item.before_s or one.stamp_s <= item.after_s
+                    )
+
+
+def _are_of(config: FleetConfig, pair: Pair, bodies: frozenset[str]) -> bool:
+    """Return whether two bodies, by their names, are those of a pair."""
+    names = [config.robots[body] for body in pair if body != WORLD]
+    others = bodies.difference(names)
+    return bodies.issuperset(names) and (others <= config.anchors.keys())
+
+
+class _Step:
+    """The way of a pair of bodies from an earlier time to that of a snapshot."""
+
+    def __init__(
+        self, snapshot: Snapshot, pair: Pair, options: PairOptions, stopped: Callable[[], bool]
+    ) -> None:
+        config, self._carried = snapshot.config, snapshot.carried
+        self._now_s, self._pair, self._options = snapshot.stamp_s, pair, options
+        self._in_plane, self._stopped = config.dimension == 2, stopped
+        self.oldest_s = self._now_s - config.memory_s
+        self.half_s = self._now_s - 0.5 * config.memory_s
+        self.overlap_s = OVERLAP * config.memory_s
+        self._step_s = config.memory_s / STEPS
+        self._paths = [None if body == WORLD else self._carried.path(body) for body in pair]
+        self.stamps_s = self._carried.stamps_s(pair)
+        self._readings: PairReadings | None = None
+
+    def goes_on(self, known: EarlierSet) -> bool:
+        """Return whether a set is of the past, and all odometry since then is known."""
+        there = [
+            path is None or bool(np.any(path.stamps_s == sample_s))
+            for path, sample_s in zip(self._paths, known.samples_s, strict=True)
+        ]
+        return all(there) and known.stamp_s <= self._now_s
+
+    def is_due(self, known: EarlierSet) -> bool:
+        """Return whether it is time for a newer set: without new readings it is no better."""
+        age_s = self._now_s - known.stamp_s
+        if not np.any(self.stamps_s > known.stamp_s):
+            return age_s >= (1.0 - OVERLAP) * (self._now_s - self.oldest_s)
+        return age_s >= self._step_s
+
+    def started(self, after_s: float) -> tuple[EarlierSet, ...]:
+        """Return a set by readings after a time alone, if they bound the pose."""
+        height_m = (0.0, 0.0) if self._in_plane else (-math.inf, math.inf)
+        chosen = np.flatnonzero(self.stamps_s > after_s)
+        if len(chosen) <= self._options.max_outliers:
+            return ()
+        cover = cover_poses(
+            self._all_readings()[chosen], self._options, height_m=height_m, stopped=self._stopped
+        )
+        if cover.empty or not cover.bounded:
+            return ()
+        return (self._now(float(self.stamps_s[chosen].min()), cover),)
+
+    def taken(self, known: EarlierSet) -> EarlierSet | None:
+        """
+        Return a set at the time of the snapshot, cut by the readings since and some before.
+
+        None where odometry does not bound the way.
+        """
+        (first, second), (first_s, second_s) = self._paths, known.samples_s
+        assert second is not None
+        ahead = second.track_step(second_s, self._now_s)
+        back = None if first is None else first.track_back(first_s, self._now_s)
+        carried = known.cover.carried(ahead.pose, ahead.ball_m, back, self._in_plane)
+        if carried is None:
+            return None
+        cover = carried.coarsened(MOST_CARRIED)
+        after_s = max(known.since_s, known.stamp_s - self.overlap_s)
+        chosen = np.flatnonzero(self.stamps_s >= after_s)
+        if len(chosen):
+            cover = cover_poses(
+                self._all_readings()[chosen], self._options, within=cover, stopped=self._stopped
+            )
+        return self._now(known.since_s, cover)
+
+    def _now(self, since_s: float, cover: Cover) -> EarlierSet:
+        """Return a set of poses of the tracks now."""
+        samples_s = [
+            math.nan if path is None else path.sample_s(self._now_s) for path in self._paths
+        ]
+        return EarlierSet(since_s, self._now_s, tuple(samples_s), cover)
+
+    def _all_readings(self) -> PairReadings:
+        """Return all readings of the window, seen from the tracks now."""
+        if self._readings is None:
+            self._readings = self._carried.readings_on_tracks(self._pair)
+        return self._readings

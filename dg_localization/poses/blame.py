@@ -1,0 +1,106 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Which readings of a window are to blame where not all of them agree.
+
+A set that tolerates k wrong readings is covered by boxes. The readings that rule out all of a box
+are wrong if the poses of the two bodies are in it: in the box that holds the true ones, only wrong
+readings do so. The smallest such sets are the suspects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dg_localization.interval.environment import default_environment
+from dg_localization.interval.kernels import kernel
+from dg_localization.poses.cover import Cover
+from dg_localization.poses.cuts import W_SIZE, cut_box
+from dg_localization.poses.half_spaces import RULED_OUT, VIEW, view_box
+from dg_localization.poses.readings import PairReadings
+from dg_localization.poses.search import PairOptions, cover_poses
+
+FEW_BOXES = 64
+"""Boxes in which all readings may agree are looked at more closely, but not for long."""
+
+CHUNK = 64
+"""Boxes looked at together."""
+
+
+@kernel
+def rule_out(boxes: np.ndarray, table: np.ndarray, ruled_out: np.ndarray) -> None:
+    """
+    Find which readings rule out all of which boxes.
+
+    Parameters
+    ----------
+    boxes : numpy.ndarray, shape (n, 2, 4)
+    table : numpy.ndarray, shape (m, COLUMNS)
+    ruled_out : numpy.ndarray of bool, shape (n, m)
+        Receives the result.
+
+    """
+    view, faces = np.empty((2, VIEW)), np.empty((2, 4))
+    smear, w = np.zeros(4), np.empty(W_SIZE)
+    for number in range(boxes.shape[0]):
+        view_box(boxes[number], view)
+        for index in range(table.shape[0]):
+            state = cut_box(faces, smear, w, boxes[number], view, table[index])
+            ruled_out[number, index] = state == RULED_OUT
+
+
+@default_environment()
+def find_suspects(
+    readings: PairReadings, cover: Cover, *, stopped: Callable[[], bool] = lambda: False
+) -> NDArray[np.intp]:
+    """
+    Return the readings that explain why not all of them agree.
+
+    Parameters
+    ----------
+    readings : PairReadings
+    cover : Cover
+        Of the poses that all but some number of them allow.
+    stopped : callable, optional
+        Asked between bounded steps; once it is true, what is not proved by then is not said.
+
+    Returns
+    -------
+    numpy.ndarray of int
+        Indices into the readings, ascending; empty where it is not proved that some contradict
+        the others. Otherwise some reading is wrong, and with as many wrong readings as the cover
+        tolerates, all that rule out the box of the true poses are among them, unless some of these
+        alone rule out another box. Where only several together rule out that box, none of them
+        need be: a reading that is off by little more than its bound may not be named.
+
+    """
+    table = readings.table
+    ruled_out = np.zeros((len(cover), len(readings)), np.bool_)
+    parts = math.ceil(len(cover) / CHUNK)
+    for part in range(parts):
+        # Spread over the cover: where all agree somewhere, the first part mostly shows it.
+        chosen = slice(part, None, parts)
+        boxes, found = np.ascontiguousarray(cover.boxes[chosen]), ruled_out[chosen].copy()
+        rule_out(boxes, table, found)
+        ruled_out[chosen] = found
+        if _agree_within(readings, boxes[~found.any(axis=1)], stopped):
+            return np.empty(0, np.intp)
+    sets = np.unique(ruled_out[ruled_out.any(axis=1)], axis=0)
+    sizes = sets.sum(axis=1)
+    # A set is smallest where no other is a part of it: they share as many as the other has.
+    shared = sets.astype(np.int64) @ sets.T.astype(np.int64)
+    contains = (shared == sizes[None]) & (sizes[None] < sizes[:, None])
+    return np.flatnonzero(sets[~contains.any(axis=1)].any(axis=0))
+
+
+def _agree_within(readings: PairReadings, boxes: np.ndarray, stopped: Callable[[], bool]) -> bool:
+    """Return whether all readings may agree somewhere in some boxes."""
+    if not len(boxes):
+        return False
+    options = PairOptions(max_boxes=max(FEW_BOXES, 2 * len(boxes)))
+    return not cover_poses(readings, options, within=Cover(boxes), stopped=stopped).empty

@@ -1,0 +1,295 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What one reading rules out of a box of poses: kernels.
+
+The pose (p, yaw) of a body puts its point a at p + R(yaw) a. A reading relates the point a of
+body A to the point b of body B by w, the way from the first to the second: its length is a
+distance, its direction a ray. Both are half-spaces of w, or are bounded by one within a box:
+
+- |w| <= d: u.w <= d for every unit vector u;
+- |w| >= d: within a box, w strays from u's line by T at most, and (u.w)^2 >= d^2 - T^2;
+- w within an angle eta of a unit vector n: (sin(eta) n + cos(eta) t).w >= 0 for every unit vector
+  t perpendicular to n (eta < pi/2), where n and t turn with the body that measured the ray.
+
+To first order a half-space of w is one of the poses about the center of the box; what is left of
+the rotations is bounded by their second and third derivatives. Cutting the box with it is sharp to
+second order, so few boxes have to be halved.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import down, sqrt_down, square_down, square_up, up
+from dg_localization.poses.half_spaces import (
+    CENTER,
+    COSINE,
+    HALF,
+    HIGH,
+    LOW,
+    RADIUS,
+    RULED_OUT,
+    SETTLED,
+    SINE,
+    SIZE,
+    UNDECIDED,
+    YAW,
+    X,
+    Y,
+    Z,
+    beyond_first_order,
+    cut,
+    reach_of,
+    spread,
+    with_error,
+)
+
+# Columns of the table of readings; three each where components follow.
+A, A_ERROR, B, B_ERROR = 0, 3, 6, 9
+NEAREST, FARTHEST = 12, 13
+RAY, ACROSS, UPRIGHT = 14, 17, 20
+RAY_SINE, RAY_COSINE, OBSERVER = 23, 24, 25
+A_RADIUS, B_RADIUS, ERROR_RADIUS, TERMS = 26, 27, 28, 29
+A_BODY, B_BODY, GROUP = 30, 31, 32
+COLUMNS = 33
+
+NO_RAY, BY_A, BY_B = 0.0, 1.0, 2.0
+"""Who measured the ray of a reading."""
+
+# Between these lengths a normalized vector has length 1 to within a few units, and nothing
+# overflows. Longer ones say nothing.
+_SHORTEST = 1e-140
+_LONGEST = 1e140
+
+# The vector w at the center of the box: itself, the parts that turn with the two bodies, its
+# length, a bound of all absolute terms in it anywhere in the box, and how far it strays there.
+W, TURNED_A, TURNED_B, NORM, MAGNITUDE, BALL = 0, 3, 5, 7, 8, 9
+W_SIZE = 10
+
+
+@kernel(inlined=True)
+def _error_along(
+    body: np.ndarray, row: np.ndarray, error: int, cx: float, cy: float, cz: float
+) -> float:
+    """Bound what the error of the point of a body adds to c.w anywhere in the box."""
+    along_x = body[COSINE] * cx + body[SINE] * cy
+    along_y = body[COSINE] * cy - body[SINE] * cx
+    drift = body[HALF + YAW] * (abs(cx) + abs(cy)) * (row[error] + row[error + 1])
+    return (
+        abs(along_x) * row[error]
+        + abs(along_y) * row[error + 1]
+        + abs(cz) * row[error + 2]
+        + drift
+    )
+
+
+@kernel(inlined=True)
+def _cut_distance(
+    faces: np.ndarray,
+    smear: np.ndarray,
+    box: np.ndarray,
+    view: np.ndarray,
+    bodies: tuple[int, int],
+    row: np.ndarray,
+    w: np.ndarray,
+) -> int:
+    """Cut off where the distance of the two points is not the measured one."""
+    a, b = bodies
+    norm, ball, nearest, farthest = w[NORM], w[BALL], row[NEAREST], row[FARTHEST]
+    ux, uy, uz = 1.0, 0.0, 0.0
+    aligned = _SHORTEST < norm < _LONGEST
+    if aligned:
+        inverse = 1.0 / norm
+        ux, uy, uz = w[W] * inverse, w[W + 1] * inverse, w[W + 2] * inverse
+    data = _error_along(view[a], row, A_ERROR, ux, uy, uz)
+    data += _error_along(view[b], row, B_ERROR, ux, uy, uz)
+    if norm + ball <= farthest + data and norm - ball >= nearest - data:
+        return SETTLED
+    value_a = -ux * w[TURNED_A] - uy * w[TURNED_A + 1]
+    slope_a = ux * w[TURNED_A + 1] - uy * w[TURNED_A]
+    value_b = ux * w[TURNED_B] + uy * w[TURNED_B + 1]
+    slope_b = uy * w[TURNED_B] - ux * w[TURNED_B + 1]
+    half_a, half_b = view[a, HALF + YAW], view[b, HALF + YAW]
+    slopes = (ux, uy, uz, slope_a, slope_b)
+    if ball < norm:
+        spread(smear, view, bodies, slopes)
+    else:
+        spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
+    along = ux * w[W] + uy * w[W + 1] + uz * w[W + 2]
+    reach = reach_of(view, bodies, slopes)
+    below = data + beyond_first_order(half_a, value_a, slope_a)
+    below += beyond_first_order(half_b, value_b, slope_b)
+    if farthest < math.inf:
+        room = with_error(farthest - along + below, w[MAGNITUDE] + farthest)
+        if cut(faces, box, view, bodies, reach, slopes, room):
+            return RULED_OUT
+    stray = with_error(ball + row[ERROR_RADIUS], w[MAGNITUDE])
+    if aligned and nearest > stray:
+        least = sqrt_down(down(square_down(nearest) - square_up(stray)))
+        if with_error(reach + below - along, w[MAGNITUDE] + reach) < least:
+            above = data + beyond_first_order(half_a, -value_a, slope_a)
+            above += beyond_first_order(half_b, -value_b, slope_b)
+            room = with_error(along - least + above, w[MAGNITUDE] + nearest)
+            if cut(faces, box, view, bodies, reach, (-ux, -uy, -uz, -slope_a, -slope_b), room):
+                return RULED_OUT
+    return UNDECIDED
+
+
+@kernel(inlined=True)
+def _cut_side(
+    faces: np.ndarray,
+    smear: np.ndarray,
+    box: np.ndarray,
+    view: np.ndarray,
+    bodies: tuple[int, int],
+    row: np.ndarray,
+    w: np.ndarray,
+    cx: float,
+    cy: float,
+    cz: float,
+) -> int:
+    """
+    Cut off what violates c.v <= 0, where v is the way to the target as the observer sees it.
+
+    With the origin o and the yaw of the observer it is (R(yaw) c).(target - o) - c.sensor: both
+    factors of the product move. Their changes multiplied are bounded by `drift`.
+    """
+    by_a = row[OBSERVER] == BY_A
+    observer, target = bodies if by_a else (bodies[1], bodies[0])
+    sign = 1.0 if by_a else -1.0
+    turned_observer, turned_target = (TURNED_A, TURNED_B) if by_a else (TURNED_B, TURNED_A)
+    error_observer, error_target = (A_ERROR, B_ERROR) if by_a else (B_ERROR, A_ERROR)
+    cosine, sine = view[observer, COSINE], view[observer, SINE]
+    x, y = cosine * cx - sine * cy, sine * cx + cosine * cy
+    half_observer, half_target = view[observer, HALF + YAW], view[target, HALF + YAW]
+    to_x = sign * w[W] + w[turned_observer]
+    to_y = sign * w[W + 1] + w[turned_observer + 1]
+    value_observer, slope_observer = x * to_x + y * to_y, x * to_y - y * to_x
+    target_x, target_y = w[turned_target], w[turned_target + 1]
+    value_target, slope_target = x * target_x + y * target_y, y * target_x - x * target_y
+    least = -sign * (x * w[W] + y * w[W + 1] + cz * w[W + 2])
+    least += _error_along(view[target], row, error_target, x, y, cz)
+    least += abs(cx) * row[error_observer] + abs(cy) * row[error_observer + 1]
+    least += abs(cz) * row[error_observer + 2]
+    drift = view[target, HALF + X] + view[target, HALF + Y]
+    drift += view[observer, HALF + X] + view[observer, HALF + Y]
+    drift += row[error_target] + row[error_target + 1]
+    drift += half_target * (abs(target_x) + abs(target_y))
+    slack = drift * half_observer * (abs(cx) + abs(cy))
+    slack += beyond_first_order(half_observer, value_observer, slope_observer)
+    slack += beyond_first_order(half_target, value_target, slope_target)
+    if by_a:
+        slopes = (x, y, cz, slope_observer, slope_target)
+    else:
+        slopes = (-x, -y, -cz, slope_target, slope_observer)
+    reach = reach_of(view, bodies, slopes)
+    if least - slack >= reach:
+        return SETTLED
+    spread(smear, view, bodies, slopes)
+    if cut(faces, box, view, bodies, reach, slopes, with_error(least + slack, w[MAGNITUDE])):
+        return RULED_OUT
+    return UNDECIDED
+
+
+@kernel(inlined=True)
+def _cut_ray(
+    faces: np.ndarray,
+    smear: np.ndarray,
+    box: np.ndarray,
+    view: np.ndarray,
+    bodies: tuple[int, int],
+    row: np.ndarray,
+    w: np.ndarray,
+) -> int:
+    """Cut off where the target is not within the cone about the measured ray."""
+    by_a = row[OBSERVER] == BY_A
+    observer = bodies[0] if by_a else bodies[1]
+    sign = 1.0 if by_a else -1.0
+    cosine, sine = sign * view[observer, COSINE], sign * view[observer, SINE]
+    vx, vy = cosine * w[W] + sine * w[W + 1], cosine * w[W + 1] - sine * w[W]
+    vz = sign * w[W + 2]
+    a = vx * row[ACROSS] + vy * row[ACROSS + 1] + vz * row[ACROSS + 2]
+    b = vx * row[UPRIGHT] + vy * row[UPRIGHT + 1] + vz * row[UPRIGHT + 2]
+    if b == 0.0:
+        a = 1.0
+    else:
+        norm = math.sqrt(a * a + b * b)
+        if _SHORTEST < norm < _LONGEST:
+            a, b = a / norm, b / norm
+        else:
+            a, b = 1.0, 0.0
+    # In the plane a cone has two sides.
+    flat = view[bodies[0], HALF + Z] == 0.0 and view[bodies[1], HALF + Z] == 0.0
+    sides = 2 if b == 0.0 and flat else 4
+    result = SETTLED
+    for _side in range(sides):
+        cx = row[RAY_COSINE] * (a * row[ACROSS] + b * row[UPRIGHT]) - row[RAY_SINE] * row[RAY]
+        cy = row[RAY_COSINE] * (a * row[ACROSS + 1] + b * row[UPRIGHT + 1])
+        cy -= row[RAY_SINE] * row[RAY + 1]
+        cz = row[RAY_COSINE] * (a * row[ACROSS + 2] + b * row[UPRIGHT + 2])
+        cz -= row[RAY_SINE] * row[RAY + 2]
+        state = _cut_side(faces, smear, box, view, bodies, row, w, cx, cy, cz)
+        if state == RULED_OUT:
+            return RULED_OUT
+        if state == UNDECIDED:
+            result = UNDECIDED
+        if sides == 2:
+            a, b = -a, -b
+        else:
+            a, b = -b, a
+    return result
+
+
+@kernel(inlined=True)
+def _place(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray) -> None:
+    """Write the vector w at the center of the box, and what goes with it."""
+    a, b = view[bodies[0]], view[bodies[1]]
+    w[TURNED_A] = a[COSINE] * row[A] - a[SINE] * row[A + 1]
+    w[TURNED_A + 1] = a[SINE] * row[A] + a[COSINE] * row[A + 1]
+    w[TURNED_B] = b[COSINE] * row[B] - b[SINE] * row[B + 1]
+    w[TURNED_B + 1] = b[SINE] * row[B] + b[COSINE] * row[B + 1]
+    w[W] = b[CENTER + X] + w[TURNED_B] - a[CENTER + X] - w[TURNED_A]
+    w[W + 1] = b[CENTER + Y] + w[TURNED_B + 1] - a[CENTER + Y] - w[TURNED_A + 1]
+    w[W + 2] = b[CENTER + Z] + row[B + 2] - a[CENTER + Z] - row[A + 2]
+    w[NORM] = math.sqrt(w[W] * w[W] + w[W + 1] * w[W + 1] + w[W + 2] * w[W + 2])
+    w[MAGNITUDE] = a[SIZE] + a[RADIUS] + b[SIZE] + b[RADIUS] + row[TERMS]
+    turns = up(up(row[A_RADIUS] * a[HALF + YAW]) + up(row[B_RADIUS] * b[HALF + YAW]))
+    w[BALL] = up(up(a[RADIUS] + b[RADIUS]) + turns)
+
+
+@kernel(borrows=True)
+def cut_box(
+    faces: np.ndarray,
+    smear: np.ndarray,
+    w: np.ndarray,
+    box: np.ndarray,
+    view: np.ndarray,
+    row: np.ndarray,
+) -> int:
+    """
+    Return UNDECIDED, SETTLED or RULED_OUT: what one reading says of a box.
+
+    Writes the faces of what is left to `faces` (2, 4 n), and raises `smear` (4 n) to how much the
+    reading changes along each axis of the box, in m. `w` (W_SIZE) is room to work in.
+    """
+    for axis in range(box.shape[1]):
+        faces[LOW, axis], faces[HIGH, axis] = box[LOW, axis], box[HIGH, axis]
+    bodies = (int(row[A_BODY]), int(row[B_BODY]))
+    _place(view, bodies, row, w)
+    if not w[MAGNITUDE] < _LONGEST:
+        return UNDECIDED
+    result = SETTLED
+    if row[NEAREST] > 0.0 or row[FARTHEST] < math.inf:
+        result = _cut_distance(faces, smear, box, view, bodies, row, w)
+    if row[OBSERVER] != NO_RAY and result != RULED_OUT:
+        state = _cut_ray(faces, smear, box, view, bodies, row, w)
+        result = state if state != SETTLED else result
+    for axis in range(box.shape[1]):
+        if faces[LOW, axis] > faces[HIGH, axis]:
+            return RULED_OUT
+    return result

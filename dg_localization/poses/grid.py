@@ -1,0 +1,100 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The common parts of the boxes of a cover and the cells of a grid: kernels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dg_localization.interval.kernels import kernel
+from dg_localization.poses.half_spaces import HIGH, LOW, YAW, X, Y, Z
+
+
+@kernel(borrows=True)
+def _edge(low: float, high: float, number: int, count: int) -> float:
+    """Return an edge of the cells between two numbers; the outer ones are these numbers."""
+    if number == 0:
+        return low
+    return high if number == count else low + (high - low) * (number / count)
+
+
+@kernel(borrows=True)
+def _first_and_last(
+    box: np.ndarray, low: np.ndarray, high: np.ndarray, axis: int, count: int
+) -> tuple[int, int]:
+    """Return the first and the last cell along an axis that may have a point of the box."""
+    width = high[axis] - low[axis]
+    if not width > 0.0:
+        return 0, count - 1
+    first = math.floor(count * ((box[LOW, axis] - low[axis]) / width)) - 1
+    last = math.floor(count * ((box[HIGH, axis] - low[axis]) / width)) + 1
+    return max(0, first), min(count - 1, last)
+
+
+@kernel(borrows=True)
+def _add(
+    cell: np.ndarray,
+    box: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    place: tuple[int, int, int, int],
+    shape: np.ndarray,
+) -> None:
+    """Widen the hull of a cell by what it has in common with a box."""
+    for axis in range(4):
+        start = _edge(low[axis], high[axis], place[axis], shape[axis])
+        end = _edge(low[axis], high[axis], place[axis] + 1, shape[axis])
+        if box[LOW, axis] > end or box[HIGH, axis] < start:
+            return
+    for axis in range(4):
+        start = _edge(low[axis], high[axis], place[axis], shape[axis])
+        end = _edge(low[axis], high[axis], place[axis] + 1, shape[axis])
+        cell[LOW, axis] = min(cell[LOW, axis], max(box[LOW, axis], start))
+        cell[HIGH, axis] = max(cell[HIGH, axis], min(box[HIGH, axis], end))
+
+
+@kernel(borrows=True)
+def _add_all(
+    cells: np.ndarray, boxes: np.ndarray, low: np.ndarray, high: np.ndarray, shape: np.ndarray
+) -> None:
+    """Widen the hulls of all cells by what they have in common with the boxes."""
+    for number in range(boxes.shape[0]):
+        box = boxes[number]
+        x, last_x = _first_and_last(box, low, high, X, shape[X])
+        first_y, last_y = _first_and_last(box, low, high, Y, shape[Y])
+        first_z, last_z = _first_and_last(box, low, high, Z, shape[Z])
+        first_yaw, last_yaw = _first_and_last(box, low, high, YAW, shape[YAW])
+        for i in range(x, last_x + 1):
+            for j in range(first_y, last_y + 1):
+                for k in range(first_z, last_z + 1):
+                    for m in range(first_yaw, last_yaw + 1):
+                        cell = ((i * shape[Y] + j) * shape[Z] + k) * shape[YAW] + m
+                        _add(cells[cell], box, low, high, (i, j, k, m), shape)
+
+
+def fill_cells(
+    boxes: np.ndarray, low: np.ndarray, high: np.ndarray, shape: np.ndarray
+) -> np.ndarray:
+    """
+    Return, for each cell that has any, the hull of its points in boxes.
+
+    Parameters
+    ----------
+    boxes : numpy.ndarray, shape (n, 2, 4)
+    low, high : numpy.ndarray, shape (4,)
+        Bounds of all boxes.
+    shape : numpy.ndarray of int, shape (4,)
+        How many cells there are along each axis.
+
+    Returns
+    -------
+    numpy.ndarray, shape (k, 2, 4)
+
+    """
+    cells = np.empty((int(np.prod(shape)), 2, 4))
+    cells[:, LOW], cells[:, HIGH] = math.inf, -math.inf
+    _add_all(cells, boxes, low, high, shape)
+    return cells[cells[:, LOW, X] <= cells[:, HIGH, X]]

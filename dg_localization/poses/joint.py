@@ -1,0 +1,166 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Joint poses: what the readings of several bodies say together, not pair by pair.
+
+A hypothesis of the moment gives the places of all bodies in a frame of its own, a shape, and
+nothing of their headings. The readings of a window, carried to now in body frames, tell which
+poses of a few bodies go together: set inversion over all of them at once. Where it leaves nothing
+the hypothesis is impossible, as a mirror image mostly is: odometry knows left from right. Bodies
+are taken in parties of three, since the work grows with a high power of their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from dg_localization.interval.environment import default_environment
+from dg_localization.poses.cover import arc_around
+from dg_localization.poses.cuts import A_BODY, B_BODY, GROUP
+from dg_localization.poses.half_spaces import HIGH, LOW, YAW
+from dg_localization.poses.readings import PairReadings
+from dg_localization.poses.search import PairOptions, pave_poses
+from dg_localization.poses.turns import TURN
+
+Pair = tuple[int, int]
+Party = tuple[int, ...]
+
+PARTY_SIZE = 3
+"""Bodies whose poses are narrowed together."""
+
+
+@dataclass(frozen=True)
+class JointPoses:
+    """
+    The poses of bodies that agree with their readings.
+
+    Parameters
+    ----------
+    lower_m, upper_m : numpy.ndarray, shape (n, 3)
+        Bounds of the places.
+    arcs_rad : numpy.ndarray, shape (n, 2)
+        Bounds of the headings, counterclockwise from the first to the second.
+    ruled_out_by : tuple of int, or None
+        The pair of bodies that ruled out most where nothing is left; None while the hypothesis is
+        possible.
+
+    """
+
+    lower_m: np.ndarray
+    upper_m: np.ndarray
+    arcs_rad: np.ndarray
+    ruled_out_by: Pair | None = None
+
+    @property
+    def possible(self) -> bool:
+        """Whether any poses agree with all readings."""
+        return self.ruled_out_by is None
+
+
+@default_environment()
+def narrow_jointly(
+    poses: JointPoses,
+    readings: Mapping[Pair, PairReadings],
+    options: PairOptions,
+    *,
+    stopped: Callable[[], bool] = lambda: False,
+) -> JointPoses:
+    """
+    Narrow the poses of bodies by what pairs of them, A and B of the readings, measured.
+
+    `poses` bound all of them in one frame; places may be unbounded. `options` are those of a
+    party, with the outliers of each pair. Once `stopped` is true the poses are returned as they
+    are.
+    """
+    box = np.zeros((2, len(poses.arcs_rad), 4))
+    box[LOW, :, :YAW], box[HIGH, :, :YAW] = poses.lower_m, poses.upper_m
+    box[:, :, YAW] = poses.arcs_rad.T
+    for party in _parties(box, readings, stopped):
+        if stopped():
+            break
+        named = [pair for pair in readings if {*pair} <= {*party}]
+        table = _joint_table(party, [(pair, readings[pair]) for pair in named])
+        found = pave_poses(table, box[:, party].reshape(1, 2, -1), options, stopped)
+        if not len(found.boxes):
+            guilty = named[int(np.argmax(found.guilty))]
+            return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, guilty)
+        box[:, party] = _hull(found.boxes.reshape(-1, 2, len(party), 4), box[:, party])
+    places = box[:, :, :YAW].copy()
+    return JointPoses(places[LOW], places[HIGH], box[:, :, YAW].T.copy())
+
+
+def _joint_table(party: list[int], readings: list[tuple[Pair, PairReadings]]) -> np.ndarray:
+    """Return the readings of some pairs as the kernels want them: each pair is a group."""
+    tables = []
+    for group, ((a, b), part) in enumerate(readings):
+        table = part.table.copy()
+        table[:, A_BODY], table[:, B_BODY] = party.index(a), party.index(b)
+        table[:, GROUP] = group
+        tables.append(table)
+    return np.concatenate(tables)
+
+
+def _parties(
+    box: np.ndarray, readings: Mapping[Pair, PairReadings], stopped: Callable[[], bool]
+) -> list[list[int]]:
+    """
+    Return parties of bodies, so that every body that measured anything is in one at least.
+
+    Those whose headings are known best come first: they narrow those of the next ones.
+    """
+    known = np.all(np.isfinite(box), axis=(0, 2))
+    pairs = [pair for pair in readings if known[pair[0]] and known[pair[1]]]
+    bodies = sorted({body for pair in pairs for body in pair})
+    if len(bodies) <= PARTY_SIZE:
+        return [bodies] if pairs else []
+    width = box[HIGH, :, YAW] - box[LOW, :, YAW]
+    linked = {(min(pair), max(pair)) for pair in pairs}
+    candidates = [
+        (-_n_links(party, linked), width[list(party)].sum(), party)
+        for party in _connected_parties(linked, stopped)
+    ]
+    candidates.sort()
+    parties: list[list[int]] = []
+    met = dict.fromkeys(bodies, 0)
+    for fewest in (1, 2):
+        for *_, party in candidates:
+            if any(met[body] < fewest for body in party) and list(party) not in parties:
+                parties.append(list(party))
+                for body in party:
+                    met[body] += 1
+    return parties
+
+
+def _connected_parties(linked: Collection[Pair], stopped: Callable[[], bool]) -> set[Party]:
+    """Return all parties that are linked in themselves; of two bodies where no third one is."""
+    neighbors: dict[int, set[int]] = {}
+    for pair in linked:
+        for body, other in (pair, pair[::-1]):
+            neighbors.setdefault(body, set()).add(other)
+    parties: set[Party] = set()
+    for pair in linked:
+        if stopped():
+            break
+        others = neighbors[pair[0]].union(neighbors[pair[1]]).difference(pair)
+        parties |= {tuple(sorted((*pair, other))) for other in others} or {pair}
+    return parties
+
+
+def _n_links(party: Party, linked: Collection[Pair]) -> int:
+    """Return how many pairs of a party measured each other."""
+    return sum(pair in linked for pair in combinations(party, 2))
+
+
+def _hull(boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return the smallest box (2, n, 4) around some: of headings the shortest arcs."""
+    hull = np.stack([boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0)])
+    for body in range(hull.shape[1]):
+        arc = arc_around(boxes[:, LOW, body, YAW], boxes[:, HIGH, body, YAW])
+        if arc[1] - arc[0] < min(TURN, hull[HIGH, body, YAW] - hull[LOW, body, YAW]):
+            hull[:, body, YAW] = arc
+    return hull

@@ -1,0 +1,283 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What two bodies measured of each other in a window, carried to now by their odometries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dg_localization.interval.angles import angle_up
+from dg_localization.interval.arrays import Interval, down, up
+from dg_localization.poses import cuts
+from dg_localization.poses.turns import principal, turned
+
+NO_RAY_RAD = math.inf
+"""The error of a ray that was not measured."""
+
+
+@dataclass(frozen=True)
+class PastPoses:
+    """
+    Where the level frame of a body was at past times, seen from its level frame now.
+
+    The level frame of a body has its origin, its yaw, and an upright z axis: what odometry knows
+    of roll and pitch is part of `PairReadings` points and rays. In the plane z is zero.
+
+    Parameters
+    ----------
+    position_m : Interval, shape (m, 3)
+    yaw_rad : Interval, shape (m,)
+
+    """
+
+    position_m: Interval
+    yaw_rad: Interval
+
+    @classmethod
+    def at_rest(cls, count: int) -> Self:
+        """Return the poses of a body that does not move, the world for one."""
+        return cls(Interval.point(np.zeros((count, 3))), Interval.point(np.zeros(count)))
+
+    def __len__(self) -> int:
+        return self.yaw_rad.lower.shape[0]
+
+    def points_now(self, points_m: Interval) -> Interval:
+        """
+        Return points of the body, then, in its level frame now.
+
+        Parameters
+        ----------
+        points_m : Interval, shape (m, 3)
+            In the level frame at each of the times: the place of a sensor with its bound.
+
+        Returns
+        -------
+        Interval, shape (m, 3)
+
+        """
+        return self.position_m + turned(self.yaw_rad, points_m)
+
+    def rays_now(
+        self, directions: ArrayLike, errors_rad: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return rays that the body measured, in its level frame now.
+
+        Parameters
+        ----------
+        directions : array_like, shape (m, 3)
+            Of any length, in the level frame at each of the times.
+        errors_rad : array_like, shape (m,)
+            Greatest angle between the true and the measured ray; `NO_RAY_RAD` for none.
+
+        Returns
+        -------
+        directions : numpy.ndarray, shape (m, 3)
+        errors_rad : numpy.ndarray, shape (m,)
+
+        """
+        yaw, rays = principal(self.yaw_rad), np.asarray(directions, dtype=float)
+        middle = 0.5 * yaw.lower + 0.5 * yaw.upper
+        half = np.maximum(up(yaw.upper - middle), up(middle - yaw.lower))
+        c, s = np.cos(middle), np.sin(middle)
+        x, y, z = rays[:, 0], rays[:, 1], rays[:, 2]
+        rotated = np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+        errors = angle_up(up(np.asarray(errors_rad, dtype=float) + half))
+        return rotated, errors
+
+
+@dataclass(frozen=True)
+class PairReadings:
+    """
+    Observations between a point of body A and a point of body B, carried to now.
+
+    An observation is what one sensor said of one target at one time: a distance, a ray, or both.
+    They are wrong together or not at all.
+
+    Parameters
+    ----------
+    points_a_m, points_b_m : Interval, shape (m, 3)
+        The two points in the level frames of their bodies now (`PastPoses.points_now`).
+    distance_m : Interval, shape (m,)
+        [0, inf] where none was measured.
+    rays : numpy.ndarray, shape (m, 3)
+        Directions from the observer's point to the other, in the observer's level frame now.
+    ray_errors_rad : numpy.ndarray, shape (m,)
+        Greatest angles to the true direction; from pi/2 on they say nothing.
+    seen_by_b : numpy.ndarray of bool, shape (m,)
+        Whether B measured the ray, not A.
+
+    """
+
+    points_a_m: Interval
+    points_b_m: Interval
+    distance_m: Interval
+    rays: np.ndarray
+    ray_errors_rad: np.ndarray
+    seen_by_b: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        points_a_m: Interval,
+        points_b_m: Interval,
+        distance_m: Interval | None = None,
+        rays: ArrayLike | None = None,
+        ray_errors_rad: ArrayLike | None = None,
+        seen_by_b: ArrayLike = False,
+    ) -> Self:
+        """
+        Return readings where what is left out was not measured.
+
+        Raises
+        ------
+        ValueError
+            If a shape does not fit, or a bound is not a number or reversed.
+
+        """
+        count = points_a_m.lower.shape[0]
+        nothing = np.zeros(count), np.full(count, math.inf)
+        if rays is None:
+            rays = np.tile([1.0, 0.0, 0.0], (count, 1))
+        readings = cls(
+            points_a_m,
+            points_b_m,
+            Interval(*nothing) if distance_m is None else distance_m,
+            np.asarray(rays, dtype=float),
+            nothing[1] if ray_errors_rad is None else np.asarray(ray_errors_rad, dtype=float),
+            np.broadcast_to(np.asarray(seen_by_b, dtype=bool), count),
+        )
+        readings._check()
+        return readings
+
+    def _check(self) -> None:
+        """Raise ValueError for what cannot be a reading."""
+        count = len(self)
+        for name, width in (
+            ('points_a_m', 3),
+            ('points_b_m', 3),
+            ('distance_m', None),
+        ):
+            bounds = getattr(self, name)
+            shape = (count,) if width is None else (count, width)
+            if bounds.lower.shape != shape or bounds.upper.shape != shape:
+                raise ValueError(f'{name} has shape {bounds.lower.shape}, not {shape}')
+            if not np.all(bounds.lower <= bounds.upper):
+                worst = tuple(int(i) for i in np.argwhere(~(bounds.lower <= bounds.upper))[0])
+                raise ValueError(
+                    f'{name}{list(worst)}: [{bounds.lower[worst]}, {bounds.upper[worst]}] m '
+                    'is no interval'
+                )
+        if self.rays.shape != (count, 3) or self.ray_errors_rad.shape != (count,):
+            raise ValueError(
+                f'rays and ray_errors_rad have shapes {self.rays.shape} and '
+                f'{self.ray_errors_rad.shape}, not {(count, 3)} and {(count,)}'
+            )
+
+    def __len__(self) -> int:
+        return self.points_a_m.lower.shape[0]
+
+    def __getitem__(self, index: np.ndarray | slice) -> Self:
+        return type(self)(
+            self.points_a_m[index],
+            self.points_b_m[index],
+            self.distance_m[index],
+            self.rays[index],
+            self.ray_errors_rad[index],
+            self.seen_by_b[index],
+        )
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """The readings as the kernels want them, (m, COLUMNS): B is body 0, A the frame."""
+        table = np.zeros((len(self), cuts.COLUMNS))
+        radii = []
+        for points, middle, error in (
+            (self.points_a_m, cuts.A, cuts.A_ERROR),
+            (self.points_b_m, cuts.B, cuts.B_ERROR),
+        ):
+            center, half = center_and_half(points)
+            table[:, middle : middle + 3], table[:, error : error + 3] = center, half
+            table[:, cuts.TERMS] += (np.abs(center) + half).sum(axis=-1)
+            radii.append(norm_up(half))
+        table[:, cuts.ERROR_RADIUS] = up(radii[0] + radii[1])
+        table[:, cuts.A_RADIUS] = norm_up(table[:, cuts.A : cuts.A + 2])
+        table[:, cuts.B_RADIUS] = norm_up(table[:, cuts.B : cuts.B + 2])
+        table[:, cuts.NEAREST] = np.maximum(self.distance_m.lower, 0.0)
+        table[:, cuts.FARTHEST] = self.distance_m.upper
+        table[:, cuts.A_BODY] = 1.0
+        self._write_rays(table)
+        return table
+
+    def _write_rays(self, table: np.ndarray) -> None:
+        """Fill in the columns of the rays that say anything; the others have `NO_RAY`."""
+        error = angle_up(angle_up(self.ray_errors_rad))
+        longest = np.max(np.abs(self.rays), axis=-1)
+        told = np.flatnonzero((error < 0.5 * math.pi) & (longest > 0.0) & (longest < math.inf))
+        if not len(told):
+            return
+        error, rays = error[told], self.rays[told] / longest[told, None]
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        level = np.hypot(rays[:, 0], rays[:, 1])
+        steep = level < 1e-3
+        across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(told))], axis=-1)
+        # Across a ray that is all but upright: the y axis, made perpendicular to it.
+        sideways = np.array([0.0, 1.0, 0.0]) - rays[:, 1:2] * rays
+        across = np.where(steep[:, None], sideways, across)
+        across /= np.linalg.norm(across, axis=-1, keepdims=True)
+        table[told, cuts.RAY : cuts.RAY + 3] = rays
+        table[told, cuts.ACROSS : cuts.ACROSS + 3] = across
+        table[told, cuts.UPRIGHT : cuts.UPRIGHT + 3] = np.cross(rays, across)
+        table[told, cuts.RAY_SINE], table[told, cuts.RAY_COSINE] = np.sin(error), np.cos(error)
+        table[told, cuts.OBSERVER] = np.where(self.seen_by_b[told], cuts.BY_B, cuts.BY_A)
+
+
+def center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:
+    """Return middles, and half-widths rounded up; those of single numbers are exact."""
+    exact = bounds.lower == bounds.upper
+    with np.errstate(invalid='ignore'):
+        center = np.where(exact, bounds.lower, 0.5 * bounds.lower + 0.5 * bounds.upper)
+        half = np.maximum(up(bounds.upper - center), up(center - bounds.lower))
+    return center, np.where(exact, 0.0, half)
+
+
+def norm_up(vectors: np.ndarray) -> np.ndarray:
+    """Return upper bounds of the lengths along the last axis."""
+    squares = up(vectors * vectors)
+    total = squares[..., 0]
+    for k in range(1, squares.shape[-1]):
+        total = up(total + squares[..., k])
+    return up(np.sqrt(total))
+
+
+def start_bounds(table: np.ndarray, max_outliers: int) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Bound where B can be, for any yaw: within the reach of all but `max_outliers` readings.
+
+    Parameters
+    ----------
+    table : numpy.ndarray, shape (m, COLUMNS)
+    max_outliers : int
+
+    Returns
+    -------
+    lower, upper : numpy.ndarray, shape (3,)
+        In m; infinite where not enough readings have a distance.
+
+    """
+    if len(table) <= max_outliers:
+        return np.full(3, -math.inf), np.full(3, math.inf)
+    points_a = table[:, cuts.A : cuts.A + 3]
+    lever = norm_up(table[:, cuts.B : cuts.B + 3])
+    reach = up(up(table[:, cuts.FARTHEST] + lever) + table[:, cuts.ERROR_RADIUS])[:, None]
+    lower, upper = down(points_a - reach), up(points_a + reach)
+    unknown = ~np.isfinite(lower) | ~np.isfinite(upper)
+    lower[unknown], upper[unknown] = -math.inf, math.inf
+    return np.sort(lower, axis=0)[-1 - max_outliers], np.sort(upper, axis=0)[max_outliers]

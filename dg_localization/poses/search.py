@@ -1,0 +1,202 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The search for all poses that readings allow: of one body, or of a few together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from dg_localization.interval.environment import default_environment
+from dg_localization.poses.cover import WIDEST_YAW_RAD, Cover
+from dg_localization.poses.cuts import B_ERROR, BY_B, GROUP, OBSERVER, B
+from dg_localization.poses.half_spaces import HIGH, LOW, YAW, Z
+from dg_localization.poses.inversion import COUNT, FIRST, SPENT, examine
+from dg_localization.poses.readings import PairReadings, start_bounds
+from dg_localization.poses.turns import HALF_TURN_UP, TURN
+
+QUICK_READINGS = 48
+QUICK_GENERATIONS = 4
+"""The first four generations try so many readings only, spread over the window: they cut off most
+of what there is, and all readings would not cut off much more of such large boxes."""
+
+CHUNK = 64
+"""Boxes between two looks at the clock."""
+
+_GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+@dataclass(frozen=True)
+class PairOptions:
+    """
+    How finely poses are resolved, and what is tolerated.
+
+    Parameters
+    ----------
+    max_outliers : int
+        This many observations may be wrong: a pose stays until more of them rule it out.
+    resolution_m : float
+        A box is done when no reading changes by more than this along any axis of it.
+    max_boxes : int
+        Most boxes of a cover; where the search starts from more, it returns those.
+
+    """
+
+    max_outliers: int = 0
+    resolution_m: float = 0.25
+    max_boxes: int = 2000
+
+    def __post_init__(self) -> None:
+        if self.max_outliers < 0:
+            raise ValueError(f'max_outliers is {self.max_outliers}, must not be negative')
+        if not self.resolution_m > 0.0:
+            raise ValueError(f'resolution_m is {self.resolution_m} m, must be positive')
+        if self.max_boxes < 1:
+            raise ValueError(f'max_boxes is {self.max_boxes}, must be positive')
+
+
+class Paving(NamedTuple):
+    """
+    Boxes (m, 2, 4 n) that hold every pose of n bodies that readings allow.
+
+    `refined` tells whether all are as small as was asked, `guilty` how many boxes the readings of
+    each group ruled out.
+    """
+
+    boxes: np.ndarray
+    refined: bool
+    guilty: np.ndarray
+
+
+class _Generation(NamedTuple):
+    """Boxes of equal depth that are still to be examined, as `examine` wants them."""
+
+    boxes: np.ndarray
+    tickets: np.ndarray
+    pool: np.ndarray
+
+
+@default_environment()
+def cover_poses(
+    readings: PairReadings,
+    options: PairOptions | None = None,
+    *,
+    height_m: tuple[float, float] = (0.0, 0.0),
+    within: Cover | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Cover:
+    """
+    Cover every pose of B in the frame of A that at most `max_outliers` readings rule out.
+
+    `height_m` is how far the origin of B is above that of A: zero in the plane, infinite for
+    unknown; `within` is where the pose is known to be, and counts in its place. Once `stopped` is
+    true the cover is returned as it is, still complete. It is empty if no pose agrees, and
+    unbounded if the readings do not bound the position.
+    """
+    options = options or PairOptions()
+    table = readings.table
+    boxes = _start_boxes(table, options.max_outliers, height_m) if within is None else within.boxes
+    if not np.all(np.isfinite(boxes)):
+        return Cover(boxes, refined=False)
+    found = pave_poses(table, boxes, options, stopped)
+    return Cover(found.boxes, found.refined)
+
+
+def pave_poses(
+    table: np.ndarray, boxes: np.ndarray, options: PairOptions, stopped: Callable[[], bool]
+) -> Paving:
+    """Return what the readings of a table leave of finite boxes (m, 2, 4 n)."""
+    groups = int(table[:, GROUP].max(initial=0.0)) + 1
+    guilty = np.zeros(groups, np.int64)
+    everything = np.array([0, len(table), *[0] * groups])
+    generation = _Generation(boxes, np.tile(everything, (len(boxes), 1)), _spread(len(table)))
+    kept = boxes[:0]
+    depth = 0
+    while len(generation.boxes):
+        quick = depth < QUICK_GENERATIONS
+        most = QUICK_READINGS + options.max_outliers if quick else len(table)
+        room = options.max_boxes - len(kept)
+        done, rest, generation = _next_generation(
+            generation, table, (options, room, most), guilty, stopped
+        )
+        kept = np.concatenate([kept, done])
+        if len(rest):
+            return Paving(np.concatenate([kept, rest, generation.boxes]), False, guilty)
+        depth += 1
+    return Paving(kept, True, guilty)
+
+
+def _start_boxes(
+    table: np.ndarray, max_outliers: int, height_m: tuple[float, float]
+) -> np.ndarray:
+    """Return boxes that hold every pose: where B can be at all, in slices of its yaw."""
+    lower, upper = start_bounds(table, max_outliers)
+    lower[Z], upper[Z] = max(lower[Z], height_m[0]), min(upper[Z], height_m[1])
+    if np.any(lower > upper):
+        return np.empty((0, 2, 4))
+    turns = np.any(table[:, B : B_ERROR + 2] != 0.0) or np.any(table[:, OBSERVER] == BY_B)
+    slices = round(TURN / WIDEST_YAW_RAD) if turns else 1
+    boxes = np.empty((slices, 2, 4))
+    boxes[:, LOW, :YAW], boxes[:, HIGH, :YAW] = lower, upper
+    edges = np.linspace(-math.pi, math.pi, slices + 1)
+    edges[0], edges[-1] = -HALF_TURN_UP, HALF_TURN_UP
+    boxes[:, LOW, YAW], boxes[:, HIGH, YAW] = edges[:-1], edges[1:]
+    return boxes
+
+
+def _spread(count: int) -> np.ndarray:
+    """Return all indices in an order whose first few are spread over the whole."""
+    return np.argsort((np.arange(count) * _GOLDEN_RATIO) % 1.0, kind='stable')
+
+
+def _next_generation(
+    generation: _Generation,
+    table: np.ndarray,
+    limits: tuple[PairOptions, int, int],
+    guilty: np.ndarray,
+    stopped: Callable[[], bool],
+) -> tuple[np.ndarray, np.ndarray, _Generation]:
+    """
+    Examine a generation until the boxes are too many, or the time is up.
+
+    `limits` are the options, how many boxes there is room for, and how many readings to try.
+    Returns the boxes that are finished, those that were not examined any more, and the next
+    generation.
+    """
+    options, room, most = limits
+    axes, columns = generation.boxes.shape[2], SPENT + len(guilty)
+    kept, parts = [generation.boxes[:0]], []
+    gain = room - len(generation.boxes)
+    examined, listed = 0, 0
+    while examined < len(generation.boxes) and not stopped():
+        boxes = generation.boxes[examined : examined + CHUNK]
+        tickets = generation.tickets[examined : examined + CHUNK]
+        out = _Generation(
+            np.empty((2 * len(boxes), 2, axes)),
+            np.empty((2 * len(boxes), columns), np.int64),
+            np.empty(int(tickets[:, COUNT].sum()), np.int64),
+        )
+        finished = np.empty((len(boxes) + 1, 2, axes))
+        kernel_limits = (options.max_outliers, options.resolution_m, gain, most)
+        processed, following, used, done = examine(
+            boxes, tickets, generation.pool, table, kernel_limits, *out, finished, guilty
+        )
+        out.tickets[:following, FIRST] += listed
+        kept.append(finished[:done])
+        parts.append(_Generation(out.boxes[:following], out.tickets[:following], out.pool[:used]))
+        gain -= following + done - processed
+        examined += processed
+        listed += used
+        if processed < len(boxes):
+            break
+    following_generation = _Generation(
+        np.concatenate([part.boxes for part in parts] or [generation.boxes[:0]]),
+        np.concatenate([part.tickets for part in parts] or [generation.tickets[:0]]),
+        np.concatenate([part.pool for part in parts] or [generation.pool]),
+    )
+    return np.concatenate(kept), generation.boxes[examined:], following_generation

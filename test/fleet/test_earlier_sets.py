@@ -1,0 +1,107 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Pose sets of earlier estimates: a robot is not lost while its odometry goes on."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
+from dg_localization.fleet.window.earlier_sets import EarlierSet, EarlierSets
+from dg_localization.fleet.window.forgetting import Forgotten
+from dg_localization.poses import Cover
+
+ANCHORS = {'a': (0.0, 0.0), 'b': (12.0, 0.0), 'c': (12.0, 9.0), 'd': (0.0, 9.0)}
+START_S = 100.0
+ERROR = 0.02
+
+
+def pose(time_s):
+    """Return the true pose of a robot that drives a circle."""
+    angle = 0.1 * time_s
+    return np.array([6.0 + 2.5 * math.sin(angle), 4.5 - 2.5 * math.cos(angle)]), angle
+
+
+def odometry(time_s):
+    """Return what odometry says: all ways and turns are too long by the same share."""
+    angle = 0.1 * time_s * (1.0 + 0.5 * ERROR)
+    radius = 2.5 * (1.0 + 0.3 * ERROR)
+    return (radius * math.sin(angle), -radius * math.cos(angle), 0.0), angle
+
+
+def drive(memory_s, ranged, end_s, tick_s=1.0):
+    """Yield times and estimates of a robot that ranges anchors while `ranged` is true."""
+    config = FleetConfig(
+        ('r',),
+        anchors={name: Anchor(place) for name, place in ANCHORS.items()},
+        range_error=RangeErrorModel(-0.1, 0.1, 0.0, 0.0),
+        max_speed_m_s=1.0,
+        max_turn_rate_rad_s=0.5,
+        odometry_error=OdometryErrorModel(translation_per_m=ERROR, rotation_per_rad=ERROR),
+        memory_s=memory_s,
+        memory_max_seconds=math.inf,
+    )
+    localizer = Localizer(config)
+    for step in range(round(end_s / 0.2)):
+        time_s = 0.2 * step
+        now_s = START_S + time_s
+        place, yaw = odometry(time_s)
+        quaternion = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+        assert localizer.add_odometry('r', place, quaternion, now_s, now_s, 'odom') is None
+        if ranged(time_s):
+            for name, anchor in ANCHORS.items():
+                far_m = float(np.linalg.norm(pose(time_s)[0] - anchor))
+                localizer.add_range('r', name, far_m, now_s, now_s)
+        if step % round(tick_s / 0.2) == 0:
+            yield time_s, localizer.step(now_s)
+
+
+@pytest.mark.parametrize('memory_s', [5.0, 15.0])
+def test_a_gap_of_any_length_is_bridged_by_odometry(memory_s):
+    gap_s = 4.0 * memory_s
+    widths = []
+    for time_s, estimate in drive(memory_s, lambda t: t < 10.0, 10.0 + gap_s):
+        if time_s < 5.0:
+            continue
+        (placement,) = estimate.placements
+        lower, upper = placement.enclosure_m[0]
+        assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
+        widths.append(float((upper - lower).max()))
+    # Its greatest speed alone allows this much in both directions.
+    assert max(widths) < 0.25 * 2.0 * gap_s
+
+
+def test_after_a_gap_new_ranges_narrow_what_was_carried():
+    def ranged(time_s):
+        return time_s < 8.0 or time_s > 28.0
+
+    widths = {}
+    for time_s, estimate in drive(5.0, ranged, 36.0):
+        if estimate.placements:
+            lower, upper = estimate.placements[0].enclosure_m[0]
+            assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
+            widths[round(time_s)] = float((upper - lower).max())
+    assert widths[35] < widths[27]
+
+
+def test_sets_go_with_what_is_forgotten():
+    config = FleetConfig(('r', 's'), anchors={'a': Anchor((0.0, 0.0))})
+    pair, cover = (-1, 0), Cover(np.zeros((1, 2, 4)))
+
+    def left(before_s, ends, after_s=-math.inf):
+        sets = EarlierSets()
+        sets._sets[pair] = (EarlierSet(2.0, 8.0, (math.nan, 8.0), cover),)
+        sets.forget(config, [Forgotten(frozenset([ends]), before_s, 'a test', after_s)])
+        return pair in sets.pairs
+
+    assert not left(3.0, ('r', 'a')) and not left(9.0, ('a', 'r'))
+    assert left(2.0, ('r', 'a')) and left(9.0, ('r', 'a'), after_s=8.0)
+    assert left(9.0, ('s', 'a')) and left(9.0, ('r', 's'))

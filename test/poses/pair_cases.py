@@ -1,0 +1,157 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Random pairs of bodies with known truth, whose readings obey their bounds or lie."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from dg_localization.interval.arrays import Interval
+from dg_localization.poses import PairReadings, PastPoses
+
+# Bounds are met exactly as often as not; this takes the rounding of the truth itself.
+TRUTH_ROUNDING = 1e-12
+
+
+@dataclass
+class Truth:
+    position_m: np.ndarray
+    yaw_rad: float
+
+
+@dataclass
+class Case:
+    readings: PairReadings
+    truth: Truth
+    height_m: tuple[float, float]
+    scale_m: float
+    liars: int
+
+
+def turn(yaw, points):
+    """Turn points (..., 3) about the vertical axis."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y, z = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+
+
+def where_in_bounds(rng, shape):
+    """Draw where truths lie in their bounds, from -1 to 1: often at an end."""
+    inside = rng.uniform(-1.0, 1.0, shape)
+    return np.where(rng.random(shape) < 0.5, np.sign(inside), inside)
+
+
+def around(rng, truth, half):
+    """Return intervals of given half-widths that hold the truth, anywhere in them."""
+    truth = np.asarray(truth, dtype=float)
+    middle = truth + where_in_bounds(rng, truth.shape) * half
+    slack = half + TRUTH_ROUNDING * (np.abs(truth) + half + np.max(np.abs(truth), initial=0.0))
+    return Interval(middle - slack, middle + slack)
+
+
+def random_case(seed, *, scale_m=None, liars=0, space=None):
+    """Draw a pair: plane or space, ranges and rays either way, odometry and levers at bounds."""
+    rng = np.random.default_rng(seed)
+    scale_m = 10.0 ** rng.uniform(-3.0, 3.0) if scale_m is None else scale_m
+    space = bool(rng.random() < 0.4) if space is None else space
+    count = int(rng.integers(3, 30))
+    flat = np.array([1.0, 1.0, 1.0 if space else 0.0])
+    truth = Truth(rng.normal(size=3) * scale_m * flat, float(rng.uniform(-math.pi, math.pi)))
+    if rng.random() < 0.2:
+        truth.yaw_rad = math.pi
+    if rng.random() < 0.1:
+        truth.position_m = np.zeros(3)
+    poses, points = [], []
+    for _body in range(2):
+        still = rng.random() < 0.2
+        positions = rng.normal(size=(count, 3)) * 0.5 * scale_m * flat * (not still)
+        yaws = rng.normal(size=count) * (not still)
+        error = rng.choice([0.0, 0.01, 0.1])
+        poses.append((positions, yaws))
+        stated = PastPoses(
+            around(rng, positions, error * scale_m * flat * np.ones((count, 1))),
+            around(rng, yaws, rng.choice([0.0, 0.01, 0.2])),
+        )
+        mounts = rng.normal(size=(count, 3)) * 0.1 * scale_m * flat * (rng.random() < 0.5)
+        bounds = around(
+            rng, mounts, rng.choice([0.0, 0.02]) * scale_m * flat * np.ones((count, 1))
+        )
+        points.append((stated, positions + turn(yaws, mounts), stated.points_now(bounds)))
+    (stated_a, true_a, points_a), (stated_b, true_b, points_b) = points
+    w = truth.position_m + turn(truth.yaw_rad, true_b) - true_a
+    distance = scale_m * np.linalg.norm(w / scale_m, axis=-1)
+    readings = PairReadings.of(
+        points_a,
+        points_b,
+        _distances(rng, distance),
+        *_rays(rng, w, truth, poses, (stated_a, stated_b)),
+    )
+    readings = _with_lies(rng, readings, liars, scale_m)
+    height = truth.position_m[2]
+    slack = 1e-9 * scale_m
+    height_m = (0.0, 0.0) if not space else (height - scale_m, height + slack)
+    return Case(readings, truth, height_m, scale_m, liars)
+
+
+def _distances(rng, distance):
+    bounds = around(rng, distance, rng.choice([0.0, 0.03, 0.2]) * distance)
+    unknown = rng.random(distance.shape) < 0.2
+    unknown[0] = False
+    return Interval(
+        np.where(unknown, 0.0, np.maximum(bounds.lower, 0.0)),
+        np.where(unknown, math.inf, bounds.upper),
+    )
+
+
+def _rays(rng, w, truth, poses, stated):
+    """Return rays, their errors, and who measured them."""
+    count = len(w)
+    by_b = rng.random(count) < 0.5
+    error = rng.choice([0.0, 0.05, 0.5])
+    true = np.where(by_b[:, None], turn(-truth.yaw_rad, -w), w)
+    then = np.where(by_b[:, None], turn(-poses[1][1], true), turn(-poses[0][1], true))
+    off = where_in_bounds(rng, count) * error
+    if np.any(w[:, 2]):
+        then = turn(off, then) if error == 0.0 else _tilted(rng, then, np.abs(off))
+    else:
+        then = turn(off, then)
+    errors = np.where(rng.random(count) < 0.4, math.inf, error + 1e-9)
+    now = [body.rays_now(then, errors) for body in stated]
+    rays = np.where(by_b[:, None], now[1][0], now[0][0])
+    return rays, np.where(by_b, now[1][1], now[0][1]), by_b
+
+
+def _tilted(rng, rays, angles):
+    """Return rays turned by given angles in random directions."""
+    across = np.cross(rays, rng.normal(size=rays.shape))
+    norms = np.linalg.norm(across, axis=-1, keepdims=True)
+    across = np.divide(across, norms, out=np.zeros_like(across), where=norms > 0.0)
+    across *= np.linalg.norm(rays, axis=-1, keepdims=True)
+    return np.cos(angles)[:, None] * rays + np.sin(angles)[:, None] * across
+
+
+def _with_lies(rng, readings, liars, scale_m):
+    """Return the readings, some of them of a quite different distance and direction."""
+    chosen = rng.choice(len(readings), size=min(liars, len(readings)), replace=False)
+    lower, upper = readings.distance_m.lower.copy(), readings.distance_m.upper.copy()
+    rays = readings.rays.copy()
+    lies = rng.uniform(0.0, 5.0, len(chosen)) * scale_m
+    lower[chosen], upper[chosen] = lies, lies * 1.05
+    rays[chosen] = rng.normal(size=(len(chosen), 3)) * [1.0, 1.0, 0.0]
+    return PairReadings.of(
+        readings.points_a_m,
+        readings.points_b_m,
+        Interval(lower, upper),
+        rays,
+        readings.ray_errors_rad,
+        readings.seen_by_b,
+    )
+
+
+def range_of(anchor_m, low_m, high_m, sensor_m=(0.0, 0.0, 0.0), **rays):
+    """Return one reading of an anchor."""
+    distance = Interval(np.array([low_m]), np.array([high_m]))
+    points = Interval.point(np.array([anchor_m])), Interval.point(np.array([sensor_m]))
+    return PairReadings.of(*points, distance, **rays)

@@ -1,0 +1,246 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a cover says of its poses: components, hulls, areas, and how sharp it is."""
+
+import math
+import os
+from pathlib import Path
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+from pair_cases import random_case, turn
+import pytest
+
+from dg_localization.interval.arrays import Interval
+from dg_localization.poses import (
+    Cover,
+    PairOptions,
+    PairReadings,
+    PastPoses,
+    cover_poses,
+)
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def points(rows):
+    return Interval.point(np.array(rows, dtype=float).reshape(-1, 3))
+
+
+def ranges(values, half):
+    values = np.array(values, dtype=float)
+    return Interval(values - half, values + half)
+
+
+def box(x, y, yaw, half=0.5, half_yaw=0.1):
+    return [[x - half, y - half, 0.0, yaw - half_yaw], [x + half, y + half, 0.0, yaw + half_yaw]]
+
+
+def test_a_ring():
+    zero = points([0.0, 0.0, 0.0])
+    cover = cover_poses(
+        PairReadings.of(zero, zero, ranges([4.0], 0.5)),
+        PairOptions(resolution_m=0.05, max_boxes=10000),
+    )
+    assert cover.refined and len(cover.components) == 1
+    assert np.allclose(cover.hull.lower_m, [-4.5, -4.5, 0.0], atol=1e-9)
+    assert np.allclose(cover.hull.upper_m, [4.5, 4.5, 0.0], atol=1e-9)
+    assert cover.hull.yaw_width_rad == pytest.approx(2 * math.pi)
+    assert cover.volume == pytest.approx(2.0 * math.pi**2 * (4.5**2 - 3.5**2), rel=0.05)
+    assert not cover.contains(np.array([3.0, 0.0, 0.0]), 1.0)
+
+
+def test_two_anchors_leave_two_places():
+    cover = cover_poses(
+        PairReadings.of(
+            points([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]),
+            points(np.zeros((2, 3))),
+            ranges([3.0, 3.0], 0.02),
+        ),
+        PairOptions(resolution_m=0.02),
+    )
+    first, second = cover.components
+    height = math.sqrt(5.0)
+    assert {np.sign(part.hull.lower_m[1]) for part in (first, second)} == {-1.0, 1.0}
+    for part in (first, second):
+        sign = np.sign(part.hull.lower_m[1])
+        assert part.contains(np.array([2.0, sign * height, 0.0]), 0.3)
+        assert np.all(part.hull.widths_m < 0.2)
+
+
+def test_two_tags_on_a_body_tell_its_yaw_across_the_half_turn():
+    anchors = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 5.0, 0.0]])
+    tags = np.array([[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]])
+    a, b = np.repeat(anchors, 2, axis=0), np.tile(tags, (4, 1))
+    position = np.array([2.0, 3.0, 0.0])
+    distance = np.linalg.norm(position + turn(math.pi, b) - a, axis=-1)
+    cover = cover_poses(
+        PairReadings.of(points(a), points(b), ranges(distance, 0.02)),
+        PairOptions(resolution_m=0.02),
+    )
+    assert len(cover.components) == 1
+    low, high = cover.hull.yaw_rad
+    assert low < math.pi < high and high - low < 0.15
+    assert np.all(cover.hull.widths_m[:2] < 0.15)
+
+
+def test_rays_of_three_landmarks_fix_a_pose_without_ranges():
+    landmarks = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 5.0, 0.0]])
+    position, yaw = np.array([2.0, 3.0, 0.0]), 0.7
+    rays = turn(-yaw, landmarks - position)
+    readings = PairReadings.of(
+        points(landmarks),
+        points(np.zeros((3, 3))),
+        Interval(np.zeros(3), np.full(3, 20.0)),
+        rays,
+        np.full(3, 0.02),
+        True,
+    )
+    cover = cover_poses(readings, PairOptions(resolution_m=0.05))
+    assert cover.contains(position, yaw)
+    assert np.all(cover.hull.widths_m < 0.8) and cover.hull.yaw_width_rad < 0.3
+    unbounded = PairReadings.of(
+        points(landmarks), points(np.zeros((3, 3))), None, rays, np.full(3, 0.02), True
+    )
+    cover = cover_poses(unbounded)
+    assert not cover.bounded and not cover.refined and cover.contains(position, yaw)
+
+
+def test_contradictory_readings_leave_nothing_unless_one_may_be_wrong():
+    readings = PairReadings.of(
+        points([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [5.0, 1.0, 0.0]]),
+        points(np.zeros((3, 3))),
+        ranges([3.0, 3.0, 2.5], 0.1),
+    )
+    assert cover_poses(readings).empty
+    assert not cover_poses(readings, PairOptions(max_outliers=1)).empty
+
+
+def test_a_height_turns_ranges_in_space_into_ranges_in_the_plane():
+    anchors = np.array([[0.0, 0.0, 2.0], [6.0, 0.0, 2.0], [0.0, 6.0, 2.0]])
+    position = np.array([2.0, 3.0, 0.5])
+    distance = ranges(np.linalg.norm(position - anchors, axis=-1), 0.01)
+    zero = points(np.zeros((3, 3)))
+    options = PairOptions(resolution_m=0.05)
+    space = (-math.inf, math.inf)
+    unknown = cover_poses(
+        PairReadings.of(points(anchors), zero, distance), options, height_m=space
+    )
+    assert len(unknown.components) == 2
+    known = cover_poses(
+        PairReadings.of(points(anchors), zero, distance), options, height_m=(0.4, 0.6)
+    )
+    assert len(known.components) == 1 and known.contains(position, 0.0)
+    assert np.all(known.hull.widths_m < 0.25)
+
+
+def test_a_point_that_nobody_knows_says_nothing():
+    zero = points(np.zeros((2, 3)))
+    nowhere = Interval(np.full((2, 3), -math.inf), np.full((2, 3), math.inf))
+    nowhere.lower[0], nowhere.upper[0] = 0.0, 0.0
+    cover = cover_poses(PairReadings.of(nowhere, zero, ranges([3.0, 5.0], 0.1)))
+    assert np.allclose(cover.hull.upper_m[:2], 3.1)
+
+
+def test_boxes_touch_across_the_half_turn_only_where_they_do():
+    boxes = np.array(
+        [
+            box(0.0, 0.0, math.pi - 0.1),
+            box(1.0, 0.0, -math.pi + 0.1),
+            box(2.5, 0.0, 0.0),
+            box(2.0, 0.9, 0.15),
+        ]
+    )
+    first, second = Cover(boxes).components
+    assert len(first) == len(second) == 2
+    arcs = sorted(part.hull.yaw_rad for part in (first, second))
+    assert arcs[0] == pytest.approx((-0.1, 0.25))
+    assert arcs[1] == pytest.approx((math.pi - 0.2, math.pi + 0.2))
+
+
+def test_the_arc_of_a_hull_is_the_shortest():
+    boxes = np.array([box(0.0, 0.0, yaw) for yaw in (-3.0, -2.0, 2.9)])
+    assert Cover(boxes).hull.yaw_rad == pytest.approx((2.8, 2.0 * math.pi - 1.9))
+
+
+def test_an_empty_cover():
+    cover = Cover(np.empty((0, 2, 4)))
+    assert cover.empty and cover.components == ()
+    assert not cover.contains(np.zeros(3), 0.0)
+    assert cover.carried(PastPoses.at_rest(1), 0.0, None, True).empty
+    with pytest.raises(ValueError, match='empty'):
+        _ = cover.hull
+
+
+def test_a_coarse_cover_holds_the_fine_one():
+    rng = np.random.default_rng(0)
+    boxes = np.array(
+        [box(*rng.uniform(-5, 5, 2), rng.uniform(-math.pi, math.pi), 0.1) for _ in range(300)]
+    )
+    cover = Cover(boxes)
+    for most in (150, 40, 1):
+        coarse = cover.coarsened(most)
+        assert len(coarse) <= max(most, len(cover.components))
+        for low, high in boxes:
+            for corner in (low, high, 0.5 * (low + high)):
+                assert coarse.contains(corner[:3], corner[3])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'distance_m': ranges([3.0], -0.1)}, r'distance_m\[0\]: \[3.1, 2.9\] m is no interval'),
+        ({'distance_m': ranges([math.nan], 0.1)}, 'distance_m'),
+        ({'distance_m': ranges([3.0, 4.0], 0.1)}, r'distance_m has shape \(2,\), not \(1,\)'),
+        ({'rays': np.ones((2, 3)), 'ray_errors_rad': np.ones(1)}, 'rays'),
+    ],
+)
+def test_what_is_no_reading_is_refused(changes, message):
+    zero = points(np.zeros((1, 3)))
+    with pytest.raises(ValueError, match=message):
+        PairReadings.of(zero, zero, **changes)
+
+
+@pytest.mark.parametrize(
+    'wrong', [{'max_outliers': -1}, {'resolution_m': 0.0}, {'max_boxes': 0}], ids=str
+)
+def test_what_is_no_option_is_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        PairOptions(**wrong)
+
+
+PLAIN = """
+import pickle, sys
+from dg_localization.poses import PairOptions, cover_poses
+questions = pickle.load(sys.stdin.buffer)
+answers = []
+for readings, options, height_m in questions:
+    cover = cover_poses(readings, options, height_m=height_m)
+    answers.append((cover.boxes, len(cover.components)))
+pickle.dump(answers, sys.stdout.buffer)
+"""
+
+
+def test_compiled_kernels_and_python_agree_to_the_last_bit():
+    pytest.importorskip('numba')
+    questions = []
+    for seed in range(12):
+        case = random_case(seed, liars=seed % 3)
+        options = PairOptions(case.liars, 0.3 * case.scale_m, 60)
+        questions.append((case.readings, options, case.height_m))
+    finished = subprocess.run(
+        [sys.executable, '-c', PLAIN],
+        input=pickle.dumps(questions),
+        capture_output=True,
+        cwd=REPOSITORY,
+        env=os.environ | {'NUMBA_DISABLE_JIT': '1'},
+        timeout=200,
+    )
+    assert finished.returncode == 0, finished.stderr.decode()
+    for question, plain in zip(questions, pickle.loads(finished.stdout), strict=True):
+        cover = cover_poses(question[0], question[1], height_m=question[2])
+        assert np.array_equal(cover.boxes, plain[0])
+        assert len(cover.components) == plain[1]

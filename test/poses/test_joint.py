@@ -1,0 +1,129 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Joint poses of a few bodies: no truth is lost, and mirror images are ruled out."""
+
+from dataclasses import replace
+import math
+import os
+
+from moved_fleet import MovedFleet
+import numpy as np
+import pytest
+
+from dg_localization.poses import JointPoses, PairOptions, narrow_jointly
+from dg_localization.poses.joint import PARTY_SIZE, _connected_parties
+
+FLEETS = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
+
+
+def boxes(most, scale_m=1.0, outliers=0):
+    return PairOptions(outliers, 0.05 * scale_m, most)
+
+
+def moved_fleet(seed, **kind):
+    """Return a fleet in the plane, its places bounded without slack across it."""
+    fleet = MovedFleet(seed, **kind)
+    fleet.lower[:, 2] = fleet.upper[:, 2] = 0.0
+    return fleet
+
+
+def start_of(fleet):
+    """Return the places of a fleet, and any headings."""
+    turn = np.full(fleet.count, math.pi)
+    return JointPoses(fleet.lower, fleet.upper, np.stack([-turn, turn], axis=1))
+
+
+def holds(fleet, poses):
+    """Return whether the true poses are left."""
+    inside = (poses.lower_m <= fleet.places) & (fleet.places <= poses.upper_m)
+    off = fleet.headings - poses.arcs_rad.mean(axis=1)
+    off = np.abs(np.remainder(off + math.pi, 2.0 * math.pi) - math.pi)
+    near = off <= 0.5 * np.ptp(poses.arcs_rad, axis=1) + 1e-9
+    return poses.possible and bool(inside.all() and near.all())
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('kind', [{}, {'rays': True}, {'error': 0.0}, {'error': 0.1}], ids=str)
+def test_no_truth_is_lost(kind):
+    gains = []
+    for seed in range(FLEETS):
+        fleet = moved_fleet(seed, **kind)
+        start = start_of(fleet)
+        poses = narrow_jointly(start, fleet.readings, boxes(64))
+        assert holds(fleet, poses), seed
+        gains.append(np.ptp(poses.arcs_rad, axis=1).sum() / np.ptp(start.arcs_rad, axis=1).sum())
+        assert np.all(poses.lower_m >= start.lower_m)
+        assert np.all(poses.upper_m <= start.upper_m)
+    if kind.get('error') != 0.1:
+        assert np.median(gains) < 0.9
+
+
+@pytest.mark.parametrize('kind', [{'liars': 1}, {'liars': 2, 'rays': True}], ids=str)
+def test_no_truth_is_lost_among_liars_of_each_pair(kind):
+    for seed in range(FLEETS // 3):
+        fleet = moved_fleet(seed, **kind)
+        options = boxes(64, outliers=kind['liars'])
+        assert holds(fleet, narrow_jointly(start_of(fleet), fleet.readings, options)), seed
+
+
+@pytest.mark.parametrize('scale_m', [1e-6, 1e6, 1e100])
+def test_no_truth_is_lost_at_any_scale(scale_m):
+    for seed in range(5):
+        fleet = moved_fleet(seed, scale_m=scale_m)
+        assert holds(fleet, narrow_jointly(start_of(fleet), fleet.readings, boxes(32, scale_m))), (
+            seed
+        )
+
+
+def test_mirror_images_are_ruled_out():
+    ruled_out, left = 0, 0
+    for seed in range(FLEETS):
+        fleet = moved_fleet(seed, error=0.002)
+        lower, upper = fleet.mirrored()
+        if fleet.count < 3:
+            continue
+        start = replace(start_of(fleet), lower_m=lower, upper_m=upper)
+        poses = narrow_jointly(start, fleet.readings, boxes(256))
+        left += poses.possible
+        ruled_out += not poses.possible
+        assert poses.possible or poses.ruled_out_by in fleet.readings
+    assert ruled_out > left
+
+
+def test_when_stopped_the_poses_are_left_as_they_are():
+    fleet = moved_fleet(3)
+    start = start_of(fleet)
+    poses = narrow_jointly(start, fleet.readings, boxes(64), stopped=lambda: True)
+    np.testing.assert_array_equal(poses.arcs_rad, start.arcs_rad)
+    np.testing.assert_array_equal(poses.lower_m, start.lower_m)
+
+
+def test_places_that_are_not_known_are_left_alone():
+    fleet = moved_fleet(0)
+    lower, upper = fleet.lower.copy(), fleet.upper.copy()
+    lower[0, :2], upper[0, :2] = -math.inf, math.inf
+    turn = np.full(fleet.count, math.pi)
+    poses = narrow_jointly(
+        JointPoses(lower, upper, np.stack([-turn, turn], axis=1)), fleet.readings, boxes(64)
+    )
+    assert holds(fleet, poses)
+    assert math.isinf(poses.upper_m[0, 0])
+
+
+def test_every_body_of_a_larger_fleet_is_narrowed():
+    seeds = [seed for seed in range(20) if moved_fleet(seed).count > PARTY_SIZE]
+    for seed in seeds[:3]:
+        fleet = moved_fleet(seed)
+        start = start_of(fleet)
+        poses = narrow_jointly(start, fleet.readings, boxes(256))
+        assert holds(fleet, poses)
+        assert np.all(np.ptp(poses.arcs_rad, axis=1) < np.ptp(start.arcs_rad, axis=1))
+
+
+def test_parties_are_linked_in_themselves():
+    """As many as there are links, not as there are threes of bodies."""
+    chain = {(i, i + 1) for i in range(200)}
+    parties = _connected_parties({*chain, (300, 301)}, lambda: False)
+    assert parties == {(i, i + 1, i + 2) for i in range(199)} | {(300, 301)}
+    assert _connected_parties(chain, lambda: True) == set()
