@@ -14,14 +14,6 @@ from dg_localization.poses.half_spaces import HIGH, LOW, YAW, X, Y, Z
 
 
 @kernel(borrows=True)
-def _edge(low: float, high: float, number: int, count: int) -> float:
-    """Return an edge of the cells between two numbers; the outer ones are these numbers."""
-    if number == 0:
-        return low
-    return high if number == count else low + (high - low) * (number / count)
-
-
-@kernel(borrows=True)
 def _first_and_last(
     box: np.ndarray, low: np.ndarray, high: np.ndarray, axis: int, count: int
 ) -> tuple[int, int]:
@@ -36,29 +28,27 @@ def _first_and_last(
 
 @kernel(borrows=True)
 def _add(
-    cell: np.ndarray,
-    box: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    place: tuple[int, int, int, int],
-    shape: np.ndarray,
+    cell: np.ndarray, box: np.ndarray, edges: np.ndarray, place: tuple[int, int, int, int]
 ) -> None:
     """Widen the hull of a cell by what it has in common with a box."""
     for axis in range(4):
-        start = _edge(low[axis], high[axis], place[axis], shape[axis])
-        end = _edge(low[axis], high[axis], place[axis] + 1, shape[axis])
-        if box[LOW, axis] > end or box[HIGH, axis] < start:
+        at = place[axis]
+        if box[LOW, axis] > edges[axis, at + 1] or box[HIGH, axis] < edges[axis, at]:
             return
     for axis in range(4):
-        start = _edge(low[axis], high[axis], place[axis], shape[axis])
-        end = _edge(low[axis], high[axis], place[axis] + 1, shape[axis])
-        cell[LOW, axis] = min(cell[LOW, axis], max(box[LOW, axis], start))
-        cell[HIGH, axis] = max(cell[HIGH, axis], min(box[HIGH, axis], end))
+        at = place[axis]
+        cell[LOW, axis] = min(cell[LOW, axis], max(box[LOW, axis], edges[axis, at]))
+        cell[HIGH, axis] = max(cell[HIGH, axis], min(box[HIGH, axis], edges[axis, at + 1]))
 
 
 @kernel(borrows=True)
 def _add_all(
-    cells: np.ndarray, boxes: np.ndarray, low: np.ndarray, high: np.ndarray, shape: np.ndarray
+    cells: np.ndarray,
+    boxes: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    shape: np.ndarray,
+    edges: np.ndarray,
 ) -> None:
     """Widen the hulls of all cells by what they have in common with the boxes."""
     for number in range(boxes.shape[0]):
@@ -72,7 +62,7 @@ def _add_all(
                 for k in range(first_z, last_z + 1):
                     for m in range(first_yaw, last_yaw + 1):
                         cell = ((i * shape[Y] + j) * shape[Z] + k) * shape[YAW] + m
-                        _add(cells[cell], box, low, high, (i, j, k, m), shape)
+                        _add(cells[cell], box, edges, (i, j, k, m))
 
 
 def fill_cells(
@@ -96,5 +86,9 @@ def fill_cells(
     """
     cells = np.empty((int(np.prod(shape)), 2, 4))
     cells[:, LOW], cells[:, HIGH] = math.inf, -math.inf
-    _add_all(cells, boxes, low, high, shape)
+    edges = np.empty((4, int(shape.max()) + 1))
+    for axis, count in enumerate(shape):
+        edges[axis, : count + 1] = np.linspace(low[axis], high[axis], count + 1)
+        edges[axis, count] = high[axis]
+    _add_all(cells, boxes, low, high, shape, edges)
     return cells[cells[:, LOW, X] <= cells[:, HIGH, X]]

@@ -35,7 +35,7 @@ OVERLAP = 1.0 / 3.0
 START = 1.0 / 9.0
 """Of the memory: the readings that a set starts from, which is to live for the rest of it."""
 
-MOST_CARRIED = 240
+MOST_CARRIED = 60
 """Boxes of a set that is carried."""
 
 

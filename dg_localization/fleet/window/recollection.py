@@ -51,9 +51,11 @@ CHAIN_SHARE = 0.5
 """Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
 
 JOINT_RESOLUTION_M = 0.05
-COARSE_BOXES, FINE_BOXES = 32, 1000
-"""Boxes of the poses of a few robots together: few to rule out what is impossible, more to bound
-what is left."""
+COARSE_BOXES, FINE_BOXES, PROGRAM_BOXES = 32, 1000, 96
+"""
+Boxes of the poses of a few robots together: few to rule out what is impossible, more to bound
+what is left where outliers are tolerated, and few with linear programs where not.
+"""
 
 MOST_REFINED = 16
 """Of more placements than these, the others get coarse headings only."""
@@ -156,11 +158,12 @@ class Recollection:
         sentences = gone_on.ruled_out
         if others:
             coarse = PairOptions(outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
-            possible = self._tried(gone_on.placements, frame, coarse, stopped)
+            possible = self._tried(gone_on.placements, frame, coarse, 0, stopped)
             most, others = parted(possible.placements, MOST_REFINED)
             sentences += possible.ruled_out
-        options = PairOptions(outliers, JOINT_RESOLUTION_M, FINE_BOXES)
-        refined = self._tried(most, frame, options, stopped)
+        boxes = FINE_BOXES if outliers else COARSE_BOXES
+        options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes)
+        refined = self._tried(most, frame, options, PROGRAM_BOXES, stopped)
         return Left((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _narrowed_in_space(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
@@ -178,6 +181,7 @@ class Recollection:
         placements: Sequence[Placement],
         frame: FixedFrame,
         options: PairOptions,
+        max_programs: int,
         stopped: Callable[[], bool],
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
@@ -185,7 +189,14 @@ class Recollection:
 
         def narrow(placement: Placement) -> tuple[Placement | None, str]:
             narrowed = narrow_placement(
-                placement, frame, robots, self.readings, self.pose_sets, options, stopped
+                placement,
+                frame,
+                robots,
+                self.readings,
+                self.pose_sets,
+                options,
+                max_programs,
+                stopped,
             )
             pair = narrowed.ruled_out_by
             return narrowed.placement, '' if pair is None else self._over(pair)
