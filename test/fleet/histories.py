@@ -222,7 +222,7 @@ class History:
                 deviation = math.sqrt(self.limits[2])
                 absolute += (2.0 * share - 1.0) * model.sigma_factor * deviation
             reading = (distance + absolute) / (1.0 - relative)
-            reading = max(0.0, reading + self.lies.get((observer, target, time_s), 0.0))
+            reading = max(0.01, reading + self.lies.get((observer, target, time_s), 0.0))
             if self.limits:
                 reading = beyond_limits(reading, *self.limits[:2])
             stamp_s = self._stamp_s(observer, time_s)
