@@ -76,6 +76,7 @@ class EarlierSets:
         self.doubts = Doubts()
         self._before: dict[Pair, tuple[EarlierSet, ...]] = {}
         self._sets: dict[Pair, tuple[EarlierSet, ...]] = {}
+        self._newest: dict[Pair, EarlierSet] = {}
 
     @property
     def pairs(self) -> frozenset[Pair]:
@@ -87,6 +88,7 @@ class EarlierSets:
         other = copy(self)
         other.doubts = self.doubts.copied()
         other._before, other._sets = dict(self._before), dict(self._sets)
+        other._newest = dict(self._newest)
         return other
 
     def place(
@@ -105,10 +107,17 @@ class EarlierSets:
         if not known:
             self._sets[pair] = step.started(-math.inf)
             return None
+        newest = self._newest.get(pair)
+        if newest and newest.since_s == known[0].since_s and not step.is_due(known[0]):
+            # Where nothing was measured since, odometry alone carries it on.
+            carried = step.carried(newest) if step.is_still(newest) else None
+            if carried is not None:
+                return carried
         oldest = step.taken(known[0])
         if oldest is None:
             self._sets[pair] = step.started(-math.inf)
             return None
+        self._newest[pair] = oldest
         if step.is_due(known[0]):
             younger = [found for one in known[1:] if (found := step.taken(one)) is not None]
             if not younger and known[0].since_s < step.half_s:
@@ -119,6 +128,7 @@ class EarlierSets:
 
     def set_back(self, pair: Pair) -> None:
         """Undo the last `place` of a pair: what it measured since is in doubt."""
+        self._newest.pop(pair, None)
         if pair in self._before:
             self._sets[pair] = self._before[pair]
 
@@ -128,6 +138,7 @@ class EarlierSets:
             bodies = {frozenset(map(config.robot_of, ends)) for ends in item.ends}
             for pair, known in self._sets.items():
                 if any(_are_of(config, pair, ends) for ends in bodies):
+                    self._newest.pop(pair, None)
                     self._sets[pair] = tuple(
                         one
                         for one in known
@@ -174,6 +185,10 @@ class _Step:
             return age_s >= (1.0 - OVERLAP) * (self._now_s - self.oldest_s)
         return age_s >= self._step_s
 
+    def is_still(self, known: EarlierSet) -> bool:
+        """Return whether a set of the past goes on, and no reading is newer."""
+        return self.goes_on(known) and not np.any(self.stamps_s > known.stamp_s)
+
     def started(self, after_s: float) -> tuple[EarlierSet, ...]:
         """Return a set by readings after a time alone, if they bound the pose."""
         height_m = (0.0, 0.0) if self._in_plane else (-math.inf, math.inf)
@@ -193,11 +208,7 @@ class _Step:
 
         None where odometry does not bound the way.
         """
-        (first, second), (first_s, second_s) = self._paths, known.samples_s
-        assert second is not None
-        ahead = second.track_step(second_s, self._now_s)
-        back = None if first is None else first.track_back(first_s, self._now_s)
-        carried = known.cover.carried(ahead.pose, ahead.ball_m, back, self._in_plane)
+        carried = self.carried(known)
         if carried is None:
             return None
         cover = carried.coarsened(MOST_CARRIED)
@@ -208,6 +219,14 @@ class _Step:
                 self._all_readings()[chosen], self._options, within=cover, stopped=self._stopped
             )
         return self._now(known.since_s, cover)
+
+    def carried(self, known: EarlierSet) -> Cover | None:
+        """Return a set at the time of the snapshot, None where odometry does not bound the way."""
+        (first, second), (first_s, second_s) = self._paths, known.samples_s
+        assert second is not None
+        ahead = second.track_step(second_s, self._now_s)
+        back = None if first is None else first.track_back(first_s, self._now_s)
+        return known.cover.carried(ahead.pose, ahead.ball_m, back, self._in_plane)
 
     def _now(self, since_s: float, cover: Cover) -> EarlierSet:
         """Return a set of poses of the tracks now."""
