@@ -182,6 +182,22 @@ def test_triangles_on_one_edge_of_which_one_is_flat(order, error):
     assert apart_m[0][1] < 2.2 and apart_m[1][0] > 4.3
 
 
+def test_a_piece_that_is_flat_in_one_hypothesis_alone():
+    """Its sides are at two faces where it is not flat: the count says that it is a bound."""
+    for order in ((0, 1, 2, 3, 4, 5, 6), (6, 2, 4, 0, 5, 1, 3)):
+        positions = np.array([(1, 4), (2, 1), (1, 1), (1, 0), (1, 4), (0, 2), (1, 0)], float)
+        pairs = [(0, 1), (0, 2), (0, 3), (0, 6), (1, 2), (1, 3), (1, 6)]
+        pairs += [(2, 4), (2, 5), (3, 4), (4, 5)]
+        found = distinct(placements_of(positions, dict.fromkeys(pairs, 0.0)))
+        number = np.argsort(order)
+        measured = [tuple(sorted((int(number[i]), int(number[j])))) for i, j in pairs]
+        result = solve(problem_of(positions[list(order)], measured))
+        assert len(found) == 12 <= result.n_hypotheses
+        assert result.n_hypotheses_is_bound or result.n_hypotheses == 12
+        for placed in found:
+            assert any(holds(h, placed[list(order)]) for h in result.hypotheses)
+
+
 def test_a_flat_piece_passes_sides_on():
     """Between two faces of a flat piece, of two flat pieces, in space, and on the line."""
     line = [(0, 0), (2, 0), (5, 0), (1, 2), (4, 2)]

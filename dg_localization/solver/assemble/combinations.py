@@ -35,6 +35,7 @@ class Site:
     members: list[int]
     apexes: Apexes
     is_merged: bool = False  # at the faces of several joints
+    lost: frozenset[tuple[int, int]] = frozenset()  # apexes at another of these faces alone
     number: int = 0  # among the sites
 
     def n_certain(self, piece: int) -> int:
@@ -76,6 +77,7 @@ class Network:
     sites: list[Site] = field(default_factory=list)
     links: list[PieceLink] = field(default_factory=list)
     is_exact: bool = True
+    lists_all_sides: bool = True  # false where one combination of the list stands for several
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,7 @@ class Combinations:
             self._links_of[link.second].append(link)
         self._drop_unmatched(network.links)
         self._is_forest = network.is_exact
+        self.lists_all_sides = network.lists_all_sides
         self.forest: list[PieceLink] = []
         self._order: list[int] = []
         self._roots: list[int] = []

@@ -143,6 +143,7 @@ class Linker:
                         found[piece, x] = apex
             if len(found) > len(best.apexes):
                 best = Site(joint.points, members, found, is_merged=True)
+        best.lost = frozenset().union(*apexes) - best.apexes.keys()
         return best
 
     def _is_apex(
@@ -179,6 +180,18 @@ class Linker:
             if site.n_certain(hub) < self._n(hub):
                 network.is_exact = False
                 self._allow_more(network.links, hub, site)
+        if site and site.lost:
+            network.is_exact = network.lists_all_sides = False
+            self._allow_lost(network.links, site)
+
+    def _allow_lost(self, links: Sequence[PieceLink], site: Site) -> None:
+        """Have two sides count for a piece that is flat in one hypothesis and not in another."""
+        for link in links:
+            if link.site is site:
+                for (x, y), sides in link.allowed.items():
+                    ends = {(link.first, x), (link.second, y)}
+                    if sides == FREE and not ends.isdisjoint(site.lost):
+                        link.allowed[x, y] = EITHER
 
     def _allow_more(self, links: Sequence[PieceLink], hub: int, site: Site) -> None:
         """Have two sides count where the first piece of a site does not say which it is."""

@@ -134,7 +134,8 @@ class Product:
             return number
         if not self._is_counted and self._assembly.hull is None:
             return 0
-        if self._is_crossed or not self.combinations.is_exact:
+        is_listed = self._is_crossed or not self.combinations.is_exact
+        if is_listed and self.combinations.lists_all_sides:
             listing = _Listing(self._options.max_hypotheses, max(1, MOST_LISTED // n_points**2))
             self._list(listing, budget.is_over)
             if listing.is_complete and not budget.is_over():
@@ -175,6 +176,8 @@ class Product:
         """Whether some of the combinations that are counted may hold no placement."""
         pieces = self.solved.pieces
         if not all(piece.is_finished for piece in pieces):
+            return True
+        if not self.combinations.lists_all_sides:
             return True
         if len(pieces) == 1 or self.number <= self._options.max_hypotheses:
             listed = self.hypotheses
