@@ -169,6 +169,8 @@ def load_kernels() -> float:
     settled(Problem(exact, exact), np.eye(3, 2))
     # Large enough to look at the clock on the way.
     pieces_of(400, _braced_grid(20, 20).pairs.measured, 2)
+    # Bars without a triangle.
+    pieces_of(4, np.array([[0, 1], [1, 2], [2, 3], [0, 3]]), 2)
     return time.perf_counter() - start
 
 
