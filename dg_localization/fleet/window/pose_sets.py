@@ -5,13 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 import math
 
 import numpy as np
 
 from dg_localization.fleet.constraints.distances import PairBounds
+from dg_localization.fleet.constraints.rays import RayBundle
+from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.allowance import Allowance
@@ -20,10 +22,20 @@ from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.bounds import squared_distance
-from dg_localization.poses import Cover, PairOptions, count_agreeing, cover_poses
+from dg_localization.poses import (
+    NO_RAY_RAD,
+    Cover,
+    PairOptions,
+    PairReadings,
+    count_agreeing,
+    cover_poses,
+)
 
 RESOLUTION_M = 0.15
 MOST_BOXES = 1000
+
+MOMENT_RESOLUTION_M, MOST_OF_MOMENT = 0.02, 400
+"""Of what one moment tells, which has few readings."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +51,15 @@ class PoseSets:
         By pair of robots, in the frame of the first.
     of_whole_memory : bool
         Whether some know all that is remembered, and not its younger part alone.
+    of_moment : mapping of int to Cover
+        By robot without a set of the window, by its ranges and rays of the moment alone.
 
     """
 
     covers: Mapping[int, Cover] = field(default_factory=dict)
     relative: Mapping[Pair, Cover] = field(default_factory=dict)
     of_whole_memory: bool = False
+    of_moment: Mapping[int, Cover] = field(default_factory=dict)
 
     @property
     def any(self) -> bool:
@@ -147,6 +162,67 @@ def place_robots(
         of_whole_memory=not covers.keys() <= {*apart},
     )
     return pose_sets, tuple(forgotten)
+
+
+def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Cover]:
+    """
+    Return where robots in the plane that see anchors are, without odometry.
+
+    The sensors of a robot count together, and rays to anchors that it does not range. The robots
+    in `placed` are left out, and those whose measurements contradict each other or bound nothing.
+    """
+    config = snapshot.config
+    if config.dimension != 2 or not snapshot.anchors.boxes:
+        return {}
+    options = PairOptions(config.window_outliers, MOMENT_RESOLUTION_M, MOST_OF_MOMENT)
+    found = {}
+    for robot, name in enumerate(config.robots):
+        if robot not in placed and name not in config.anchors:
+            readings = _readings_of_moment(snapshot, name)
+            cover = None if readings is None else cover_poses(readings, options)
+            if cover is not None and cover.bounded and not cover.empty:
+                found[robot] = cover
+    return found
+
+
+def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
+    """Return what a robot measures of anchors now; None where it sees none of them."""
+    config, now_s = snapshot.config, snapshot.stamp_s
+    rows = {name: row for row, name in enumerate(config.points)}
+    anchors = {name: snapshot.anchors.boxes.get(rows[name]) for name in config.anchors}
+    own = config.points_on(robot)
+    ends, places, bounds, rays = [], [], [], []
+    for ray in snapshot.rays:
+        place = anchors.get(ray.key.target)
+        if ray.key.observer in own and place is not None:
+            (turned,) = RayBundle([ray], 1, rows, snapshot.motion, 2).now(now_s)
+            off_m = np.full(2, ray.displacement_m)
+            ends.append(ray.key.observer)
+            places.append(place + Interval(-off_m, off_m))
+            bounds.append((0.0, math.inf))
+            rays.append((turned.direction, turned.half_width_rad))
+    if not rays:
+        return None
+    for distance in snapshot.distances:
+        for end, other in (distance.key.ends, distance.key.ends[::-1]):
+            place = anchors.get(other)
+            if end in own and place is not None and distance.lower_m <= distance.upper_m:
+                ends.append(end)
+                places.append(place)
+                bounds.append((distance.lower_m, distance.upper_m))
+                rays.append((np.array([1.0, 0.0, 0.0]), NO_RAY_RAD))
+    points_m = np.zeros((2, len(ends), 3))
+    points_m[0, :, :2] = [place.lower for place in places]
+    points_m[1, :, :2] = [place.upper for place in places]
+    directions, errors_rad = zip(*rays, strict=True)
+    return PairReadings.of(
+        Interval(*points_m),
+        places_on_body(config, ends),
+        Interval(*np.array(bounds).T),
+        np.array(directions),
+        np.array(errors_rad),
+        True,
+    )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,12 @@ from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between, without
 from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
-from dg_localization.fleet.window.pose_sets import NO_POSE_SETS, PoseSets, place_robots
+from dg_localization.fleet.window.pose_sets import (
+    NO_POSE_SETS,
+    PoseSets,
+    place_by_moment,
+    place_robots,
+)
 from dg_localization.fleet.window.proved import CarriedPlacements, Proved
 from dg_localization.fleet.window.shape_headings import (
     narrow_placement,
@@ -130,7 +135,7 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        known = self.readings or self.pose_sets.any
+        known = self.readings or self.pose_sets.any or self.pose_sets.of_moment
         return not (known or any(self.chains))
 
     def narrow(self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0) -> Left:
@@ -269,11 +274,13 @@ def recall(
     any_upright = any(map(config.is_upright, config.robots))
     earlier = earlier or EarlierSets()
     if not any_upright or not (snapshot.window.observations or proved or earlier.pairs):
-        return Recollection(snapshot, allowance, replaced=replaced)
+        pose_sets = PoseSets(of_moment=place_by_moment(snapshot, ()))
+        return Recollection(snapshot, allowance, pose_sets=pose_sets, replaced=replaced)
     if allowance.part(1)():
         proved = ()
     newest_s = config.memory_s * WINDOW_SHARE
     pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, earlier)
+    pose_sets = replace(pose_sets, of_moment=place_by_moment(snapshot, pose_sets.covers))
     spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.pairs)}
     snapshot = without(snapshot, forgotten)
     carried = snapshot.carried

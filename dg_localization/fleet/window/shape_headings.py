@@ -106,7 +106,7 @@ def _bounds_of_sets(
     nothing = np.tile([[-math.inf], [math.inf]], (len(robots), 1, 2))
     any_way = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (len(robots), 1))
     if frame.kind is FrameKind.ANCHORS:
-        for robot, cover in pose_sets.covers.items():
+        for robot, cover in (*pose_sets.covers.items(), *pose_sets.of_moment.items()):
             part = poses_within(cover, *enclosure_m[robot])
             bounds = None
             if not part.empty:
@@ -114,7 +114,8 @@ def _bounds_of_sets(
                 position_m = part.position_m[:2]
                 bounds.enclosure_m[robot] = position_m.lower, position_m.upper
                 bounds.arcs_rad[robot] = part.hull.yaw_rad
-            yield (WORLD, robot), bounds
+            if bounds is not None or robot in pose_sets.covers:
+                yield (WORLD, robot), bounds
     elif len(robots) == 2 and {*frame.points} <= {*robots}:
         for pair, cover in pose_sets.relative.items():
             yield pair, None if cover.empty else _two_robots(frame, robots, cover)
