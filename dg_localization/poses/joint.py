@@ -81,7 +81,6 @@ def narrow_jointly(
     poses: JointPoses,
     readings: Mapping[Pair, PairReadings],
     options: PairOptions,
-    max_programs: int = 0,
     *,
     stopped: Callable[[], bool] = lambda: False,
 ) -> JointPoses:
@@ -89,12 +88,11 @@ def narrow_jointly(
     Narrow the poses of bodies by what pairs of them, A and B of the readings, measured.
 
     `poses` bound all of them in one frame; places may be unbounded. `options` are those of a
-    party, with the outliers of each pair. In the plane, where none is tolerated, linear programs
-    narrow up to `max_programs` boxes more. Once `stopped` is true the poses are returned as they
+    party, with the outliers of each pair. Once `stopped` is true the poses are returned as they
     are.
     """
     in_plane = not (np.any(poses.lower_m[:, Z]) or np.any(poses.upper_m[:, Z]))
-    by_programs = max_programs > 0 and in_plane and options.max_outliers == 0
+    by_programs = options.max_programs > 0 and in_plane and options.max_outliers == 0
     box = np.zeros((2, len(poses.arcs_rad), 4))
     box[LOW, :, :YAW], box[HIGH, :, :YAW] = poses.lower_m, poses.upper_m
     box[:, :, YAW] = poses.arcs_rad.T
@@ -110,7 +108,7 @@ def narrow_jointly(
         box[:, party] = _hull(found.boxes.reshape(-1, 2, len(party), 4), box[:, party])
         if by_programs:
             search = _Programs(party, {pair: readings[pair] for pair in named}, stopped)
-            left, guilty_pair = search.run(box[:, party], max_programs)
+            left, guilty_pair = search.run(box[:, party], options.max_programs)
             if guilty_pair is not None:
                 return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, guilty_pair)
             box[:, party] = left

@@ -44,12 +44,16 @@ class PairOptions:
         A box is done when no reading changes by more than this along any axis of it.
     max_boxes : int
         Most boxes of a cover; where the search starts from more, it returns those.
+    max_programs : int
+        Most boxes of the joint poses of robots in the plane that linear programs narrow, where no
+        outlier is tolerated.
 
     """
 
     max_outliers: int = 0
     resolution_m: float = 0.25
     max_boxes: int = 2000
+    max_programs: int = 0
 
     def __post_init__(self) -> None:
         if self.max_outliers < 0:

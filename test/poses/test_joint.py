@@ -17,8 +17,8 @@ from dg_localization.poses.joint import PARTY_SIZE, _connected_parties
 FLEETS = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
 
 
-def boxes(most, scale_m=1.0, outliers=0):
-    return PairOptions(outliers, 0.05 * scale_m, most)
+def boxes(most, programs=0, scale_m=1.0, outliers=0):
+    return PairOptions(outliers, 0.05 * scale_m, most, programs)
 
 
 def moved_fleet(seed, **kind):
@@ -51,7 +51,7 @@ def test_no_truth_is_lost(kind, programs):
     for seed in range(FLEETS):
         fleet = moved_fleet(seed, **kind)
         start = start_of(fleet)
-        poses = narrow_jointly(start, fleet.readings, boxes(64), programs)
+        poses = narrow_jointly(start, fleet.readings, boxes(64, programs))
         assert holds(fleet, poses), seed
         gains.append(np.ptp(poses.arcs_rad, axis=1).sum() / np.ptp(start.arcs_rad, axis=1).sum())
         assert np.all(poses.lower_m >= start.lower_m)
@@ -72,7 +72,7 @@ def test_no_truth_is_lost_among_liars_of_each_pair(kind):
 def test_no_truth_is_lost_at_any_scale(scale_m):
     for seed in range(5):
         fleet = moved_fleet(seed, scale_m=scale_m)
-        poses = narrow_jointly(start_of(fleet), fleet.readings, boxes(32, scale_m), 8)
+        poses = narrow_jointly(start_of(fleet), fleet.readings, boxes(32, 8, scale_m))
         assert holds(fleet, poses), seed
 
 
@@ -84,7 +84,7 @@ def test_mirror_images_are_ruled_out():
         if fleet.count < 3:
             continue
         start = replace(start_of(fleet), lower_m=lower, upper_m=upper)
-        poses = narrow_jointly(start, fleet.readings, boxes(32), 96)
+        poses = narrow_jointly(start, fleet.readings, boxes(32, 96))
         left += poses.possible
         ruled_out += not poses.possible
         assert poses.possible or poses.ruled_out_by in fleet.readings
@@ -94,7 +94,7 @@ def test_mirror_images_are_ruled_out():
 def test_when_stopped_the_poses_are_left_as_they_are():
     fleet = moved_fleet(3)
     start = start_of(fleet)
-    poses = narrow_jointly(start, fleet.readings, boxes(64), 24, stopped=lambda: True)
+    poses = narrow_jointly(start, fleet.readings, boxes(64, 24), stopped=lambda: True)
     np.testing.assert_array_equal(poses.arcs_rad, start.arcs_rad)
     np.testing.assert_array_equal(poses.lower_m, start.lower_m)
 
@@ -116,7 +116,7 @@ def test_every_body_of_a_larger_fleet_is_narrowed():
     for seed in seeds[:3]:
         fleet = moved_fleet(seed)
         start = start_of(fleet)
-        poses = narrow_jointly(start, fleet.readings, boxes(32), 96)
+        poses = narrow_jointly(start, fleet.readings, boxes(32, 96))
         assert holds(fleet, poses)
         assert np.all(np.ptp(poses.arcs_rad, axis=1) < np.ptp(start.arcs_rad, axis=1))
 

@@ -163,12 +163,12 @@ class Recollection:
         sentences = gone_on.ruled_out
         if others:
             coarse = PairOptions(outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
-            possible = self._tried(gone_on.placements, frame, coarse, 0, stopped)
+            possible = self._tried(gone_on.placements, frame, coarse, stopped)
             most, others = parted(possible.placements, MOST_REFINED)
             sentences += possible.ruled_out
         boxes = FINE_BOXES if outliers else COARSE_BOXES
-        options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes)
-        refined = self._tried(most, frame, options, PROGRAM_BOXES, stopped)
+        options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, PROGRAM_BOXES)
+        refined = self._tried(most, frame, options, stopped)
         return Left((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _narrowed_in_space(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
@@ -186,7 +186,6 @@ class Recollection:
         placements: Sequence[Placement],
         frame: FixedFrame,
         options: PairOptions,
-        max_programs: int,
         stopped: Callable[[], bool],
     ) -> Left:
         """Return placements narrowed, those that are impossible left out."""
@@ -200,7 +199,6 @@ class Recollection:
                 self.readings,
                 self.pose_sets,
                 options,
-                max_programs,
                 stopped,
             )
             pair = narrowed.ruled_out_by

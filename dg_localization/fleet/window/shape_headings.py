@@ -65,14 +65,12 @@ def narrow_placement(
     readings: Mapping[Pair, PairReadings],
     pose_sets: PoseSets,
     options: PairOptions,
-    max_programs: int,
     stopped: Callable[[], bool],
 ) -> Narrowed:
     """
     Return what a window leaves of a placement of the moment in the plane.
 
-    `readings` are what pairs of robots observed of each other; `options` and `max_programs` are
-    those of `narrow_jointly`. Once `stopped` is true, what is
+    `readings` are what pairs of robots observed of each other. Once `stopped` is true, what is
     found so far is returned.
     """
     enclosure, arcs = placement.enclosure_m.copy(), heading_arcs(placement)
@@ -92,7 +90,7 @@ def narrow_placement(
     # Two robots that are known among the anchors tell each other little, and it takes long.
     useful = {pair: part for pair, part in readings.items() if not settled.keys() >= {*pair}}
     start = JointPoses(lower, upper, arcs)
-    poses = narrow_jointly(start, useful, options, max_programs, stopped=stopped)
+    poses = narrow_jointly(start, useful, options, stopped=stopped)
     if not poses.possible:
         return Narrowed(None, poses.ruled_out_by)
     enclosure[:, 0], enclosure[:, 1] = poses.lower_m[:, :2], poses.upper_m[:, :2]
