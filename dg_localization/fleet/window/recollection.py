@@ -278,10 +278,12 @@ def recall(
         proved = ()
     newest_s = config.memory_s * WINDOW_SHARE
     pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, earlier)
-    pose_sets = replace(pose_sets, of_moment=place_by_moment(snapshot, pose_sets.covers))
     spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.pairs)}
     snapshot = without(snapshot, forgotten)
     carried = snapshot.carried
+    # What a robot in doubt measures now may be what is wrong.
+    placed = pose_sets.covers.keys() | earlier.doubts.robots
+    pose_sets = replace(pose_sets, of_moment=place_by_moment(snapshot, placed))
     recalled = Recollection(
         snapshot,
         allowance,
