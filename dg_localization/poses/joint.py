@@ -210,7 +210,8 @@ class _Programs:
     def run(self, box: np.ndarray, max_boxes: int) -> tuple[np.ndarray, Pair | None]:
         """Return the hull of all poses that are left, or the pair that leaves none."""
         most = max_boxes * (PAIR_FACTOR if box.shape[1] == 2 else 1)
-        boxes = np.array([box])[..., [X, Y, YAW]]
+        # Kernels are compiled once more for arrays that are laid out in another order.
+        boxes = np.ascontiguousarray(box[None, :, :, [X, Y, YAW]])
         while True:
             found = np.full(len(boxes), POSSIBLE)
             for first in range(0, len(boxes), BATCH):

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 import numpy as np
 
 from dg_localization.solver.decompose.graph import Pair, Points
-from dg_localization.solver.decompose.rigid_components import rigid_components
+from dg_localization.solver.decompose.rigid_components import joined_bodies, rigid_components
 
 PATCH_POINTS = 8
 """Most points of a patch: larger ones took longer, and left as much open."""
@@ -157,27 +157,8 @@ def bodies_of(patches: Sequence[Points], dimension: int) -> list[set[int]]:
 
     Patches that share q points only may be mirrored in them, unless a third one says otherwise.
     """
-    bodies: dict[int, set[int]] = {}
-    holders: dict[int, set[int]] = {}
-    for number, patch in enumerate(patches):
-        bodies[number] = set(patch)
-        for point in patch:
-            holders.setdefault(point, set()).add(number)
-        changed, new = number, set(patch)
-        while new:
-            others = set().union(*(holders[point] for point in new)) - {changed}
-            new = set()
-            for other in sorted(others):
-                if len(bodies[changed] & bodies[other]) > dimension:
-                    small, large = sorted((changed, other), key=lambda x: len(bodies[x]))
-                    moved = bodies.pop(small)
-                    for point in moved:
-                        holders[point].discard(small)
-                        holders[point].add(large)
-                    new |= moved if large == other else moved - bodies[large]
-                    bodies[large] |= moved
-                    changed = large
-    return sorted(bodies.values(), key=lambda body: (-len(body), min(body)))
+    bodies = joined_bodies(patches, dimension + 1)
+    return sorted(bodies, key=lambda body: (-len(body), min(body)))
 
 
 def seam_patches(
