@@ -205,7 +205,7 @@ def _answer_group(
     listed = tuple(placements[:most_placements])
     names = [snapshot.config.points[point] for point in placer.points]
     measured = None
-    if snapshot.mounts.distances:
+    if not constraints.all_measured:
         measured = constraints.measured[np.ix_(placer.points, placer.points)]
     rigidity = rigidity_of(names, result, snapshot.config.dimension, all_listed, measured)
     return Answer(verdict, listed, number, result.statistics, rigidity=rigidity)

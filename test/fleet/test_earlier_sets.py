@@ -15,9 +15,6 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.window.earlier_sets import EarlierSet, EarlierSets
-from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.poses import Cover
 
 ANCHORS = {'a': (0.0, 0.0), 'b': (12.0, 0.0), 'c': (12.0, 9.0), 'd': (0.0, 9.0)}
 START_S = 100.0
@@ -90,18 +87,3 @@ def test_after_a_gap_new_ranges_narrow_what_was_carried():
             assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
             widths[round(time_s)] = float((upper - lower).max())
     assert widths[35] < widths[27]
-
-
-def test_sets_go_with_what_is_forgotten():
-    config = FleetConfig(('r', 's'), anchors={'a': Anchor((0.0, 0.0))})
-    pair, cover = (-1, 0), Cover(np.zeros((1, 2, 4)))
-
-    def left(before_s, ends, after_s=-math.inf):
-        sets = EarlierSets()
-        sets._sets[pair] = (EarlierSet(2.0, 8.0, (math.nan, 8.0), cover),)
-        sets.forget(config, [Forgotten(frozenset([ends]), before_s, 'a test', after_s)])
-        return pair in sets.pairs
-
-    assert not left(3.0, ('r', 'a')) and not left(9.0, ('a', 'r'))
-    assert left(2.0, ('r', 'a')) and left(9.0, ('r', 'a'), after_s=8.0)
-    assert left(9.0, ('s', 'a')) and left(9.0, ('r', 's'))

@@ -12,7 +12,13 @@ import numpy as np
 import pytest
 
 from dg_localization import SolverOptions, Verdict
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
 from dg_localization.fleet.rigidity import missing_ranges
 
 NOW_S = 10.0
@@ -373,3 +379,58 @@ def test_what_is_called_rigid_or_fixed_is_by_the_rank_of_what_is_measured(dimens
                 called['not flexible'] += 1
                 assert motions.hold(measured), (seed, pairs)
     assert min(called[claim] for claim in ('rigid', 'fixed', 'not flexible')) >= 2
+
+
+RING_ANCHORS = {
+    'a': (0.0, 0.0, 0.0),
+    'b': (10.0, 0.0, 1.0),
+    'c': (0.0, 8.0, 2.0),
+    'd': (6.0, 6.0, 4.0),
+}
+
+
+def estimate_after(dimension, heard, *, memory, moves=False, anchors=RING_ANCHORS):
+    """Return the estimate of a robot after 8 s, in each of which it heard some anchors."""
+    anchors = {name: place[:dimension] for name, place in anchors.items()}
+    config = FleetConfig(
+        robots=('r',),
+        anchors={name: Anchor(place) for name, place in anchors.items()},
+        dimension=dimension,
+        odometry_error=OdometryErrorModel(0.05, rotation_per_rad=0.05, tilt_rad=0.01),
+    )
+    localizer = Localizer(config)
+    for second, names in enumerate(heard):
+        now_s = NOW_S + second
+        place_m = (3.0 + 0.4 * second * moves, 2.0, 1.0)
+        if memory:
+            localizer.add_odometry('r', place_m, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        for name in names:
+            range_m = math.dist(place_m[:dimension], anchors[name])
+            assert localizer.add_range('r', name, range_m, now_s, now_s) is None
+        estimate = localizer.step(now_s)
+    return estimate
+
+
+@pytest.mark.parametrize('moves', [False, True])
+@pytest.mark.parametrize('memory', [False, True])
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_a_ring_about_one_anchor_is_flexible(dimension, memory, moves):
+    estimate = estimate_after(dimension, ['a'] * 8, memory=memory, moves=moves)
+    assert estimate.placements
+    assert all(placement.flexible for placement in estimate.placements)
+    assert ('r', *RING_ANCHORS) not in estimate.rigid_groups
+
+
+def test_a_ring_about_anchors_above_each_other_is_flexible():
+    anchors = RING_ANCHORS | {'a2': (0.0, 0.0, 5.0), 'a3': (0.0, 0.0, 8.0), 'a4': (0.0, 0.0, 9.0)}
+    heard = [('a', 'a2', 'a3', 'a4')] * 3 + [()] * 3
+    (placement,) = estimate_after(3, heard, memory=True, anchors=anchors).placements
+    assert placement.flexible
+
+
+@pytest.mark.parametrize('moves', [False, True])
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_what_is_remembered_of_all_anchors_fixes_a_robot(dimension, moves):
+    heard = ['abcd'] * 4 + ['a'] * 4
+    (placement,) = estimate_after(dimension, heard, memory=True, moves=moves).placements
+    assert not placement.flexible

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.constraints.distances import (
     PairBounds,
     given_distances,
+    intersect_pair,
     share_on_robots,
     triangulate,
 )
@@ -46,7 +47,8 @@ class Constraints:
         Squared distances in m^2.
     measured : numpy.ndarray of bool, shape (n, n)
         Which of them would be known if there were no errors. Points of one robot have bounds by
-        what others of it measure, which leave them the length of their arm.
+        what others of it measure, which leave them the length of their arm, and a window may bound
+        what nothing fixes.
     chiralities : tuple of Chirality
     rays : mapping of str to tuple of RayReading
         By observer, in its body frame at the time of the snapshot.
@@ -75,15 +77,24 @@ class Constraints:
         """Whether some distance is left without any value."""
         return bool((self.lower > self.upper).any())
 
-    def is_flexible(self, positions: FloatArray, robots: Sequence[str]) -> bool:
+    @cached_property
+    def all_measured(self) -> bool:
+        """Whether every distance with bounds is measured."""
+        return bool(np.array_equal(self.measured, np.isfinite(self.upper)))
+
+    def is_flexible(self, positions: FloatArray | None, robots: Sequence[str]) -> bool:
         """
-        Return whether the measured distances leave a placement free to move.
+        Return whether the measured distances may leave a placement free to move.
 
         That a robot may turn about its only point that anybody measured does not count.
         """
+        if positions is None:
+            return True
         names = np.array(robots)
         joins = self.measured & (names[:, None] != names[None])
         held = np.flatnonzero(joins.any(axis=1))
+        if len(np.unique(names[held])) < len(np.unique(names)):
+            return True
         return is_flexible(positions[held], self.measured[np.ix_(held, held)])
 
     def component_of(self, point: int) -> tuple[int, ...]:
@@ -124,13 +135,23 @@ class Constraints:
 def constrain(
     snapshot: Snapshot,
     dropped: frozenset[LinkKey] = frozenset(),
-    remembered: Iterable[PairBounds] = (),
+    remembered: Iterable[tuple[PairBounds, bool]] = (),
 ) -> Constraints:
-    """Return what a snapshot says about the points, some links left out."""
+    """
+    Return what a snapshot says about the points, some links left out.
+
+    `remembered` are bounds of distances, and whether they are loose: known by no measurement, were
+    it without errors.
+    """
     config = snapshot.config
     rows = {name: row for row, name in enumerate(config.points)}
-    lower, upper = given_distances(snapshot, dropped, rows, remembered)
+    known = [*remembered]
+    firm = [bounds for bounds, is_loose in known if not is_loose]
+    lower, upper = given_distances(snapshot, dropped, rows, firm)
     measured = lower.copy(), upper.copy()
+    for bounds, is_loose in known:
+        if is_loose:
+            intersect_pair(lower, upper, *bounds)
     share_on_robots(snapshot, rows, lower, upper)
     bundles = _bundles(snapshot, dropped, rows, lower)
     by_observer = [bundle.angles() for bundle in bundles.values()]
@@ -139,7 +160,7 @@ def constrain(
         chiralities.extend(seen.chiralities())
     angles = Angles.joined(by_observer)
     _narrow_by_angles(lower, upper, angles)
-    if snapshot.mounts.distances:
+    if snapshot.mounts.distances or len(firm) < len(known):
         _narrow_by_angles(*measured, angles)
     else:
         measured = lower, upper

@@ -170,8 +170,8 @@ class Placer:
         return np.clip(start, enclosure.lower, enclosure.upper)
 
     def _is_flexible(self, hypothesis: Hypothesis) -> bool:
-        """Return whether sensors on robots, whose bounds the solver takes for measured, move."""
-        if hypothesis.positions is None or not self._snapshot.mounts.distances:
+        """Return whether points may move whose bounds the solver takes for measured."""
+        if self._solved.all_measured:
             return False
         robots = [self._config.robot_of(point) for point in self._solved.points]
         return self._solved.is_flexible(hypothesis.positions, robots)

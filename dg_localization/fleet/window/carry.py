@@ -164,6 +164,30 @@ class CarriedWindow:
         """Return the times of the observations of a pair, newest first."""
         return self._stamps_of(pair)
 
+    def fixes_place(self, pair: Pair, chosen: NDArray[np.intp] | slice = slice(None)) -> bool:
+        """
+        Return whether some observations of a pair, were they exact, leave finitely many places.
+
+        A turn about one point of the first body changes no range to it and no ray towards it. So
+        there have to be two such points, or a ray from the first body, and as many different
+        measurements as a pose has coordinates.
+        """
+        if pair not in self._tables:
+            return False
+        seen, in_plane = self._tables[pair].some(chosen), self._config.dimension == 2
+        by_second = seen.seen_by_second[:, None]
+        ranges = np.unique(seen.points[np.isfinite(seen.upper_m)], axis=0)
+        sights = np.unique(
+            np.hstack([seen.points, by_second])[seen.errors_rad < 0.5 * math.pi], axis=0
+        )
+        points = np.concatenate([ranges[:, 0], sights[:, 0]])
+        if pair[0] == WORLD:
+            # Those above each other are as one: a turn about the upright axis.
+            points = self._places.lower[points, :2]
+        apart = len(np.unique(points, axis=0)) > 1 or bool(np.any(sights[:, 2] == 0))
+        count = len(ranges) + len(sights) * (1 if in_plane else 2)
+        return apart and count >= (3 if in_plane else 4)
+
     def sources(self, pair: Pair) -> tuple[tuple[str, str, Observation], ...]:
         """Return the observations of a pair with observer and target, newest first."""
         names = self._config.points

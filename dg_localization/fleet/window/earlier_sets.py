@@ -52,6 +52,8 @@ class EarlierSet:
     samples_s : tuple of float
         The stamps of the samples of the odometries at which the tracks are; NaN of the world.
     cover : Cover
+    fixed : bool
+        Whether its observations, without errors, would leave finitely many places.
 
     """
 
@@ -59,6 +61,7 @@ class EarlierSet:
     stamp_s: float
     samples_s: tuple[float, ...]
     cover: Cover
+    fixed: bool
 
 
 class EarlierSets:
@@ -93,9 +96,11 @@ class EarlierSets:
 
     def place(
         self, snapshot: Snapshot, pair: Pair, options: PairOptions, stopped: Callable[[], bool]
-    ) -> Cover | None:
+    ) -> tuple[Cover, bool] | None:
         """
         Return the poses of the tracks of a pair now, by its readings and earlier sets.
+
+        And whether these, without errors, would leave finitely many places.
 
         None where there is no earlier set: then all readings together tell as much.
         """
@@ -112,7 +117,7 @@ class EarlierSets:
             # Where nothing was measured since, odometry alone carries it on.
             carried = step.carried(newest) if step.is_still(newest) else None
             if carried is not None:
-                return carried
+                return carried, newest.fixed
         oldest = step.taken(known[0])
         if oldest is None:
             self._sets[pair] = step.started(-math.inf)
@@ -124,7 +129,7 @@ class EarlierSets:
                 younger += step.started(snapshot.stamp_s - START * snapshot.config.memory_s)
             known = [oldest, *younger]
         self._sets[pair] = tuple(known)
-        return oldest.cover
+        return oldest.cover, oldest.fixed
 
     def set_back(self, pair: Pair) -> None:
         """Undo the last `place` of a pair: what it measured since is in doubt."""
@@ -200,7 +205,8 @@ class _Step:
         )
         if cover.empty or not cover.bounded:
             return ()
-        return (self._now(float(self.stamps_s[chosen].min()), cover),)
+        fixed = self._carried.fixes_place(self._pair, chosen)
+        return (self._now(float(self.stamps_s[chosen].min()), cover, fixed),)
 
     def taken(self, known: EarlierSet) -> EarlierSet | None:
         """
@@ -218,7 +224,8 @@ class _Step:
             cover = cover_poses(
                 self._all_readings()[chosen], self._options, within=cover, stopped=self._stopped
             )
-        return self._now(known.since_s, cover)
+        fixed = known.fixed or self._carried.fixes_place(self._pair, chosen)
+        return self._now(known.since_s, cover, fixed)
 
     def carried(self, known: EarlierSet) -> Cover | None:
         """Return a set at the time of the snapshot, None where odometry does not bound the way."""
@@ -228,12 +235,12 @@ class _Step:
         back = None if first is None else first.track_back(first_s, self._now_s)
         return known.cover.carried(ahead.pose, ahead.ball_m, back, self._in_plane)
 
-    def _now(self, since_s: float, cover: Cover) -> EarlierSet:
+    def _now(self, since_s: float, cover: Cover, fixed: bool) -> EarlierSet:
         """Return a set of poses of the tracks now."""
         samples_s = [
             math.nan if path is None else path.sample_s(self._now_s) for path in self._paths
         ]
-        return EarlierSet(since_s, self._now_s, tuple(samples_s), cover)
+        return EarlierSet(since_s, self._now_s, tuple(samples_s), cover, fixed)
 
     def _all_readings(self) -> PairReadings:
         """Return all readings of the window, seen from the tracks now."""

@@ -53,6 +53,8 @@ class PoseSets:
         Whether some know all that is remembered, and not its younger part alone.
     of_moment : mapping of int to Cover
         By robot without a set of the window, by its ranges and rays of the moment alone.
+    loose : frozenset of (int, int)
+        The pairs of bodies whose places would be a continuum without errors, too.
 
     """
 
@@ -60,15 +62,18 @@ class PoseSets:
     relative: Mapping[Pair, Cover] = field(default_factory=dict)
     of_whole_memory: bool = False
     of_moment: Mapping[int, Cover] = field(default_factory=dict)
+    loose: frozenset[Pair] = frozenset()
 
     @property
     def any(self) -> bool:
         """Whether it says where any robot is."""
         return bool(self.covers or self.relative)
 
-    def distances(self, snapshot: Snapshot, replaced: frozenset[LinkKey]) -> Iterator[PairBounds]:
+    def distances(
+        self, snapshot: Snapshot, replaced: frozenset[LinkKey]
+    ) -> Iterator[tuple[PairBounds, bool]]:
         """
-        Yield pairs of points with bounds of their squared distance in m^2.
+        Yield pairs of points with bounds of their squared distance in m^2, and which are loose.
 
         Links that are not replaced go well with the distances of all anchors. Without any a few
         anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
@@ -77,10 +82,11 @@ class PoseSets:
         used = anchors.boxes.keys() if {*snapshot.keys} - replaced else anchors.spanning
         for robot, cover in self.covers.items():
             for anchor in used:
-                yield robot, anchor, *_squared_distance_m2(cover, anchors.boxes[anchor])
+                bounds_m2 = _squared_distance_m2(cover, anchors.boxes[anchor])
+                yield (robot, anchor, *bounds_m2), (WORLD, robot) in self.loose
         for pair, cover in self.relative.items():
             origin = Interval.point(np.zeros(snapshot.config.dimension))
-            yield *pair, *_squared_distance_m2(cover, origin)
+            yield (*pair, *_squared_distance_m2(cover, origin)), pair in self.loose
 
 
 NO_POSE_SETS = PoseSets()
@@ -132,6 +138,7 @@ def place_robots(
     covers: dict[Pair, Cover] = {}
     forgotten: list[Forgotten] = []
     in_doubt: set[int] = set()
+    loose: set[Pair] = set()
     for number, pair in enumerate(pairs):
         stopped = allowance.part(len(pairs) - number)
         placed = pair[0] != WORLD and all((WORLD, robot) in covers for robot in pair)
@@ -140,11 +147,13 @@ def place_robots(
         found = _place(
             snapshot, carried, pair, earlier, newest_s if pair in apart else math.inf, stopped
         )
-        if isinstance(found, Cover):
+        if not isinstance(found, _Contradiction):
+            cover, fixed = found
             stamps_s, complete = carried.stamps_s(pair), not stopped()
             if earlier.doubts.settled(pair, stamps_s, snapshot.stamp_s, complete):
-                if found.bounded:
-                    covers[pair] = found
+                if cover.bounded:
+                    covers[pair] = cover
+                    loose |= set() if fixed else {pair}
                 continue
         else:
             is_new = not earlier.doubts.about(pair)
@@ -160,6 +169,7 @@ def place_robots(
         {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
         {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},
         of_whole_memory=not covers.keys() <= {*apart},
+        loose=frozenset(loose),
     )
     return pose_sets, tuple(forgotten)
 
@@ -247,16 +257,17 @@ def _place(
     earlier: EarlierSets,
     newest_s: float,
     stopped: Callable[[], bool],
-) -> Cover | _Contradiction:
-    """Return the poses of a pair now."""
+) -> tuple[Cover, bool] | _Contradiction:
+    """Return the poses of a pair now, and whether what they follow from fixes their places."""
     in_plane = snapshot.config.dimension == 2
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
     height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
     followed = None
     if newest_s == math.inf:
         followed = earlier.place(snapshot, pair, options, stopped)
-    if followed is not None and not followed.empty:
-        return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, followed))
+    if followed is not None and not followed[0].empty:
+        cover, fixed = followed
+        return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, cover), fixed)
     readings = carried.readings_on_tracks(pair, newest_s)
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
@@ -266,12 +277,15 @@ def _place(
         return _Contradiction(float(carried.stamps_s(pair)[agreeing]) if shown else None)
     if followed is not None:
         return _Contradiction(None)
+    fixed = carried.fixes_place(pair, slice(len(readings)))
     if not cover.bounded:
-        return cover
-    return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, cover))
+        return cover, fixed
+    return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, cover), fixed)
 
 
-def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover | _Contradiction:
+def _unless_contradicted(
+    snapshot: Snapshot, pair: Pair, cover: Cover, fixed: bool
+) -> tuple[Cover, bool] | _Contradiction:
     """
     Return the poses of a pair, unless a range of the moment agrees with none of them.
 
@@ -279,7 +293,7 @@ def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover 
     """
     config, anchors = snapshot.config, snapshot.anchors
     if pair[0] != WORLD or config.window_outliers > 0:
-        return cover
+        return cover, fixed
     robot = config.robots[pair[1]]
     for distance in snapshot.distances:
         ends = distance.key.ends
@@ -292,7 +306,7 @@ def _unless_contradicted(snapshot: Snapshot, pair: Pair, cover: Cover) -> Cover 
             lower_m2, upper_m2 = _squared_distance_m2(cover, place)
             if upper_m2 < near_m2 or far_m2 < lower_m2:
                 return _Contradiction(snapshot.stamp_s)
-    return cover
+    return cover, fixed
 
 
 def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
