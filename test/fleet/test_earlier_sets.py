@@ -87,3 +87,17 @@ def test_after_a_gap_new_ranges_narrow_what_was_carried():
             assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
             widths[round(time_s)] = float((upper - lower).max())
     assert widths[35] < widths[27]
+
+
+@pytest.mark.parametrize('tick_s', [1.0, 7.0, 11.0])
+def test_a_set_that_odometry_does_not_reach_any_more_claims_nothing(tick_s):
+    """Answers that are asked for less often than memory lasts, without readings in between."""
+
+    def ranged(time_s):
+        return time_s < 8.0 or time_s > 27.0
+
+    for time_s, estimate in drive(5.0, ranged, 34.0, tick_s):
+        for placement in estimate.placements:
+            lower, upper = placement.enclosure_m[0]
+            assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
+    assert len(estimate.placements) == 1

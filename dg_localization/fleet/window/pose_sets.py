@@ -147,6 +147,8 @@ def place_robots(
         found = _place(
             snapshot, carried, pair, earlier, newest_s if pair in apart else math.inf, stopped
         )
+        if found is None:
+            continue
         if not isinstance(found, _Contradiction):
             cover, fixed = found
             stamps_s, complete = carried.stamps_s(pair), not stopped()
@@ -257,8 +259,12 @@ def _place(
     earlier: EarlierSets,
     newest_s: float,
     stopped: Callable[[], bool],
-) -> tuple[Cover, bool] | _Contradiction:
-    """Return the poses of a pair now, and whether what they follow from fixes their places."""
+) -> tuple[Cover, bool] | _Contradiction | None:
+    """
+    Return the poses of a pair now, and whether what they follow from fixes their places.
+
+    None where the window has no reading and odometry does not carry an earlier set to now.
+    """
     in_plane = snapshot.config.dimension == 2
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
     height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
@@ -268,6 +274,8 @@ def _place(
     if followed is not None and not followed[0].empty:
         cover, fixed = followed
         return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, cover), fixed)
+    if not len(carried.stamps_s(pair)):
+        return None
     readings = carried.readings_on_tracks(pair, newest_s)
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
