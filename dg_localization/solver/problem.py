@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -83,6 +84,16 @@ class Chirality:
         places = [self.points.index(point) for point in points]
         inversions = sum(a > b for a, b in combinations(places, 2))
         return -self.sign if inversions % 2 else self.sign
+
+
+Constraint = SideConstraint | Chirality
+
+
+def points_of(constraint: Constraint) -> tuple[int, ...]:
+    """Return the points that a constraint names."""
+    if isinstance(constraint, Chirality):
+        return tuple(constraint.points)
+    return (*constraint.face, constraint.first, constraint.second)
 
 
 class Problem:
@@ -253,6 +264,26 @@ class Problem:
         index = np.array(points)
         rows = index[:, None]
         return self._matrices[0][rows, index], self._matrices[1][rows, index]
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The sides and the chiralities."""
+        return (*self.sides, *self.chiralities)
+
+    @cached_property
+    def _constraints_at(self) -> dict[int, list[tuple[int, Constraint]]]:
+        """The numbered sides and chiralities by the points that they name."""
+        at: dict[int, list[tuple[int, Constraint]]] = {}
+        for numbered in enumerate(self.constraints):
+            for point in points_of(numbered[1]):
+                at.setdefault(point, []).append(numbered)
+        return at
+
+    def constraints_among(self, points: Iterable[int]) -> list[Constraint]:
+        """Return the sides and chiralities all of whose points are among some, in their order."""
+        inside = set(points)
+        found = dict(pair for p in inside for pair in self._constraints_at.get(p, ()))
+        return [found[x] for x in sorted(found) if inside.issuperset(points_of(found[x]))]
 
     @property
     def pairs(self) -> PairBounds:

@@ -240,12 +240,6 @@ def test_constraints_between_pieces_that_share_no_joint_count(n_points, most):
     assert result.hypotheses[0].proved and not result.n_hypotheses_is_bound
 
 
-def test_a_side_across_pieces_counts():
-    sides = [SideConstraint((0, 4), 1, 3, Side.OPPOSITE)]
-    result = solve(folded_strip(5, sides=sides))
-    assert result.n_hypotheses_is_bound or result.n_hypotheses == len(result.hypotheses)
-
-
 def test_the_list_has_what_is_possible_and_is_never_empty():
     """Of 2^38 combinations one is possible, and hardly any can be looked at."""
     result = solve(folded_strip(40, least=0.97))

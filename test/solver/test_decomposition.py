@@ -89,12 +89,6 @@ def test_three_triangles_on_one_edge_share_one_joint():
     assert joints == {((0, 1), REFLECTION, frozenset(pieces))}
 
 
-def test_points_that_nobody_measured_are_pieces_without_joints():
-    pieces, joints = decomposed(6, complete(0, 1, 2) | {(3, 4)})
-    assert pieces == {(0, 1, 2), (3, 4), (5,)}
-    assert joints == set()
-
-
 @pytest.mark.parametrize('dimension', [1, 2, 3])
 def test_nothing_is_measured(dimension):
     assert decomposed(3, set(), dimension) == ({(0,), (1,), (2,)}, set())
@@ -114,24 +108,6 @@ def test_the_double_banana_turns_about_a_line():
     pieces, joints = decomposed(8, pairs, dimension=3)
     assert pieces == {first, second}
     assert joints == {((0, 1), HINGE, frozenset({first, second}))}
-
-
-def test_points_in_space_with_three_two_and_one_distances():
-    pairs = complete(0, 1, 2, 3) | {(0, 4), (1, 4), (2, 4), (0, 5), (1, 5), (3, 6)}
-    pieces, joints = decomposed(7, pairs, dimension=3)
-    assert pieces == {(0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 5), (3, 6)}
-    assert {(points, kind) for points, kind, _ in joints} == {
-        ((0, 1, 2), REFLECTION),
-        ((0, 1), HINGE),
-        ((3,), LOOSE),
-    }
-
-
-def test_two_bodies_in_space_that_share_a_point_are_loose():
-    first, second = (0, 1, 2, 3), (3, 4, 5, 6)
-    pieces, joints = decomposed(7, complete(*first) | complete(*second), dimension=3)
-    assert pieces == {first, second}
-    assert joints == {((3,), LOOSE, frozenset({first, second}))}
 
 
 def near_pairs(rng, n_points, dimension, degree):

@@ -4,15 +4,14 @@
 """Rigid pieces in space, placed point by point: what is found, and that nothing is lost."""
 
 from hypothesis import given, settings, strategies as st
-from joined_cases import FIRST_SEED, PROBLEMS, grown_case, missing, solve_as_one
+from joined_cases import FIRST_SEED, PROBLEMS, grown_case, missing
 import numpy as np
 import pytest
 from solver_cases import squared_distances
-from test_pieces_never_lose import disturbed, first_and_last, lacks_placement
+from test_pieces_never_lose import first_and_last
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import growing as solver
-from dg_localization.solver.assemble.growing import Growth
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.paving import regions_of_point
 
@@ -42,13 +41,6 @@ def neighbors_in_space(n_points, degree, seed, relative_error=0.01):
     return positions, Problem(lower, upper, 3)
 
 
-def grown(problem, resolution=0.05):
-    """Return the partial boxes of a problem and the bounds of all pairs in each."""
-    growth = Growth(problem, resolution, lambda: False)
-    partial_boxes = growth.run()
-    return partial_boxes, [growth.bounds(partial) for partial in partial_boxes]
-
-
 @settings(deadline=None, derandomize=True)
 @given(
     places=st.lists(st.tuples(*[st.integers(-9, 9)] * 3), min_size=2, max_size=6),
@@ -62,15 +54,6 @@ def test_regions_hold_the_point(places, slack, margin):
     regions = regions_of_point(enclosure, np.maximum(squared - slack, 0.0), squared + slack, 0.01)
     inside = (regions[:, LOWER] <= points[0]) & (points[0] <= regions[:, UPPER])
     assert inside.all(axis=1).any()
-
-
-@pytest.mark.parametrize('seed', range(5))
-def test_all_points_are_placed_and_the_truth_is_in_a_box(seed):
-    positions, problem = neighbors_in_space(14, 9, seed)
-    partial_boxes, boxes = grown(problem)
-    assert all(len(partial.points) == 14 for partial in partial_boxes)
-    squared = squared_distances(positions)
-    assert any(((low <= squared) & (squared <= high)).all() for low, high in boxes)
 
 
 def test_weakly_held_points_do_not_keep_a_piece_from_an_answer():
@@ -118,21 +101,3 @@ def test_no_truth_is_lost(seeds):
         boxes = sum(len(h.boxes) for piece in result.pieces for h in piece.hypotheses)
         assert done.processed == done.empty + done.split + done.kept, seed
         assert done.kept + done.pending == boxes, seed
-
-
-@pytest.mark.parametrize('seeds', CHUNKS[::10], ids=first_and_last)
-@pytest.mark.usefixtures('grows_everything')
-def test_grown_and_searched_answers_agree(seeds, monkeypatch):
-    """What either proves to be a placement is in the other, contradictory problems included."""
-    for seed in seeds:
-        case = grown_case(seed, max_points=8)
-        problem = disturbed(case.problem, np.random.default_rng(seed))
-        options = SolverOptions(resolution=case.options.resolution, max_boxes=40)
-        by_growth = solve(problem, options)
-        with monkeypatch.context() as patch:
-            patch.setattr(solver, 'LEAST_GROWN', 1000)
-            searched = solve_as_one(problem, options)
-        for answer, other in ((by_growth, searched), (searched, by_growth)):
-            for hypothesis in other.hypotheses:
-                if hypothesis.proved:
-                    assert not lacks_placement(answer, hypothesis.positions), seed

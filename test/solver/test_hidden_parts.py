@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from solver_cases import squared_distances
 
-from benchmarks.pieces import Row, neighbors, uwb_fleet
+from benchmarks.pieces import Row, neighbors
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.problem import Chirality
 
@@ -72,23 +72,3 @@ def test_fifty_points_take_few_boxes(degree, error, seed):
     assert result.verdict is Verdict.COVERED
     positions, _ = neighbors(50, degree, 2, seed)
     assert all(holds(piece, positions) for piece in result.pieces)
-
-
-def test_parts_that_go_together_in_too_many_ways_are_one_hypothesis():
-    """Parts with 1, 4, 8 and 4 hypotheses, three of them mirrored: out of 10 s as a whole."""
-    result = solve(uwb_fleet(30, 6, seed=109), SolverOptions(max_boxes=1000))
-    assert result.verdict is Verdict.COVERED and result.statistics.processed < 100
-    positions, _ = neighbors(30, 6, 2, 109)
-    assert all(holds(piece, positions) for piece in result.pieces)
-    piece = max(result.pieces, key=lambda piece: len(piece.points))
-    assert (len(piece.points), len(piece.hypotheses)) == (27, 1)
-
-
-@pytest.mark.parametrize(('length', 'number'), [(7, 48), (8, 1)])
-def test_so_many_mirror_images_are_told_apart(length, number):
-    lower, upper, positions = strip_with_a_pendant(length)
-    result = solve(Problem(lower, upper), SolverOptions(max_hypotheses=2))
-    strip = max(result.pieces, key=lambda piece: len(piece.points))
-    # Of 2^(length - 1) some cannot hold the pendant.
-    assert result.verdict is Verdict.COVERED and len(strip.hypotheses) == number
-    assert holds(strip, positions)

@@ -3,9 +3,6 @@
 
 """Large pieces: solved in patches, nothing is lost and nothing more is claimed."""
 
-import pickle
-import threading
-
 from joined_cases import PROBLEMS, missing, solve_as_one
 import numpy as np
 import pytest
@@ -16,8 +13,6 @@ from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import large_pieces, pieces
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
-from dg_localization.solver.place import hypotheses, unplaced_hypotheses
-from dg_localization.solver.search.search import search
 
 SEEDS = range(max(200, PROBLEMS // 20))
 CHUNK = 100
@@ -40,7 +35,6 @@ def small_patches(request, monkeypatch):
     monkeypatch.setattr(neighborhoods, 'SEAM_POINTS', 5)
     if request.param == 'chained':
         monkeypatch.setattr(large_pieces, 'MOST_TOGETHER', 0)
-        monkeypatch.setattr(large_pieces, 'MOST_UNREVIEWED', 0)
     return request.param
 
 
@@ -56,16 +50,6 @@ def braced_grid(rows, columns, error, seed=0, holes=0.0):
         if rng.random() >= holes
     }
     return Problem(*bounds(len(positions), ranges)), positions
-
-
-@pytest.mark.parametrize('max_boxes', [1, 2, 5])
-def test_patches_that_were_not_examined_take_no_boxes_of_other_pieces(max_boxes):
-    grid = braced_grid(5, 5, 0.05)[0]
-    lower, upper = bounds(27, {(25, 26): (1.0, 1.0)})
-    lower[:25, :25], upper[:25, :25] = grid.lower, grid.upper
-    done = solve(Problem(lower, upper), SolverOptions(max_boxes=max_boxes)).statistics
-    assert done.processed == done.empty + done.split + done.kept
-    assert done.empty >= 0 and done.kept >= 1
 
 
 @pytest.mark.parametrize('seeds', CHUNKS, ids=first_and_last)
@@ -88,35 +72,6 @@ def test_no_truth_is_lost_in_patches(seeds, small_patches):
                     assert any(inside.all() for inside in held), seed
             if answer is solve:
                 assert not missing(result, case.positions, case.squared), seed
-
-
-@pytest.mark.parametrize('seeds', CHUNKS[:4], ids=first_and_last)
-def test_what_is_proved_without_patches_is_in_the_answer_with_them(seeds, small_patches):
-    for seed in seeds:
-        case = random_case(seed, max_points=7)
-        rng = np.random.default_rng(seed)
-        lower, upper = case.problem.lower.copy(), case.problem.upper.copy()
-        i, j = rng.integers(len(lower), size=2)
-        factor = rng.choice([0.5, 0.9, 1.0, 1.1, 2.0])
-        lower[i, j] = lower[j, i] = factor * lower[i, j]
-        upper[i, j] = upper[j, i] = factor * upper[i, j]
-        problem = Problem(
-            lower, upper, case.problem.dimension, case.problem.sides, case.problem.chiralities
-        )
-        options = SolverOptions(resolution=case.options.resolution, max_boxes=100)
-        patched = solve_as_one(problem, options)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(pieces, 'MOST_WHOLE', 1000)
-            plain = solve_as_one(problem, options)
-        for claims, other in ((patched, plain), (plain, patched)):
-            for hypothesis in claims.hypotheses:
-                if hypothesis.proved:
-                    squared = squared_distances(hypothesis.positions)
-                    slack = ROUNDING * squared.max()
-                    assert any(
-                        ((h.lower - slack <= squared) & (squared <= h.upper + slack)).all()
-                        for h in other.hypotheses
-                    ), seed
 
 
 @pytest.mark.parametrize('size', [(5, 5), (5, 9), (9, 9)])
@@ -164,15 +119,6 @@ def test_a_grid_with_holes_keeps_the_truth(seed, error):
             assert any(inside.all() for inside in held)
 
 
-def test_bounds_of_far_points_grow_with_the_chain():
-    problem, positions = braced_grid(3, 20, 1e-3)
-    (hypothesis,) = solve(problem).pieces[0].hypotheses
-    true_m = np.sqrt(squared_distances(positions)[0])
-    lower_m, upper_m = np.sqrt(hypothesis.lower[0]), np.sqrt(hypothesis.upper[0])
-    assert upper_m[1] - lower_m[1] < 0.1 < upper_m[19] - lower_m[19]
-    assert (upper_m[1:] < 1.3 * true_m[1:]).all()
-
-
 def test_a_contradiction_between_patches_is_a_proof():
     problem, _ = braced_grid(8, 8, 0.001)
     lower, upper = problem.lower.copy(), problem.upper.copy()
@@ -181,16 +127,6 @@ def test_a_contradiction_between_patches_is_a_proof():
     result = solve(Problem(lower, upper))
     assert result.verdict is Verdict.INFEASIBLE
     assert {0, 1} <= set(result.pieces[0].points)
-
-
-def test_patches_cover_every_measured_pair():
-    problem, _ = braced_grid(10, 10, 1e-3)
-    result = solve(problem, SolverOptions(max_boxes=10**6))
-    covered = np.eye(100, dtype=bool)
-    for piece in result.pieces:
-        for part in piece.patches or (piece,):
-            covered[np.ix_(part.points, part.points)] = True
-    assert covered[np.isfinite(problem.upper)].all()
 
 
 def test_chains_bound_far_pairs_from_above_and_near_ones_from_below():
@@ -217,14 +153,6 @@ class CancelAfter:
         return self.left < 0
 
 
-@pytest.mark.parametrize('most', [0, 1, 3, 10, 30, 100, 300])
-@pytest.mark.parametrize('size', [(5, 6), (7, 9)])
-def test_a_search_that_is_cancelled_still_holds_the_truth(most, size):
-    problem, positions = braced_grid(*size, 0.03, holes=0.2)
-    result = solve(problem, SolverOptions(max_boxes=300), cancel=CancelAfter(most))
-    assert not missing(result, positions, squared_distances(positions))
-
-
 @pytest.mark.parametrize(('degree', 'seed', 'n_hypotheses'), [(5, 110, 16), (6, 165, 48)])
 def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hypotheses):
     """Both took 650 to 700 boxes, and had as many hypotheses."""
@@ -233,21 +161,6 @@ def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hy
     assert result.verdict is Verdict.COVERED and result.statistics.processed < 300
     assert max(len(piece.hypotheses) for piece in result.pieces) == n_hypotheses
     assert not missing(result, positions, squared_distances(positions))
-
-
-def test_a_placement_is_the_same_whenever_it_is_sought():
-    for seed in range(100):
-        case = random_case(seed)
-        cover, _ = search(case.problem, case.options)
-        boxes = cover.kept + cover.pending
-        later = pickle.loads(
-            pickle.dumps(unplaced_hypotheses.unplaced_hypotheses_of(case.problem, boxes))
-        )
-        now = hypotheses.hypotheses_of(case.problem, boxes)
-        assert len(now) == len(later) > 0, seed
-        for placed, unplaced in zip(now, later, strict=True):
-            for name in ('lower', 'upper', 'boxes', 'positions', 'proved', 'flexible'):
-                assert np.array_equal(getattr(placed, name), getattr(unplaced, name)), (seed, name)
 
 
 def test_what_is_proved_of_a_large_piece_lies_within_the_boxes():
@@ -266,12 +179,3 @@ def test_what_is_proved_of_a_large_piece_lies_within_the_boxes():
                     assert (found.lower <= squared_now + slack).all()
                     assert (squared_now - slack <= found.upper).all()
     assert n_proved
-
-
-def test_pieces_of_a_call_that_could_be_stopped_can_be_sent_to_other_processes():
-    pieces_found = solve(uwb_fleet(70, 9, 5), cancel=threading.Event()).pieces
-    for sent, kept in zip(pickle.loads(pickle.dumps(pieces_found)), pieces_found, strict=True):
-        for one, other in zip(sent.hypotheses, kept.hypotheses, strict=True):
-            assert np.array_equal(one.lower, other.lower)
-            assert np.array_equal(one.positions, other.positions)
-            assert one.proved == other.proved

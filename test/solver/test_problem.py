@@ -249,6 +249,8 @@ def test_options_are_kept_as_numbers_of_python():
         ([(np.zeros((3, 3)),)], r'within\[0\] is no pair'),
         ([(np.zeros((3, 3)), [[1j] * 3] * 3)], r'within\[0\]: upper has the entry \[0,0\]'),
         ([(np.zeros((3, 3)), np.ones((3, 3)))], r'within\[0\] is not 0 everywhere on the diag'),
+        ([(np.full((3, 3), np.inf),) * 2], r'within\[0\]: lower is inf'),
+        ([(np.zeros((2, 2)), np.ones((2, 2)))], r'within\[0\]: lower has shape \(2, 2\)'),
         ([(np.eye(3), np.eye(3))], r'within\[0\] is not 0 everywhere on the diagonal'),
     ],
 )

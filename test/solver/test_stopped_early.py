@@ -3,23 +3,18 @@
 
 """What is stopped before its pieces are known, or before they are begun, still holds the truth."""
 
-from itertools import count
 import pickle
 
 from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing
 import numpy as np
 import pytest
 from solver_cases import squared_distances
-from test_patches import CancelAfter, braced_grid
+from test_patches import CancelAfter
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.interval import kernels
-from dg_localization.solver.assemble.answer import solve_in_pieces
-from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
-from dg_localization.solver.assemble.coincident import pieces_of_problem
+from dg_localization.solver.assemble.subproblem import pieces_of_problem
 from dg_localization.solver.decompose import decomposition
-from dg_localization.solver.place import existence
-from dg_localization.solver.place.hypotheses import hypotheses_of
 
 SEEDS = range(FIRST_SEED, FIRST_SEED + max(100, PROBLEMS // 20))
 
@@ -72,15 +67,6 @@ def test_no_truth_is_lost_where_the_decomposition_is_stopped(watchful):
     assert n_stopped > len(SEEDS)
 
 
-def test_what_was_not_finished_is_not_remembered(watchful):
-    problem, _ = braced_grid(3, 4, 0.01)
-    check_undivided(solve(problem, cancel=CancelAfter(3)), 12)
-    whole = solve(problem)
-    assert whole.verdict is Verdict.COVERED and whole.hypotheses[0].proved
-    # What was remembered takes no look.
-    assert solve(problem, cancel=CancelAfter(0)).pieces[0].points == whole.pieces[0].points
-
-
 def near_fleet(n_points, dimension, degree):
     """Return random points of which the closest pairs are measured, and their positions."""
     rng = np.random.default_rng(5)
@@ -112,42 +98,6 @@ def test_large_fleets_are_bounded_by_chains(dimension, listed, watchful):
         assert within is None or (hypothesis.upper <= around[1]).all()
 
 
-def stopped_after(problem, steps):
-    """Return the answer of a call whose clock advances by half its grace a look, and the looks."""
-    looks = count()
-    options = SolverOptions(max_seconds=0.5 * GRACE_S * steps)
-    result = solve_in_pieces(
-        problem, CallBudget(options, clock=lambda: 0.5 * GRACE_S * next(looks))
-    )
-    return result, next(looks)
-
-
-@pytest.mark.parametrize('fraction', [0.0, 0.1, 0.3, 0.5])
-def test_pieces_that_were_not_begun_are_one(fraction):
-    problem, positions = near_fleet(100, 2, 4)
-    squared = squared_distances(positions)
-    whole, n_looks = stopped_after(problem, 10**9)
-    assert whole.verdict is Verdict.COVERED
-    result, _ = stopped_after(problem, 1 + int(fraction * n_looks))
-    assert result.verdict is Verdict.OUT_OF_BUDGET and result.statistics.pending > 0
-    assert 1 < len(result.pieces) < len(whole.pieces)
-    *begun, rest = result.pieces
-    parts = {piece.points for piece in begun}
-    assert parts <= {piece.points for piece in whole.pieces}
-    left = {p for piece in whole.pieces if piece.points not in parts for p in piece.points}
-    assert set(rest.points) == left and rest.hypotheses[0].flexible
-    assert all(x < len(begun) for joint in result.joints for x in joint.pieces)
-    for piece in result.pieces:
-        true = squared[np.ix_(piece.points, piece.points)]
-        held = ((h.lower <= true) & (true <= h.upper) for h in piece.hypotheses)
-        assert any(inside.all() for inside in held)
-
-
-def test_nothing_lies_in_no_box_however_little_time_there_is(watchful):
-    problem, _ = braced_grid(3, 4, 0.01)
-    assert solve(problem, within=[], cancel=CancelAfter(0)).verdict is Verdict.INFEASIBLE
-
-
 def exact_and_wide(n_points, degree, seed):
     """Return a fleet in space with exact distances among others, and its positions."""
     rng = np.random.default_rng(seed)
@@ -161,30 +111,6 @@ def exact_and_wide(n_points, degree, seed):
     return Problem(lower, np.where(known, (1.0 + spread) * squared, np.inf), 3), positions
 
 
-@pytest.mark.parametrize('n_points', [24, 70])
-def test_what_was_not_placed_is_not_proved(n_points, watchful):
-    problem, positions = exact_and_wide(n_points, 10, 1)
-    squared = squared_distances(positions)
-    box = np.array([0.98 * squared, 1.02 * squared, *np.zeros((2, *squared.shape))])
-    (whole,) = hypotheses_of(problem, [box], lambda: False)
-    assert whole.positions is not None and whole.flexible is not whole.proved
-    cancel = CancelAfter(10**9)
-    hypotheses_of(problem, [box], cancel.is_set)
-    n_looks = 10**9 - cancel.left
-    assert n_looks > 10
-    n_placed = 0
-    for most in np.unique(np.linspace(0, n_looks - 1, 40).astype(int)).tolist():
-        (hypothesis,) = hypotheses_of(problem, [box], CancelAfter(most).is_set)
-        assert (hypothesis.lower == whole.lower).all() and (hypothesis.upper == whole.upper).all()
-        assert (hypothesis.boxes == whole.boxes).all()
-        assert hypothesis.flexible
-        if hypothesis.positions is None:
-            assert not hypothesis.proved
-        else:
-            n_placed += 1
-    assert n_placed > 0 or not whole.proved
-
-
 @pytest.mark.parametrize('n_points', [14, 30, 70])
 def test_pieces_in_space_that_are_stopped_hold_the_truth(n_points, watchful):
     problem, positions = exact_and_wide(n_points, 8, n_points)
@@ -196,30 +122,3 @@ def test_pieces_in_space_that_are_stopped_hold_the_truth(n_points, watchful):
         for piece in result.pieces:
             for hypothesis in piece.hypotheses:
                 assert hypothesis.positions is not None or hypothesis.flexible
-
-
-def test_a_piece_in_space_that_is_too_large_for_the_time_left_is_not_begun():
-    problem, positions = near_fleet(250, 3, 14)
-    options = SolverOptions(max_seconds=2.0 * GRACE_S)
-    result = solve_in_pieces(problem, CallBudget(options, clock=lambda: 0.0))
-    assert result.verdict is Verdict.OUT_OF_BUDGET
-    assert max(len(piece.points) for piece in result.pieces) > 200
-    assert not missing(result, positions, squared_distances(positions))
-    for piece in result.pieces:
-        if len(piece.points) > 200:
-            (hypothesis,) = piece.hypotheses
-            assert hypothesis.flexible and not hypothesis.proved
-
-
-def test_a_proof_in_steps_looks_at_every_equation(monkeypatch):
-    problem, positions = exact_and_wide(12, 6, 3)
-    exact = existence._exact(problem)
-    pairs = problem.pairs.pairs[exact][:20]
-    inverse = np.random.default_rng(0).standard_normal((12, 3, len(pairs)))
-    inverse[pairs[0, 0]] = inverse[pairs[0, 1]] = 0.0
-    slopes = existence.Interval.point(positions[pairs[:, 0]] - positions[pairs[:, 1]])
-    args = slopes, existence.Interval.point(inverse), pairs
-    at_once = existence._contraction(*args)
-    assert at_once > 1.0
-    monkeypatch.setattr(existence, 'WORK_PER_LOOK', 1)
-    assert existence._contraction(*args) == at_once

@@ -10,11 +10,15 @@ from dataclasses import replace
 
 from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.coincident import pieces_of_problem, with_shared_bounds
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces, unexamined
-from dg_localization.solver.assemble.subproblem import MOST_DENSE, Bounds
+from dg_localization.solver.assemble.subproblem import (
+    MOST_DENSE,
+    Bounds,
+    pieces_of_problem,
+    with_shared_bounds,
+)
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Points
@@ -95,7 +99,7 @@ def _solved_in_one_box(problem: Problem, budget: CallBudget) -> SolvedPieces | N
     hypotheses = hypotheses_of(problem, cover.kept)
     if not hypotheses:
         return SolvedPieces(contradiction=points)
-    return SolvedPieces([SolvedPiece(points, list(hypotheses), set())])
+    return SolvedPieces([SolvedPiece(points, [], list(hypotheses))])
 
 
 def _infeasible(points: Points, problem: Problem, budget: CallBudget) -> Result:
@@ -146,7 +150,7 @@ def _result(product: Product, budget: CallBudget) -> Result:
 
 def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:
     """Return the patches of a large piece, with the hypotheses that are left of each."""
-    for solved in piece.in_patches:
-        for patch in solved.patches:
+    for search in piece.searches:
+        for patch in search.patches.patches if search.patches else ():
             points = tuple(piece.points[x] for x in patch.points)
             yield Piece(points, tuple(patch.remaining()))

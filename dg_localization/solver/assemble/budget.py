@@ -148,12 +148,20 @@ class CallBudget:
         at_gaps: bool = False,
     ) -> Cover:
         """Cover the placements of a piece with a share of what is left, completely in any case."""
-        options = self._share(share, most_boxes)
-        has_boxes = self.boxes_left() > 0
-        cancel = self._cancel if has_boxes else _Stopped()
-        report = self._reporter()
+        options, report = self._share(share, most_boxes), self._reporter()
+        has_boxes, cancel = self._before_search()
         cover, statistics = search(problem, options, cancel, report, within, at_gaps=at_gaps)
         self._spend(statistics, has_boxes)
+        return cover
+
+    def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover:
+        """Cover a problem by one box; else all is pending and counts nothing."""
+        options = self._limited(1, share * self.seconds_left())
+        has_boxes, cancel = self._before_search()
+        cover, statistics = search(problem, options, cancel)
+        if not cover.pending:
+            self._spend(statistics, has_boxes)
+            self._report(Statistics())
         return cover
 
     def solve_parts(
@@ -168,32 +176,17 @@ class CallBudget:
             return
         options = self._share(1.0, most_boxes)
         for part, solved in self.workers.solved(parts, options, stopped):
-            if self.take(solved, options.max_boxes, 1.0, most_boxes):
-                yield solved
+            if self.boxes_left() < options.max_boxes:
+                # This process would have given it fewer boxes.
+                solved = self._solved(part, most_boxes)
             else:
-                yield self._solved(part, most_boxes)
-
-    def take(
-        self,
-        solved: SolvedSubproblem,
-        given_boxes: int,
-        share: float,
-        most_boxes: int | None = None,
-    ) -> bool:
-        """Count what a worker did and return True, where this process would have done the same."""
-        most = self._share(share, most_boxes).max_boxes if self.boxes_left() > 0 else 0
-        if solved.statistics.processed > most:
-            return False
-        if most != given_boxes and solved.cover.pending:
-            return False
-        self._spend(solved.statistics, has_boxes=True)
-        self._report(Statistics())
-        return True
+                self._spend(solved.statistics, has_boxes=True)
+                self._report(Statistics())
+            yield solved
 
     def _solved(self, part: Subproblem, most_boxes: int) -> SolvedSubproblem:
         """Solve one part in this process."""
-        has_boxes = self.boxes_left() > 0
-        cancel = self._cancel if has_boxes else _Stopped()
+        has_boxes, cancel = self._before_search()
         solved = solve_subproblem(part, self._share(1.0, most_boxes), cancel, self._reporter())
         self._spend(solved.statistics, has_boxes)
         return solved
@@ -201,6 +194,11 @@ class CallBudget:
     def boxes_left(self) -> int:
         """Return how many boxes are left."""
         return self.options.max_boxes - self.spent.processed
+
+    def _before_search(self) -> tuple[bool, Cancel | None]:
+        """Return whether boxes are left, and what stops a search: at once where none are."""
+        has_boxes = self.boxes_left() > 0
+        return has_boxes, self._cancel if has_boxes else _Stopped()
 
     def _share(self, share: float, most_boxes: int | None) -> SolverOptions:
         """Return the options for a share of what is left."""
@@ -222,14 +220,3 @@ class CallBudget:
             # What the triangle inequalities alone rule out takes no box.
             statistics = replace(statistics, processed=0, empty=0)
         self.spent += statistics
-
-    def search_in_one_box(self, problem: Problem, share: float = 1.0) -> Cover:
-        """Cover a problem by one box; else all is pending and counts nothing."""
-        options = self._limited(1, share * self.seconds_left())
-        has_boxes = self.boxes_left() > 0
-        cancel = self._cancel if has_boxes else _Stopped()
-        cover, statistics = search(problem, options, cancel)
-        if not cover.pending:
-            self._spend(statistics, has_boxes)
-            self._report(Statistics())
-        return cover

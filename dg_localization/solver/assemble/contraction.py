@@ -9,13 +9,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import Bounds, common_parts, unbounded
+from dg_localization.solver.assemble.subproblem import Bounds, as_box, parts_within
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.fixed_point import Contractor, Goal
 from dg_localization.solver.contract.groups import groups_of
 from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
-from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.search.branch_and_prune import Budget
@@ -26,22 +25,19 @@ from dg_localization.solver.search.tightening import tighten
 MOST_CONTRACTED = 40
 """Up to so many points are contracted together."""
 
+MOST_TOGETHER = 60
+"""Up to so many points a piece is contracted as a whole: far pairs are bounded far better.
+It takes seconds for more."""
+
+MOST_WORK_TOGETHER = 100_000
+"""Choices times the cube of the points, up to which all points are contracted for each choice, or
+the box of each choice is split once: halves of larger boxes are hardly narrower."""
+
 MOST_SWEEPS = 2
 """Later sweeps over all axes narrow hardly anything of what joints leave open."""
 
 MOST_SMOOTHED = 300
 """Up to so many points chains of known distances bound those of their ends."""
-
-
-def bounds_within(points: Points, parts: Sequence[tuple[Points, Bounds]]) -> Bounds:
-    """Return the bounds of the distances of some points, from those of some pieces."""
-    lower, upper = unbounded(len(points))
-    for members, (low, high) in parts:
-        index = np.ix_(*[np.searchsorted(points, members)] * 2)
-        lower[index] = np.maximum(lower[index], low)
-        upper[index] = np.minimum(upper[index], high)
-    np.fill_diagonal(upper, 0.0)
-    return lower, upper
 
 
 def contracted(
@@ -53,8 +49,7 @@ def contracted(
     """Contract a problem once and tighten it; None proves that it has no placement."""
     n_points = problem.n_points
     budget = Budget(options)
-    box = np.zeros((4, n_points, n_points))
-    box[LOWER], box[UPPER] = problem.lower, problem.upper
+    box = as_box((problem.lower, problem.upper))
     if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and stopped()):
         if not _smooth(box):
             return None
@@ -93,7 +88,7 @@ def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | No
     """Return the hull of what bounds have in common with boxes, None where they have nothing."""
     if within is None:
         return bounds
-    left = common_parts([bounds], within)
+    left = parts_within([bounds], within)
     if not left:
         return None
     lower = np.min([low for low, _ in left], axis=0)
@@ -102,12 +97,12 @@ def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | No
         return lower, upper
     hull = _smoothed(lower, upper)
     # What is between several boxes may be all that the triangle inequalities leave.
-    return hull if hull and common_parts([hull], within) else None
+    return hull if hull and parts_within([hull], within) else None
 
 
 def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
     """Return bounds that meet all triangle inequalities, None where no distances do."""
-    box = np.array([lower, upper, *np.zeros((2, *lower.shape))])
+    box = as_box((lower, upper))
     return (box[LOWER].copy(), box[UPPER].copy()) if _smooth(box) else None
 
 

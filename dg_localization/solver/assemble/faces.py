@@ -10,9 +10,6 @@ of its points, its apex, is off the hyperplane in every placement of a hypothesi
 
 from __future__ import annotations
 
-from itertools import combinations
-import math
-
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
@@ -20,6 +17,7 @@ from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.chiralities import volume_product
 from dg_localization.solver.decompose.graph import Points
+from dg_localization.solver.place.rigidity import RANK_TOLERANCE
 from dg_localization.solver.result import Hypothesis
 
 LARGE, MOST_APEXES = 40, 8
@@ -69,6 +67,17 @@ def _best_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
     return best
 
 
+def is_degenerate(corners: FloatArray, least_m: float = 0.0) -> bool:
+    """
+    Return whether the corners of a face, shape (q, q) in m, span no hyperplane: pieces can turn.
+
+    A face that is less than `least_m` wide counts as one.
+    """
+    spans_m = np.linalg.svd(corners[1:] - corners[0], compute_uv=False)
+    least_m = max(least_m, RANK_TOLERANCE * spans_m.max(initial=0.0))
+    return bool((spans_m <= least_m).any())
+
+
 def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -> int | None:
     """Return which of some points is farthest off the hyperplane of a face, None where none is."""
     place = {point: x for x, point in enumerate(points)}
@@ -95,31 +104,3 @@ def apex_of(
     else:
         bounds = hypothesis.lower, hypothesis.upper
     return best_apex(bounds, points, face, others)
-
-
-def _width_m(corners: list[list[float]]) -> float:
-    """Return the length of a segment or the least height of a triangle, infinite where unknown."""
-    sides = sorted(math.dist(first, second) for first, second in combinations(corners, 2))
-    if not all(map(math.isfinite, sides)):
-        return math.inf
-    if len(sides) == 1:
-        return sides[0]
-    a, b, c = sides
-    # Heron's formula as Kahan orders it, for triangles that are nearly flat.
-    squared = (c + (b + a)) * (a - (c - b)) * (a + (c - b)) * (c + (b - a))
-    return 0.5 * math.sqrt(max(squared, 0.0)) / c if c > 0.0 else 0.0
-
-
-def is_degenerate(points: Points, hypothesis: Hypothesis, face: Points, width_m: float) -> bool:
-    """Tell whether a face spans no hyperplane to speak of, so that a piece can turn about it."""
-    if len(face) < 2:
-        return False
-    if len(face) == 2:
-        least_m2, _ = hypothesis.bounds_of_pair(*(points.index(point) for point in face))
-        if least_m2 > width_m**2:
-            # A placement may have to be sought first, and that takes long.
-            return False
-    if hypothesis.positions is None:
-        return False
-    corners = hypothesis.positions[[points.index(point) for point in face]]
-    return _width_m(corners.tolist()) <= width_m

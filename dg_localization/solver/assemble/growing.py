@@ -22,7 +22,8 @@ from itertools import combinations, islice
 import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.subproblem import Bounds, common_parts
+from dg_localization.solver.assemble.contraction import MOST_TOGETHER
+from dg_localization.solver.assemble.subproblem import Bounds, parts_within
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.axes import axes_of, rank_axes
 from dg_localization.solver.contract.combination import combine
@@ -109,9 +110,9 @@ LOCAL_POINTS = 12
 WELL_EXPLAINED = 2.0
 """Axes are of use where pairs are wider than so many times what the errors explain."""
 
-MOST_COMBINED, COMBINED_GROWTH = 60, 1.15
-"""Beyond so many points their pairs are combined only when there are so many times more, and where
-a point can be is looked at again only when it measures so many times more of them."""
+COMBINED_GROWTH = 1.15
+"""Beyond `MOST_TOGETHER` points their pairs are combined only when they grew by this factor, and
+where a point can be is looked at again only when it measures so many times more of them."""
 
 REFERENCE_STEPS = 3
 """Steps of least squares towards a placement, by which frames are chosen."""
@@ -221,7 +222,7 @@ class Growth:
         enclosure = enclose_in_frame(partial.box, trial.frame)
         trials = {other: t for other, t in partial.trials.items() if other != point}
         n_combined = len(points)
-        if n_combined > MOST_COMBINED and n_combined < COMBINED_GROWTH * partial.n_combined:
+        if n_combined > MOST_TOGETHER and n_combined < COMBINED_GROWTH * partial.n_combined:
             n_combined = partial.n_combined
         for region in trial.regions:
             box = self._box_of(points)
@@ -260,7 +261,7 @@ class Growth:
 
 def _is_outdated(trial: _Trial, n_links: int, n_points: int) -> bool:
     """Return whether a point measures so many more placed ones that it is looked at again."""
-    growth = 1.0 if n_points <= MOST_COMBINED else COMBINED_GROWTH
+    growth = 1.0 if n_points <= MOST_TOGETHER else COMBINED_GROWTH
     return n_links > trial.n_links and n_links >= growth * trial.n_links
 
 
@@ -287,9 +288,6 @@ def _frame(box: FloatArray, positions: FloatArray, neighbors: IntArray) -> IntAr
 LEAST_GROWN, MOST_GROWN = 12, 200
 """A piece of fewer points is searched as a whole, and for more points each step takes too long."""
 
-MOST_CONTRACTED = 60
-"""Boxes of more points are kept as they grew: contracting them takes seconds and gains nothing."""
-
 ONE_BOX_SHARE = 0.1
 """One box is tried first, in this part of the time: it is enough where points are held well."""
 
@@ -315,7 +313,7 @@ def solve_grown(
     """Solve a piece in space point by point; return None where there is nothing to begin with."""
     if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None
-    is_large = problem.n_points > MOST_CONTRACTED
+    is_large = problem.n_points > MOST_TOGETHER
     if within is None and not is_large:
         in_one_box = budget.search_in_one_box(problem, ONE_BOX_SHARE * share)
         if not in_one_box.pending:
@@ -333,8 +331,7 @@ def solve_grown(
         return None
     budget.count_split()
     boxes = [growth.bounds(partial) for partial in grown]
-    if within is not None:
-        boxes = common_parts(boxes, within)
+    boxes = parts_within(boxes, within)
     if any(len(partial.points) < problem.n_points for partial in grown):
         return budget.search(problem, share, boxes)
     if is_large and budget.keep(len(boxes)):

@@ -13,21 +13,16 @@ answer of a larger piece, and of one that leaves many choices, is that of its pa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
+from dg_localization.solver.assemble.contraction import MOST_TOGETHER, MOST_WORK_TOGETHER
+from dg_localization.solver.assemble.solved_pieces import Search
 from dg_localization.solver.assemble.subproblem import Bounds
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.patches.answers import PatchAnswers
-from dg_localization.solver.patches.solver import PatchSolver, SolvedPatches
+from dg_localization.solver.patches.solver import PatchSolver
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import Hypothesis
-from dg_localization.solver.search.branch_and_prune import Cover
-
-MOST_TOGETHER = 60
-"""Up to so many points a piece is contracted as a whole: far pairs are bounded far better."""
 
 MOST_UNREVIEWED = 30
 """Up to so many points a piece as a whole rules out as much as reviews of its patches, and sooner,
@@ -43,25 +38,10 @@ MOST_WORK = 1_000_000
 """Choices times the cube of the points, up to which each choice is contracted as a whole. Of more
 choices, few would be in time; chains bound those better that are not."""
 
-MOST_SPLIT = 100_000
-"""Choices times the cube of the points, up to which the box of each choice is split once.
-
-The halves of larger boxes are hardly narrower, and take as long again.
-"""
-
 LARGEST_ERROR = 0.1
 """One box is tried first where half of the distances with an upper bound, measured or known from
 anchors and earlier pieces, are known to this fraction of that bound. Others are hardly ever
 covered by one box."""
-
-
-@dataclass
-class LargePiece:
-    """What became of a large piece."""
-
-    patches: SolvedPatches
-    cover: Cover | None  # where all its pairs were contracted together
-    hypotheses: list[Hypothesis]  # where they were not
 
 
 def is_known_well(problem: Problem) -> bool:
@@ -71,16 +51,9 @@ def is_known_well(problem: Problem) -> bool:
     return len(errors) > 0 and bool(np.median(errors) <= LARGEST_ERROR)
 
 
-def hull_of(boxes: Sequence[FloatArray]) -> Bounds:
-    """Return the bounds that hold some boxes."""
-    lower = np.min([box[LOWER] for box in boxes], axis=0)
-    upper = np.max([box[UPPER] for box in boxes], axis=0)
-    return lower, upper
-
-
 def solve_large(
     problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
-) -> LargePiece | None:
+) -> Search | None:
     """Solve a large piece in patches; return None where its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
@@ -91,24 +64,24 @@ def solve_large(
     if solved is None:
         return None
     if solved.is_empty():
-        return LargePiece(solved, Cover(), [])
+        return Search(problem, [], [])
     answers = PatchAnswers(problem, solved, within, budget.is_over)
     most = budget.options.max_hypotheses
     if not is_whole:
-        return LargePiece(solved, None, answers.hypotheses(most))
+        return Search(problem, [], [], answers.hypotheses(most), solved)
     boxes = answers.boxes(most)
     is_done = solved.is_one_body and solved.is_complete()
     if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
-        return LargePiece(solved, None, answers.hypotheses(most))
+        return Search(problem, [], [], answers.hypotheses(most), solved)
     budget.go_on_from(solved.n_boxes() - solved.n_pending())
     if not is_done:
         # Halves of wide distances would be parts of the hypotheses that the patches tell apart.
         at_gaps = solved.is_complete() and not is_known_well(problem)
         cover = budget.search(problem, share, boxes, at_gaps=at_gaps)
-        return LargePiece(solved, cover, [])
-    is_split = len(boxes) * problem.n_points**3 <= MOST_SPLIT
+        return Search(problem, cover.kept, cover.pending)
+    is_split = len(boxes) * problem.n_points**3 <= MOST_WORK_TOGETHER
     most_boxes = 2 * len(boxes) if is_split else len(boxes)
     cover = budget.search(problem, PATCHES_SHARE * share, boxes, most_boxes)
     # The patches were examined to the end, and so is what they allow.
     budget.accept_pending(cover)
-    return LargePiece(solved, cover, [])
+    return Search(problem, cover.kept, cover.pending)

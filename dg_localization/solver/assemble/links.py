@@ -28,19 +28,17 @@ from dg_localization.solver.assemble.combinations import (
     PieceLink,
     Site,
 )
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, bounds_within, contracted
+from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, contracted
 from dg_localization.solver.assemble.faces import apex_of, best_apex
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
-    Constraint,
-    Orientations,
-    points_of,
+    bounds_within,
     restricted,
     restricted_boxes,
 )
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
-from dg_localization.solver.problem import Chirality, Problem, Side
+from dg_localization.solver.problem import Chirality, Problem, Side, SideConstraint, points_of
 from dg_localization.solver.result import Joint, JointKind
 
 MOST_PAIRS = 4096
@@ -66,7 +64,7 @@ class Linker:
         self._within = within
         self._pieces = solved.pieces
         self._budget = budget
-        self._orientations = Orientations(problem)
+        self._of_two: dict[tuple[int, ...], tuple[Points, Bounds] | None] = {}
         self._options = replace(budget.options, tighten_slices=0)
         self._crossing: dict[int, set[int]] = {}
         for i, j in crossing_pairs(problem, solved.pieces):
@@ -212,9 +210,9 @@ class Linker:
         pieces = self._pieces[first], self._pieces[second]
         if self._n(first) * self._n(second) > MOST_PAIRS:
             return None
-        between = self._between(*pieces) if is_contracted else None
+        is_between = is_contracted and self._is_between(*pieces)
         together = _agreeing(pieces)
-        if site is None and between is None and together.all():
+        if site is None and not is_between and together.all():
             return None
         link = PieceLink(first, second, site)
         for x, y in np.argwhere(together).tolist():
@@ -222,20 +220,20 @@ class Linker:
             if site and (first, x) in site.apexes and (second, y) in site.apexes:
                 same = site.apexes[first, x] == site.apexes[second, y]
                 sides = (Side.SAME,) if same else EITHER
-            if between is not None:
-                sides = tuple(s for s in sides if self._may_be(link, (x, y), s, between))
+            if is_between and not self._budget.is_over():
+                sides = tuple(s for s in sides if self.bounds_of_two(link, x, y, s) is not None)
             if sides:
                 link.allowed[x, y] = sides
         return link
 
-    def _between(self, first: SolvedPiece, second: SolvedPiece) -> list[Constraint] | None:
-        """Return the constraints among two pieces; None where nothing is known across them."""
-        points = tuple(sorted({*first.points, *second.points}))
+    def _is_between(self, first: SolvedPiece, second: SolvedPiece) -> bool:
+        """Return whether something is known across two pieces."""
+        points = {*first.points, *second.points}
         if len(points) > MOST_CONTRACTED:
-            return None
-        known = self._orientations.among(points)
+            return False
+        known = self._problem.constraints_among(points)
         if self._within is not None:
-            return known
+            return True
         inside = [set(piece.points) for piece in (first, second)]
         is_chiral = [
             any(s.issuperset(points_of(c)) for c in known if isinstance(c, Chirality))
@@ -244,46 +242,46 @@ class Linker:
         if all(is_chiral) or any(
             not any(s.issuperset(points_of(constraint)) for s in inside) for constraint in known
         ):
-            return known
-        apart = inside[0] - inside[1], inside[1] - inside[0]
-        is_crossed = any(
-            not self._crossing.get(point, set()).isdisjoint(apart[1]) for point in apart[0]
-        )
-        return known if is_crossed else None
-
-    def _may_be(
-        self, link: PieceLink, pair: tuple[int, int], side: Side, known: list[Constraint]
-    ) -> bool:
-        """Return whether two hypotheses may go together on these sides of the face."""
-        if self._budget.is_over():
             return True
-        numbers = (link.first, link.second)
-        parts = []
-        for number, x in zip(numbers, pair, strict=True):
-            piece = self._pieces[number]
-            parts.append((piece.points, (piece.hypotheses[x].lower, piece.hypotheses[x].upper)))
-        points = set(parts[0][0]) | set(parts[1][0])
-        decided = None
-        if link.site and side is not Side.FREE:
-            ends = [link.site.apexes[number, x] for number, x in zip(numbers, pair, strict=True)]
-            decided = link.site.constraint(ends[0], ends[1], side)
-        if decided and not points.issuperset(decided.face):
-            decided = None
-        constraints = [*known, decided] if decided else known
-        return self._contracted(tuple(sorted(points)), parts, constraints) is not None
+        apart = inside[0] - inside[1], inside[1] - inside[0]
+        return any(not self._crossing.get(p, set()).isdisjoint(apart[1]) for p in apart[0])
+
+    def bounds_of_two(
+        self, link: PieceLink, x: int, y: int, side: int
+    ) -> tuple[Points, Bounds] | None:
+        """Return the bounds of two hypotheses on some sides; None where they have no placement."""
+        key = (link.first, link.second, x, y, side)
+        if key in self._of_two:
+            return self._of_two[key]
+        chosen = (self._pieces[link.first], x), (self._pieces[link.second], y)
+        points = tuple(sorted({p for piece, _ in chosen for p in piece.points}))
+        decided = []
+        if link.site and side:
+            ends = [link.site.apexes[link.first, x], link.site.apexes[link.second, y]]
+            if ends[0] != ends[1]:
+                decided = [SideConstraint(link.site.face, ends[0], ends[1], Side(side))]
+        if len(points) > MOST_CONTRACTED:
+            named = {point for constraint in decided for point in points_of(constraint)}
+            shared = set(chosen[0][0].points) & set(chosen[1][0].points)
+            points = tuple(sorted(named or shared))
+        decided = [c for c in decided if set(points).issuperset(points_of(c))]
+        parts = [piece.among(points, number) for piece, number in chosen]
+        bounds = self._contracted(points, parts, decided)
+        self._of_two[key] = (points, bounds) if bounds else None
+        return self._of_two[key]
 
     def _contracted(
         self,
         points: Points,
         parts: Sequence[tuple[Points, Bounds]],
-        constraints: Sequence[Constraint] = (),
+        constraints: Sequence[SideConstraint] = (),
     ) -> Bounds | None:
         """Return the bounds of all pairs of some points; None where they have no placement."""
         bounds = bounds_within(points, parts)
         problem = restricted(self._problem, points, bounds, constraints)
         if problem is None:
             return None
-        within = self._within and restricted_boxes(self._within, points)
+        within = restricted_boxes(self._within, points)
         return contracted(problem, self._options, within, self._budget.is_over)
 
 

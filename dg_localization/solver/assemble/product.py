@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 import math
 import time
 
@@ -18,14 +18,13 @@ from dg_localization.solver.assemble.assembly import Assembly
 from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
+from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.links import Linker, crossing_pairs
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     Bounds,
-    Constraint,
     as_box,
     parts_within,
-    points_of,
 )
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.options import SolverOptions
@@ -39,7 +38,7 @@ from dg_localization.solver.place.hypotheses import (
 from dg_localization.solver.place.placements import MARGIN, MOST_STEPS, refine
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.sparse_placements import refined, sought
-from dg_localization.solver.problem import Problem
+from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, JointKind
 
 MOST_REFINED = 100
@@ -109,7 +108,9 @@ class Product:
         network = linker.network(solved.joints) if linker else Network()
         counts = [len(piece.hypotheses) for piece in solved.pieces]
         self.combinations = Combinations(counts, network)
-        self._assembly = Assembly(problem, budget.options, solved, self.combinations, within)
+        self._assembly = Assembly(
+            problem, budget.options, solved, self.combinations, linker, within
+        )
         # More is known than distances within pieces, or holds all of them together.
         self._is_crossed = _is_crossed(problem, solved)
         self._is_tied = within is not None or _has_loop(solved)
@@ -208,11 +209,11 @@ class Product:
             first = next(self.combinations.listed(lambda _: True), None)
             listed = [(first, hull)] if first and hull else []
         else:
-            bounds_of = self._assembly.bounds if is_small else self._assembly.bounds_by_twos
             every = self.combinations.listed(lambda _: True)
-            listed = [(c, bounds) for c in every if (bounds := bounds_of(c, stopped=stopped))]
+            bounds_of = partial(self._assembly.bounds, in_twos=not is_small, stopped=stopped)
+            listed = [(c, bounds) for c in every if (bounds := bounds_of(c))]
         for combination, bounds in listed:
-            for part in parts_within(bounds, self._within):
+            for part in parts_within([bounds], self._within):
                 found.append(as_box(part))
                 of.append(combination)
         return found, lambda x: None if stopped() else self._laid(of[x], stopped)
@@ -255,15 +256,15 @@ class Product:
         is_first: bool,
     ) -> Iterator[Hypothesis]:
         """Yield the whole fleet as a combination has it, one for each part that is connected."""
-        bounds = self._assembly.bounds(combination, options, stopped)
+        bounds = self._assembly.bounds(combination, options, stopped=stopped)
         if bounds is None:
             return
         chosen = [
             piece.hypotheses[combination.hypotheses[x]]
             for x, piece in enumerate(self.solved.pieces)
         ]
-        flexible = self._turns or any(hypothesis.flexible for hypothesis in chosen)
-        parts = [as_box(part) for part in parts_within(bounds, self._within)]
+        flexible = self._turns or any(h.flexible for h in chosen) or self._may_turn(chosen)
+        parts = [as_box(part) for part in parts_within([bounds], self._within)]
         for hull, numbers in hulls_of(parts):
             boxes = [parts[x][: UPPER + 1] for x in numbers]
             found: tuple[FloatArray | None, bool] = (None, False)
@@ -281,6 +282,17 @@ class Product:
             together = {group[piece] for piece in joint.pieces}
             group = [min(together) if number in together else number for number in group]
         return len(set(group)) > 1
+
+    def _may_turn(self, chosen: Sequence[Hypothesis]) -> bool:
+        """Return whether the points of some face are in line, or at one place."""
+        for joint in self.solved.joints:
+            points = self.solved.pieces[joint.pieces[0]].points
+            positions = chosen[joint.pieces[0]].positions
+            if positions is None or is_degenerate(
+                positions[np.searchsorted(points, joint.points)]
+            ):
+                return True
+        return False
 
     def _placement(
         self,
@@ -337,8 +349,7 @@ def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
     if crossing_pairs(problem, solved.pieces):
         return True
     sets = [set(piece.points) for piece in solved.pieces]
-    constraints: list[Constraint] = [*problem.sides, *problem.chiralities]
-    return any(not any(s.issuperset(points_of(c)) for s in sets) for c in constraints)
+    return any(not any(s.issuperset(points_of(c)) for s in sets) for c in problem.constraints)
 
 
 def _has_loop(solved: SolvedPieces) -> bool:

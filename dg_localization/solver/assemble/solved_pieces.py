@@ -1,40 +1,70 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What became of the pieces of a fleet, and what they say of pairs that nobody measured."""
+"""What became of the pieces of a fleet, and what they say of pairs that nothing measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, Ranges, restricted_boxes
+from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.patches.answers import ChainedHypothesis
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.solver import SolvedPatches
-from dg_localization.solver.place.unplaced_hypotheses import Placement
+from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Joint
 
 
 @dataclass
+class Search:
+    """One problem of a piece, for one choice of what it is given, and its cover so far."""
+
+    problem: Problem
+    kept: list[FloatArray]
+    pending: list[FloatArray]
+    found: Sequence[Hypothesis] | None = None  # what the cover makes, once it was looked for
+    patches: SolvedPatches | None = None  # where they are the answer, and not a cover
+
+    def pending_keys(self) -> set[bytes]:
+        """Return the bounds of the boxes that were not examined."""
+        return {box[: UPPER + 1].tobytes() for box in self.pending}
+
+    def gather(self, stopped: Callable[[], bool]) -> Sequence[Hypothesis]:
+        """Return the hypotheses that the cover makes; what was not examined counts as flexible."""
+        if self.found is None:
+            self.found = hypotheses_of(self.problem, self.kept + self.pending, stopped)
+        if self.pending:
+            keys = self.pending_keys()
+            self.found = [
+                replace(h, flexible=True) if any(b.tobytes() in keys for b in h.boxes) else h
+                for h in self.found
+            ]
+        return self.found
+
+
+@dataclass(eq=False)
 class SolvedPiece:
     """A piece, and the hypotheses that hold all its placements."""
 
     points: Points
-    hypotheses: list[Hypothesis]
-    pending: set[bytes]  # the bounds of the boxes among theirs that were not examined
-    in_patches: list[SolvedPatches] = field(default_factory=list)  # where they are the answer
+    searches: list[Search] = field(default_factory=list)
+    hypotheses: list[Hypothesis] = field(default_factory=list)
     was_examined: bool = True  # False where there was no time for any of it
 
-    def hull(self, left: Iterable[int] | None = None) -> Bounds:
-        """Return bounds that hold some of its hypotheses, all without any named."""
-        numbers = range(len(self.hypotheses)) if left is None else left
-        chosen = [self.hypotheses[x] for x in numbers]
+    def gather(self, stopped: Callable[[], bool]) -> None:
+        """Write the hypotheses that the covers of all searches make."""
+        self.hypotheses = [h for search in self.searches for h in search.gather(stopped)]
+
+    def hull(self, left: Iterable[int]) -> Bounds:
+        """Return bounds that hold some of its hypotheses."""
+        chosen = [self.hypotheses[x] for x in left]
         lower = np.min([h.lower for h in chosen], axis=0)
         return lower, np.max([h.upper for h in chosen], axis=0)
 
@@ -49,26 +79,33 @@ class SolvedPiece:
 
     @property
     def is_finished(self) -> bool:
-        """Whether nothing was left that was not examined."""
-        return (
-            self.was_examined
-            and not self.pending
-            and not any(solved.n_pending() for solved in self.in_patches)
-        )
+        """Whether everything was examined."""
+        return self.was_examined and self.n_boxes(range(len(self.hypotheses)))[1] == 0
 
     def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
         """Return how many boxes some of its hypotheses have, and how many were not examined."""
         if not self.was_examined:
             return 1, 1
-        if self.in_patches:
+        keys = {key for search in self.searches for key in search.pending_keys()}
+        in_patches = [search.patches for search in self.searches if search.patches]
+        if in_patches:
             # Another choice of what the piece is given may have been searched as a whole.
-            n_pending = len(self.pending) + sum(solved.n_pending() for solved in self.in_patches)
-            n_left = len(self.pending) + sum(solved.n_boxes() for solved in self.in_patches)
-            return n_left, n_pending
+            n_pending = len(keys) + sum(solved.n_pending() for solved in in_patches)
+            return len(keys) + sum(solved.n_boxes() for solved in in_patches), n_pending
         boxes = [box for x in left for box in self.hypotheses[x].boxes]
-        if not self.pending:
-            return len(boxes), 0
-        return len(boxes), sum(box.tobytes() in self.pending for box in boxes)
+        return len(boxes), sum(box.tobytes() in keys for box in boxes) if keys else 0
+
+    def ranges_of(self, pairs: Sequence[Pair]) -> list[Ranges]:
+        """Return what its hypotheses say of some pairs, in ranges that do not touch."""
+        found: list[Ranges] = []
+        for hypothesis in self.hypotheses:
+            ends = {pair: tuple(map(self.points.index, pair)) for pair in pairs}
+            new: Ranges = {pair: hypothesis.bounds_of_pair(*x) for pair, x in ends.items()}
+            while touching := [r for r in found if _touch(r, new)]:
+                found = [ranges for ranges in found if ranges not in touching]
+                new = hull_of_ranges([new, *touching])
+            found.append(new)
+        return found
 
 
 @dataclass
@@ -89,35 +126,13 @@ def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None
     """
     known = problem.pairs.restricted(points)
     chains = ChainGraph(len(points), known.pairs, known.lower, known.upper)
-    boxes = within and restricted_boxes(within, points)
-    hypothesis = ChainedHypothesis(chains, len(points), boxes, _nowhere, flexible=True)
-    return SolvedPiece(points, [hypothesis], set(), was_examined=False)
-
-
-def _nowhere() -> Placement:
-    """Return that no placement was sought."""
-    return None, False
-
-
-def ranges_of(
-    points: Points, hypotheses: Sequence[Hypothesis], pairs: Sequence[Pair]
-) -> list[Ranges]:
-    """Return what the hypotheses of a piece say of some pairs, in ranges that do not touch."""
-    found: list[Ranges] = []
-    for hypothesis in hypotheses:
-        new: Ranges = {
-            pair: hypothesis.bounds_of_pair(*(points.index(point) for point in pair))
-            for pair in pairs
-        }
-        while touching := [ranges for ranges in found if _touch(ranges, new)]:
-            found = [ranges for ranges in found if ranges not in touching]
-            new = hull_of_ranges([new, *touching])
-        found.append(new)
-    return found
+    boxes = restricted_boxes(within, points)
+    hypothesis = ChainedHypothesis(chains, len(points), boxes, None, True)
+    return SolvedPiece(points, [], [hypothesis], was_examined=False)
 
 
 def _touch(first: Ranges, second: Ranges) -> bool:
-    """Tell whether two sets of ranges of the same pairs have a point in common."""
+    """Return whether two sets of ranges of the same pairs have a point in common."""
     return all(
         low <= second[pair][1] and second[pair][0] <= high for pair, (low, high) in first.items()
     )

@@ -10,10 +10,12 @@ from itertools import product
 
 import numpy as np
 
-from dg_localization.solver.box import FloatArray
-from dg_localization.solver.decompose.graph import Pair, Points
+from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.decompose.decomposition import Decomposition, pieces_of
+from dg_localization.solver.decompose.graph import Pair, Points, connected_parts, graph_of
 from dg_localization.solver.pair_bounds import PairBounds
-from dg_localization.solver.problem import Chirality, Problem, SideConstraint
+from dg_localization.solver.problem import Chirality, Constraint, Problem, SideConstraint
+from dg_localization.solver.result import Joint
 
 Bounds = tuple[FloatArray, FloatArray]
 """Lower and upper bounds of squared distances in m^2."""
@@ -24,59 +26,41 @@ Ranges = Mapping[Pair, tuple[float, float]]
 MOST_DENSE = 200
 """Bounds among more points are those of listed pairs; no n x n array is made of them."""
 
-Constraint = SideConstraint | Chirality
-
-
-class Orientations:
-    """The sides and chiralities of a problem, found by their points."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._constraints: list[Constraint] = []
-        self._of_point: dict[int, set[int]] = {}
-        every: list[Constraint] = [*problem.sides, *problem.chiralities]
-        for constraint in every:
-            for point in points_of(constraint):
-                self._of_point.setdefault(point, set()).add(len(self._constraints))
-            self._constraints.append(constraint)
-
-    def among(self, points: Iterable[int]) -> list[Constraint]:
-        """Return the constraints all of whose points are among some points, in their order."""
-        inside = set(points)
-        numbers = {number for point in inside for number in self._of_point.get(point, ())}
-        found = [self._constraints[number] for number in sorted(numbers)]
-        return [constraint for constraint in found if inside.issuperset(points_of(constraint))]
-
-
-def points_of(constraint: Constraint) -> Points:
-    """Return the points that a constraint names."""
-    if isinstance(constraint, Chirality):
-        return tuple(constraint.points)
-    return (*constraint.face, constraint.first, constraint.second)
-
 
 def restricted(
     problem: Problem,
     points: Sequence[int],
-    bounds: Bounds | Ranges | None,
-    constraints: Iterable[Constraint],
+    bounds: Bounds | Ranges | None = None,
+    more: Iterable[Constraint] = (),
 ) -> Problem | None:
-    """Return the problem of some points within bounds; None where these contradict each other."""
+    """
+    Return the problem of some points within bounds; None where these contradict each other.
+
+    It has the sides and chiralities that the problem has among the points, and `more` of them.
+    """
     number = {point: x for x, point in enumerate(points)}
-    left: Bounds | PairBounds | None
-    if isinstance(bounds, Mapping):
-        local = {(number[i], number[j]): ends for (i, j), ends in bounds.items()}
-        if problem.is_sparse and len(points) > MOST_DENSE:
-            left = _narrowed_pairs(problem.pairs.restricted(points), local)
-        else:
-            left = _narrowed(problem.bounds_among(points), _as_matrices(len(points), local))
-    elif bounds is None and problem.is_sparse and len(points) > MOST_DENSE:
+    left: Bounds | PairBounds
+    if problem.is_sparse and len(points) > MOST_DENSE and not isinstance(bounds, tuple):
         left = problem.pairs.restricted(points)
+        if bounds:
+            rows, columns = np.array([(number[i], number[j]) for i, j in bounds]).T
+            left = left.narrowed(rows, columns, *np.array(list(bounds.values())).T)
+        is_empty = (left.lower > left.upper).any()
     else:
-        left = _narrowed(problem.bounds_among(points), bounds)
-    if left is None:
+        lower, upper = left = problem.bounds_among(points)
+        if isinstance(bounds, tuple):
+            np.maximum(lower, bounds[0], out=lower)
+            np.minimum(upper, bounds[1], out=upper)
+        else:
+            for (i, j), (low, high) in (bounds or {}).items():
+                x, y = number[i], number[j]
+                lower[x, y] = lower[y, x] = max(lower[x, y], low)
+                upper[x, y] = upper[y, x] = min(upper[x, y], high)
+        is_empty = (lower > upper).any()
+    if is_empty:
         return None
     sides, chiralities = [], []
-    for constraint in constraints:
+    for constraint in (*problem.constraints_among(points), *more):
         if isinstance(constraint, Chirality):
             named = tuple(number[point] for point in constraint.points)
             chiralities.append(Chirality(named, constraint.sign))
@@ -87,56 +71,35 @@ def restricted(
     return Problem.unchecked(left, problem.dimension, sides, chiralities)
 
 
-def _narrowed(bounds: Bounds, others: Bounds | None) -> Bounds | None:
-    """Narrow bounds, in place, to what they have in common with others; None where nothing."""
-    if others is not None:
-        lower, upper = bounds
-        np.maximum(lower, others[0], out=lower)
-        np.minimum(upper, others[1], out=upper)
-        if (lower > upper).any():
-            return None
-    return bounds
-
-
-def _as_matrices(n_points: int, ranges: Ranges) -> Bounds | None:
-    """Return the bounds of some pairs as matrices, None where there are none."""
-    if not ranges:
+def restricted_boxes(boxes: Sequence[Bounds] | None, points: Points) -> list[Bounds] | None:
+    """Return the bounds of some points in each of some boxes, None without any boxes."""
+    if boxes is None:
         return None
-    lower, upper = unbounded(n_points)
-    for (i, j), (low, high) in ranges.items():
-        lower[i, j] = lower[j, i] = low
-        upper[i, j] = upper[j, i] = high
-    return lower, upper
-
-
-def _narrowed_pairs(pairs: PairBounds, ranges: Ranges) -> PairBounds | None:
-    """Return bounds narrowed to those of some pairs; None where they contradict each other."""
-    if not ranges:
-        return pairs
-    rows, columns = np.array(list(ranges), dtype=np.int64).T
-    lower, upper = np.array(list(ranges.values())).T
-    narrowed = pairs.narrowed(rows, columns, lower, upper)
-    return None if (narrowed.lower > narrowed.upper).any() else narrowed
-
-
-def restricted_boxes(boxes: Iterable[Bounds], points: Points) -> list[Bounds]:
-    """Return the bounds of some points."""
     index = np.ix_(points, points)
     return [(lower[index], upper[index]) for lower, upper in boxes]
 
 
-def common_parts(boxes: Iterable[Bounds], others: Iterable[Bounds]) -> list[Bounds]:
-    """Return what each of some boxes has in common with each of others."""
+def parts_within(bounds: Iterable[Bounds], within: Sequence[Bounds] | None) -> list[Bounds]:
+    """Return what each of some bounds has in common with each of some boxes, if there are any."""
+    if within is None:
+        return list(bounds)
     common = (
         (np.maximum(lower, low), np.minimum(upper, high))
-        for (lower, upper), (low, high) in product(boxes, others)
+        for (lower, upper), (low, high) in product(bounds, within)
     )
     return [(lower, upper) for lower, upper in common if (lower <= upper).all()]
 
 
-def parts_within(bounds: Bounds, within: Sequence[Bounds] | None) -> list[Bounds]:
-    """Return what bounds have in common with each of some boxes; all of them without any."""
-    return [bounds] if within is None else common_parts([bounds], within)
+def bounds_within(points: Points, parts: Iterable[tuple[Points, Bounds]]) -> Bounds:
+    """Return the bounds of the distances of some points, from those of parts of them."""
+    lower = np.zeros((len(points), len(points)))
+    upper = np.full_like(lower, np.inf)
+    for members, (low, high) in parts:
+        index = np.ix_(*[np.searchsorted(points, members)] * 2)
+        lower[index] = np.maximum(lower[index], low)
+        upper[index] = np.minimum(upper[index], high)
+    np.fill_diagonal(upper, 0.0)
+    return lower, upper
 
 
 def as_box(bounds: Bounds) -> FloatArray:
@@ -144,6 +107,51 @@ def as_box(bounds: Bounds) -> FloatArray:
     return np.array([*bounds, *np.zeros_like(bounds)])
 
 
-def unbounded(n_points: int) -> Bounds:
-    """Return bounds that say nothing."""
-    return np.zeros((n_points, n_points)), np.full((n_points, n_points), np.inf)
+def _first_of(known: PairBounds) -> IntArray | None:
+    """Return the first point at the place of each point; None where all places may differ."""
+    zero = np.ascontiguousarray(known.pairs[known.upper == 0.0])
+    if not len(zero):
+        return None
+    removed = np.zeros(known.n_points, dtype=np.bool_)
+    part = connected_parts(graph_of(known.n_points, zero), removed)
+    _, first = np.unique(part, return_index=True)
+    return np.asarray(first[part])
+
+
+def with_shared_bounds(problem: Problem) -> Problem | None:
+    """Return a problem in which points at one place share their bounds; None where it has none."""
+    known = problem.pairs
+    first = _first_of(known)
+    if first is None:
+        return problem
+    members = [np.flatnonzero(first == point).tolist() for point in range(known.n_points)]
+    every: dict[Pair, tuple[float, float]] = {}
+    for (i, j), low, high in zip(
+        first[known.pairs].tolist(), known.lower, known.upper, strict=True
+    ):
+        if i == j and low > 0.0:
+            return None
+        for x, y in product(members[i], members[j]):
+            if x != y:
+                pair = min(x, y), max(x, y)
+                least, most = every.get(pair, (0.0, np.inf))
+                every[pair] = max(least, low), min(most, high)
+    return restricted(problem, range(problem.n_points), every)
+
+
+def pieces_of_problem(problem: Problem) -> Decomposition:
+    """Return the pieces and joints of a problem; points at one place belong to the same pieces."""
+    known = problem.pairs
+    first = _first_of(known)
+    if first is None:
+        return pieces_of(known.n_points, known.measured, problem.dimension)
+    places, number = np.unique(first, return_inverse=True)
+    ends = np.sort(number[known.measured], axis=1)
+    pairs = np.unique(ends[ends[:, 0] < ends[:, 1]], axis=0)
+    found = pieces_of(len(places), pairs, problem.dimension)
+    parts = [tuple(np.flatnonzero(np.isin(number, piece)).tolist()) for piece in found.pieces]
+    joints = [
+        Joint(joint.pieces, tuple(places[list(joint.points)].tolist()), joint.kind)
+        for joint in found.joints
+    ]
+    return Decomposition(tuple(parts), tuple(joints))

@@ -12,7 +12,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
-from dg_localization.solver.assemble.subproblem import Bounds, common_parts
+from dg_localization.solver.assemble.subproblem import Bounds, parts_within
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.patches.chains import ChainGraph
@@ -63,14 +63,14 @@ class ChainedHypothesis(UnplacedHypothesis):
     _graph: ChainGraph
     _n_points: int
     _within: Sequence[Bounds] | None
-    _placement: Callable[[], Placement]
+    _placement: Callable[[], Placement] | None
 
     def __init__(
         self,
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        placement: Callable[[], Placement],
+        placement: Callable[[], Placement] | None,
         flexible: bool,
     ) -> None:
         # The base class is frozen.
@@ -84,7 +84,7 @@ class ChainedHypothesis(UnplacedHypothesis):
         self.__dict__.update(values)
 
     def _seek(self) -> Placement:
-        return self._placement()
+        return self._placement() if self._placement else (None, False)
 
     def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
         """Return the bounds in m^2 of the squared distance of two points, by their rows."""
@@ -148,9 +148,7 @@ class PatchAnswers:
             lower[rows, columns] = lower[columns, rows] = low
             upper[rows, columns] = upper[columns, rows] = high
             boxes.append((lower, upper))
-        if self._within is None:
-            return boxes
-        return common_parts(boxes, self._within)
+        return parts_within(boxes, self._within)
 
     def hypotheses(self, most: int) -> list[Hypothesis]:
         """Return hypotheses that hold every placement between them."""

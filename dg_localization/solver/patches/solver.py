@@ -19,13 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dg_localization.solver.assemble.budget import CallBudget
-from dg_localization.solver.assemble.subproblem import (
-    Bounds,
-    Constraint,
-    Orientations,
-    points_of,
-    restricted,
-)
+from dg_localization.solver.assemble.subproblem import Bounds, restricted, restricted_boxes
 from dg_localization.solver.assemble.tasks import Subproblem
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.decompose.graph import Pair, Points
@@ -37,7 +31,7 @@ from dg_localization.solver.patches.neighborhoods import (
     covering_patches,
     seam_patches,
 )
-from dg_localization.solver.problem import Problem
+from dg_localization.solver.problem import Problem, points_of
 
 MOST_WHOLE = 16
 """A piece of more points is solved in patches, in the plane."""
@@ -94,7 +88,6 @@ class PatchSolver:
         self._within = within
         self._is_reviewed = is_reviewed
         self._is_placed = is_placed
-        self._orientations = Orientations(problem)
         self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
@@ -106,8 +99,7 @@ class PatchSolver:
         if q != 2:
             # In space few neighborhoods of so few points are rigid.
             return None
-        constraints: list[Constraint] = [*self._problem.sides, *self._problem.chiralities]
-        seeds = [tuple(sorted(points_of(constraint))) for constraint in constraints]
+        seeds = [tuple(sorted(points_of(constraint))) for constraint in self._problem.constraints]
         is_over = self._is_over
         chosen = covering_patches(self._measured, self._pairs, seeds, PATCH_POINTS, is_over)
         n_unsolved = int(is_over())
@@ -149,10 +141,8 @@ class PatchSolver:
     def _part(self, points: Points, known: KnownPairs | None) -> Subproblem:
         """Return the problem of a patch, within what is known of its pairs."""
         bounds = known.among(points) if known else None
-        constraints = self._orientations.among(points)
-        problem = restricted(self._problem, points, bounds, constraints)
-        index = np.ix_(points, points)
-        within = self._within and [(low[index], high[index]) for low, high in self._within]
+        problem = restricted(self._problem, points, bounds)
+        within = restricted_boxes(self._within, points)
         return Subproblem(problem, within, is_placed=self._is_placed)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
