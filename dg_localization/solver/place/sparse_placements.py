@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel, look_after
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.place.placements import MARGIN
 
@@ -28,6 +28,9 @@ MORE_VECTORS, ITERATIONS = 4, 20
 
 MOST_STEPS = 40
 """Most steps of least squares."""
+
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e-9, 1e3
+"""What is added to the diagonal of the normal equations of unit vectors."""
 
 
 class Effort(NamedTuple):
@@ -182,27 +185,46 @@ def refined(
     effort: Effort = THOROUGH,
 ) -> FloatArray:
     """Move a placement into the bounds of many pairs by least squares."""
-    best = positions
-    misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
-    total, damping = float(misfits @ misfits), 1e-6
-    for _ in range(MOST_STEPS):
-        if total == 0.0 or stopped():
+    best, damping = positions, FIRST_DAMPING
+    at_once = 1 + WORK_PER_LOOK // (1 + len(pairs) * effort.most_gradients)
+    for first in range(0, MOST_STEPS, at_once):
+        if not damping < MOST_DAMPING or stopped():
             break
-        normal = pairs, misfits, slopes, damping, len(best)
-        step = _step(*normal, effort.least_residual, effort.most_gradients)
+        n_steps = min(at_once, MOST_STEPS - first)
+        best, damping = refine(best, pairs, lower, upper, margin, damping, effort, n_steps)
+    return best
+
+
+@kernel
+def refine(
+    positions: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    margin: float,
+    damping: float,
+    effort: Effort,
+    n_steps: int,
+) -> tuple[FloatArray, float]:
+    """Take some steps of least squares; return the damping as well, infinite at the end."""
+    best = positions.copy()
+    misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
+    total = (misfits * misfits).sum()
+    for _ in range(n_steps):
+        if total == 0.0 or not damping < MOST_DAMPING:
+            return best, np.inf
+        step = _step(pairs, misfits, slopes, damping, effort, len(best))
         trial = best - step
         trial_misfits, trial_slopes = misfits_of(trial, pairs, lower, upper, margin)
-        trial_total = float(trial_misfits @ trial_misfits)
-        if trial_total < total:
-            if trial_total > (1.0 - effort.least_gain) * total:
-                break
-            best, misfits, slopes = trial, trial_misfits, trial_slopes
-            total, damping = trial_total, max(0.1 * damping, 1e-9)
-        else:
+        trial_total = (trial_misfits * trial_misfits).sum()
+        if not trial_total < total:
             damping *= 10.0
-            if not damping < 1e3:
-                break
-    return best
+        elif trial_total > (1.0 - effort.least_gain) * total:
+            return best, np.inf
+        else:
+            best, misfits, slopes = trial, trial_misfits, trial_slopes
+            total, damping = trial_total, max(0.1 * damping, LEAST_DAMPING)
+    return best, damping
 
 
 @kernel
@@ -241,9 +263,8 @@ def _step(
     misfits: FloatArray,
     slopes: FloatArray,
     damping: float,
+    effort: Effort,
     n_points: int,
-    least_residual: float,
-    most_gradients: int,
 ) -> FloatArray:
     """Solve the damped normal equations of the misfits by conjugate gradients."""
     # Most pairs lie within their bounds, and have no equation.
@@ -260,8 +281,8 @@ def _step(
             rest[ends[x, 1], axis] -= value
     direction = rest.copy()
     size = (rest * rest).sum()
-    enough = least_residual**2 * size
-    for _ in range(most_gradients):
+    enough = effort.least_residual**2 * size
+    for _ in range(effort.most_gradients):
         if size <= enough or size == 0.0:
             break
         for i in range(n_points):
