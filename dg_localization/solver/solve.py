@@ -145,7 +145,7 @@ def load_kernels() -> float:
     from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.existence import settled
-    from dg_localization.solver.place.placements import MOST_STEPS, refine
+    from dg_localization.solver.place.placements import MOST_STEPS, refine_in_box
 
     start = time.perf_counter()
     if not COMPILED:
@@ -160,7 +160,7 @@ def load_kernels() -> float:
             len(solve_in_pieces(problem, CallBudget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             bounds = np.stack([problem.lower, problem.upper])
-            refine(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
+            refine_in_box(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
     len(solve_in_pieces(_braced_block(), CallBudget(options)).hypotheses)
     for hypothesis in solve_in_pieces(_braced_grid(9, 7), CallBudget(options)).hypotheses:
         np.isfinite(hypothesis.upper)

@@ -10,7 +10,7 @@ from solver_cases import squared_distances
 from benchmarks.large import fleet
 from dg_localization import SolverOptions, Verdict, solve
 from dg_localization.solver.assemble.tasks import Subproblem, solve_subproblem
-from dg_localization.solver.place.sparse_placements import scaled_by_pivots
+from dg_localization.solver.place.placements import scaled_by_pivots
 from dg_localization.solver.problem import Problem
 
 

@@ -12,7 +12,7 @@ from solver_cases import bounds
 from dg_localization import SolverOptions, solve
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.groups import groups_of, with_measured_pair
-from dg_localization.solver.place.placements import MOST_STEPS, place, refine
+from dg_localization.solver.place.placements import MOST_STEPS, place, refine_in_box
 from dg_localization.solver.search.pruning import Pruner
 
 RELATIVE_ERROR = 0.03
@@ -30,7 +30,7 @@ def extreme_placements(problem, hypothesis):
         start = place(box, problem.dimension, MOST_STEPS)
         open_pairs = np.isinf(problem.upper)
         box[LOWER, open_pairs], box[UPPER, open_pairs] = 0.0, np.inf
-        positions = refine(start, box, MOST_STEPS)
+        positions = refine_in_box(start, box, MOST_STEPS)
         yield ((positions[:, None] - positions[None]) ** 2).sum(axis=2)
 
 

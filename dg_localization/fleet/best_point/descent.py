@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, normal_equations
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.place.placements import solve_damped
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,6 +49,38 @@ def _turn(rotation: FloatArray, x: float, y: float, z: float) -> None:
 
 
 @kernel(borrows=True)
+def _solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
+    """
+    Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down.
+
+    Only the lower triangle of the matrix is used. It is factored column by column: the entries
+    of a column do not wait for each other.
+    """
+    size = len(vector)
+    for j in range(size):
+        pivot = matrix[j, j] + damping
+        for k in range(j):
+            pivot -= matrix[j, k] * matrix[j, k]
+        if pivot <= 0.0:
+            return False
+        matrix[j, j] = math.sqrt(pivot)
+        for i in range(j + 1, size):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = value / matrix[j, j]
+    for i in range(size):
+        for k in range(i):
+            vector[i] -= matrix[i, k] * vector[k]
+        vector[i] /= matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            vector[i] -= matrix[k, i] * vector[k]
+        vector[i] /= matrix[i, i]
+    return True
+
+
+@kernel(borrows=True)
 def _find_step(
     matrix: FloatArray,
     vector: FloatArray,
@@ -71,7 +102,7 @@ def _find_step(
         factor[i, i] += damping * matrix[i, i] + 1e-12 * greatest
         if held[i]:
             factor[i, i] = greatest
-    return solve_damped(factor, step, 0.0)
+    return _solve_damped(factor, step, 0.0)
 
 
 @kernel

@@ -35,9 +35,14 @@ from dg_localization.solver.place.hypotheses import (
     never,
     place_problem,
 )
-from dg_localization.solver.place.placements import MARGIN, MOST_STEPS, refine
+from dg_localization.solver.place.placements import (
+    MARGIN,
+    MOST_STEPS,
+    refine_in_box,
+    refined,
+    sought,
+)
 from dg_localization.solver.place.proofs import with_known_chirality
-from dg_localization.solver.place.sparse_placements import refined, sought
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, JointKind
 
@@ -330,7 +335,7 @@ class Product:
         for positions in self._assembly.placements(combination, least_m, MOST_ATTEMPTS):
             yield positions
             if problem.n_points <= MOST_REFINED:
-                yield refine(positions, bounds, MOST_STEPS)
+                yield refine_in_box(positions, bounds, MOST_STEPS)
         if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
             yield place_problem(problem, as_box((bounds[0], bounds[1])))
         if problem.n_points <= MOST_SMALL:

@@ -20,15 +20,15 @@ from dg_localization.solver.patches.known_pairs import Ambiguities
 from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import LARGEST_M2
-from dg_localization.solver.place.placements import MARGIN
-from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
-from dg_localization.solver.place.rigidity import is_flexible
-from dg_localization.solver.place.sparse_placements import (
+from dg_localization.solver.place.placements import (
+    MARGIN,
     QUICK,
     refined,
     scaled_by_pivots,
     sought,
 )
+from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
+from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.place.unplaced_hypotheses import (
     Placement,
     UnplacedHypothesis,

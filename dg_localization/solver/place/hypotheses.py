@@ -14,10 +14,9 @@ import numpy as np
 from dg_localization.interval.kernels import kernel, until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
 from dg_localization.solver.place.existence import has_exact_pairs, settled
-from dg_localization.solver.place.placements import MOST_STEPS, place
+from dg_localization.solver.place.placements import MOST_STEPS, place, scaled, sought
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
-from dg_localization.solver.place.sparse_placements import scaled, sought
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 

@@ -2,38 +2,334 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Placements: coordinates inside a box.
+Placements: coordinates that meet the bounds of pairs.
 
-A first placement comes from the Cholesky factorization of the Gram matrix of the box's middle
-(Section 3, Eqs. 1-3). Least squares then moves it into the intervals. Nothing here is rounded
-outward: whether a placement agrees with the measurements is decided in `proofs`.
+A first placement comes from the Cholesky factorization of the Gram matrix of a box's middle
+(Section 3, Eqs. 1-3). Where few pairs of many points are known, classical scaling lays them out by
+the shortest chains of known pairs: between all of them, or from some pivots to all (Brandes, Pich,
+Graph Drawing 2006; de Silva, Tenenbaum 2004). Damped least squares over the pairs then moves all
+points together; the normal equations are sparse and solved by conjugate gradients. What lies
+folded in the plane or in space unfolds where there is one dimension more. Nothing here is rounded
+outward: whether a placement agrees is decided in `proofs` and `existence`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.interval.rounding import LARGEST
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 
 MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
 
+LEAST_ITERATED = 30
+"""LAPACK decomposes smaller matrices in the thread that asks."""
+
+MORE_VECTORS, ITERATIONS = 4, 20
+"""Subspace iteration takes so many more vectors than are wanted, and so many iterations."""
+
 MOST_STEPS = 40
-"""Least squares takes at most so many steps."""
+"""Most steps of least squares."""
 
-LEAST_GAIN = 0.01
-"""A step that gains less than this fraction of the misfit is the last: others go where all agrees,
-or nowhere."""
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e-9, 1e3
+"""What is added to the diagonal of the normal equations of unit vectors."""
 
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 0.1, 1e-12, 1e3
-"""Damping, as a fraction of the largest diagonal entry of the normal equations."""
 
-LEAST_DECREASE = 0.1
-"""What a step that gains as much as predicted leaves of the damping, and no step less."""
+class Effort(NamedTuple):
+    """
+    How far least squares goes.
+
+    Parameters
+    ----------
+    least_gain : float
+        It ends when a step takes off less than this part of what is left.
+    least_residual : float
+        The normal equations of a step are solved to this fraction,
+    most_gradients : int
+        or with so many conjugate gradients.
+
+    """
+
+    least_gain: float
+    least_residual: float
+    most_gradients: int
+
+
+THOROUGH, QUICK, IN_BOX = Effort(1e-6, 1e-3, 100), Effort(1e-2, 1e-2, 30), Effort(1e-2, 1e-6, 100)
+"""To the end; in a third of the time with nearly as many placements found; for all pairs of a box,
+where each step has to be exact for mirror images to give the same answer."""
+
+
+MARGINS = (MARGIN, 0.02, 0.004)
+"""Exact distances and wide ones cannot both be aimed at far inside the wide ones."""
+
+MOST_MISFIT = 1e-3
+"""A placement that misses its bounds by this part of the median distance has the right shape."""
+
+MOST_UNFOLDED = 6
+"""How often a placement is unfolded."""
+
+LIFTS = (0.3, 1.0)
+"""How far points are lifted into the additional dimension, in median known distances, in turns."""
+
+FLATTENINGS, FLATTENED = 12, 0.8
+"""A lifted placement is flattened so often, to this part of its height each time."""
+
+
+def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
+    """Return the placement whose distances are closest to given ones (classical scaling)."""
+    longest_m2 = max(float(squared_m2.max()), np.finfo(float).tiny)
+    relative = squared_m2 / longest_m2
+    means = relative.mean(axis=0)
+    gram = -0.5 * (relative - means - means[:, None] + means.mean())
+    values, vectors = _leading_eigenpairs(gram, dimension)
+    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
+    """Return the placement that agrees best with the lengths from a few points to all."""
+    longest_m = max(float(lengths_m.max()), np.finfo(float).tiny)
+    squared = (lengths_m / longest_m) ** 2
+    among = squared[:, pivots]
+    centering = np.eye(len(pivots)) - 1.0 / len(pivots)
+    values, vectors = _leading_eigenpairs(-0.5 * centering @ among @ centering, dimension)
+    # Where the pivots lie on a line, nothing is known across it.
+    roots = np.sqrt(np.maximum(values, np.finfo(float).eps))
+    positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors / roots)
+    return np.ascontiguousarray(longest_m * positions)
+
+
+def _leading_eigenpairs(matrix: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the largest eigenvalues of a symmetric matrix and their vectors, nearly.
+
+    LAPACK hands a large matrix to several threads, and takes a hundred times as long where other
+    processes keep one of them waiting: such a one is left to subspace iteration.
+    """
+    size = len(matrix)
+    if size < LEAST_ITERATED:
+        values, vectors = np.linalg.eigh(matrix)
+        return values[-count:], vectors[:, -count:]
+    vectors = np.random.default_rng(0).standard_normal((size, min(size, count + MORE_VECTORS)))
+    for _ in range(ITERATIONS):
+        look_after(vectors.size * size)
+        vectors, _ = np.linalg.qr(matrix @ vectors)
+    values, turned = np.linalg.eigh(vectors.T @ matrix @ vectors)
+    return values[-count:], vectors @ turned[:, -count:]
+
+
+def sought(
+    start: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    stopped: Callable[[], bool],
+    most_unfolded: int = MOST_UNFOLDED,
+) -> FloatArray:
+    """Seek a placement that meets the bounds of many pairs."""
+    known = pairs, lower, upper
+    finite = upper[np.isfinite(upper)]
+    if not len(finite):
+        return start
+    scale_m = float(np.sqrt(np.median(finite)))
+    best = start
+    for margin in MARGINS:
+        best = refined(best, *known, margin, stopped)
+    misfit_m = _largest_misfit_m(best, *known)
+    for x in range(most_unfolded):
+        if misfit_m <= MOST_MISFIT * scale_m or stopped():
+            break
+        heights = LIFTS[x % 2] * scale_m * np.random.default_rng(x).standard_normal(len(best))
+        trial = _unfolded(best, heights, known, stopped)
+        for margin in MARGINS:
+            trial = refined(trial, *known, margin, stopped)
+        trial_misfit_m = _largest_misfit_m(trial, *known)
+        if trial_misfit_m < misfit_m:
+            best, misfit_m = trial, trial_misfit_m
+    return best
+
+
+def _unfolded(
+    positions: FloatArray,
+    heights: FloatArray,
+    known: tuple[IntArray, FloatArray, FloatArray],
+    stopped: Callable[[], bool],
+) -> FloatArray:
+    """Lift a placement by some heights into one dimension more, and flatten it step by step."""
+    dimension = positions.shape[1]
+    lifted = np.column_stack([positions, heights])
+    for _ in range(FLATTENINGS):
+        lifted = _turned_flat(refined(lifted, *known, MARGIN, stopped))
+        lifted[:, dimension] *= FLATTENED
+    lifted = _turned_flat(refined(lifted, *known, MARGIN, stopped))
+    return np.ascontiguousarray(lifted[:, :dimension])
+
+
+def _turned_flat(positions: FloatArray) -> FloatArray:
+    """Turn points such that the last axis is the one that they spread along least."""
+    if not np.isfinite(positions).all():
+        return positions
+    centered = positions - positions.mean(axis=0)
+    _, _, axes = np.linalg.svd(centered, full_matrices=False)
+    return np.ascontiguousarray(centered @ axes.T)
+
+
+def _largest_misfit_m(
+    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray
+) -> float:
+    """Return by how much the distance of a pair misses its bounds at worst."""
+    misfits, _ = misfits_of(positions, pairs, lower, upper, 0.0)
+    return float(np.abs(misfits).max(initial=0.0))
+
+
+def refined(
+    positions: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    margin: float,
+    stopped: Callable[[], bool],
+    effort: Effort = THOROUGH,
+) -> FloatArray:
+    """Move a placement into the bounds of many pairs by least squares."""
+    best, damping = positions, FIRST_DAMPING
+    at_once = 1 + WORK_PER_LOOK // (1 + len(pairs) * effort.most_gradients)
+    for first in range(0, MOST_STEPS, at_once):
+        if not damping < MOST_DAMPING or stopped():
+            break
+        n_steps = min(at_once, MOST_STEPS - first)
+        best, damping = refine(best, pairs, lower, upper, margin, damping, effort, n_steps)
+    return best
+
+
+@kernel
+def refine(
+    positions: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    margin: float,
+    damping: float,
+    effort: Effort,
+    n_steps: int,
+) -> tuple[FloatArray, float]:
+    """Take some steps of least squares; return the damping as well, infinite at the end."""
+    best = positions.copy()
+    misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
+    total = _dot(misfits, misfits)
+    for _ in range(n_steps):
+        if total == 0.0 or not damping < MOST_DAMPING:
+            return best, np.inf
+        step = _step(pairs, misfits, slopes, damping, effort, len(best))
+        trial = best - step
+        trial_misfits, trial_slopes = misfits_of(trial, pairs, lower, upper, margin)
+        trial_total = _dot(trial_misfits, trial_misfits)
+        if not trial_total < total:
+            damping *= 10.0
+        elif trial_total > (1.0 - effort.least_gain) * total:
+            return best, np.inf
+        else:
+            best, misfits, slopes = trial, trial_misfits, trial_slopes
+            total, damping = trial_total, max(0.1 * damping, LEAST_DAMPING)
+    return best, damping
+
+
+@kernel(inlined=True)
+def _dot(first: FloatArray, second: FloatArray) -> float:
+    """Return the scalar product of two vectors, added up in one order with and without numba."""
+    total = 0.0
+    for x in range(len(first)):
+        total += first[x] * second[x]
+    return total
+
+
+@kernel
+def misfits_of(
+    positions: FloatArray,
+    pairs: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    margin: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how many m the distances of pairs miss their bounds, and their unit vectors."""
+    dimension = positions.shape[1]
+    misfits = np.zeros(len(pairs))
+    slopes = np.zeros((len(pairs), dimension))
+    for x in range(len(pairs)):
+        i, j = pairs[x, 0], pairs[x, 1]
+        squared = 0.0
+        for axis in range(dimension):
+            squared += (positions[i, axis] - positions[j, axis]) ** 2
+        length = np.sqrt(squared)
+        low, high = np.sqrt(lower[x]), np.sqrt(upper[x])
+        if high < np.inf:
+            inward = margin * (high - low)
+            low += inward
+            high -= inward
+        misfits[x] = length - min(max(length, low), high)
+        if misfits[x] != 0.0 and length > 0.0:
+            for axis in range(dimension):
+                slopes[x, axis] = (positions[i, axis] - positions[j, axis]) / length
+    return misfits, slopes
+
+
+@kernel
+def _step(
+    pairs: IntArray,
+    misfits: FloatArray,
+    slopes: FloatArray,
+    damping: float,
+    effort: Effort,
+    n_points: int,
+) -> FloatArray:
+    """Solve the damped normal equations of the misfits by conjugate gradients."""
+    # Most pairs lie within their bounds, and have no equation.
+    missed = np.flatnonzero(misfits)
+    ends, units = pairs[missed], slopes[missed]
+    dimension = units.shape[1]
+    step = np.zeros((n_points, dimension))
+    rest = np.zeros((n_points, dimension))
+    product = np.empty((n_points, dimension))
+    for x in range(len(ends)):
+        for axis in range(dimension):
+            value = units[x, axis] * misfits[missed[x]]
+            rest[ends[x, 0], axis] += value
+            rest[ends[x, 1], axis] -= value
+    direction = rest.copy()
+    size = _dot(rest.ravel(), rest.ravel())
+    enough = effort.least_residual**2 * size
+    for _ in range(effort.most_gradients):
+        if size <= enough or size == 0.0:
+            break
+        for i in range(n_points):
+            for axis in range(dimension):
+                product[i, axis] = damping * direction[i, axis]
+        for x in range(len(ends)):
+            i, j = ends[x, 0], ends[x, 1]
+            along = 0.0
+            for axis in range(dimension):
+                along += units[x, axis] * (direction[i, axis] - direction[j, axis])
+            for axis in range(dimension):
+                product[i, axis] += units[x, axis] * along
+                product[j, axis] -= units[x, axis] * along
+        length = size / _dot(direction.ravel(), product.ravel())
+        new_size = 0.0
+        for i in range(n_points):
+            for axis in range(dimension):
+                step[i, axis] += length * direction[i, axis]
+                rest[i, axis] -= length * product[i, axis]
+                new_size += rest[i, axis] ** 2
+        for i in range(n_points):
+            for axis in range(dimension):
+                direction[i, axis] = rest[i, axis] + new_size / size * direction[i, axis]
+        size = new_size
+    return step
 
 
 @kernel
@@ -67,127 +363,6 @@ def _factor(middle: FloatArray, dimension: int) -> FloatArray:
     return positions
 
 
-@kernel(borrows=True)
-def _assemble(
-    positions: FloatArray, box: FloatArray, matrix: FloatArray, vector: FloatArray
-) -> float:
-    """
-    Write the normal equations of the misfit of every distance; return its sum of squares.
-
-    Of the symmetric matrix, only the lower triangle is written.
-    """
-    n_points, dimension = positions.shape
-    matrix[:] = 0.0
-    vector[:] = 0.0
-    total = 0.0
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            low = box[LOWER, i, j]
-            high = box[UPPER, i, j]
-            squared = 0.0
-            for axis in range(dimension):
-                squared += (positions[i, axis] - positions[j, axis]) ** 2
-            if not math.isinf(high):
-                margin = MARGIN * (high - low)
-                low += margin
-                high -= margin
-            misfit = squared - min(max(squared, low), high)
-            # Divided by the distance, so that meters are compared and not their squares.
-            weight = 1.0 / max(squared, 0.5 * (low + min(high, squared + low)), 1e-300)
-            if misfit == 0.0:
-                weight *= 1e-3
-            total += weight * misfit * misfit
-            for axis in range(dimension):
-                row = 2.0 * (positions[i, axis] - positions[j, axis])
-                row_i, row_j = i * dimension + axis, j * dimension + axis
-                vector[row_i] += weight * misfit * row
-                vector[row_j] -= weight * misfit * row
-                for other in range(dimension):
-                    value = weight * row * 2.0 * (positions[i, other] - positions[j, other])
-                    matrix[row_j, i * dimension + other] -= value
-                    if other <= axis:
-                        matrix[row_i, i * dimension + other] += value
-                        matrix[row_j, j * dimension + other] += value
-    return total
-
-
-@kernel(borrows=True)
-def solve_damped(matrix: FloatArray, vector: FloatArray, damping: float) -> bool:
-    """
-    Solve (matrix + damping) x = vector in place by Cholesky; False when it breaks down.
-
-    Only the lower triangle of the matrix is used. It is factored column by column: the entries
-    of a column do not wait for each other.
-    """
-    size = len(vector)
-    for j in range(size):
-        pivot = matrix[j, j] + damping
-        for k in range(j):
-            pivot -= matrix[j, k] * matrix[j, k]
-        if pivot <= 0.0:
-            return False
-        matrix[j, j] = math.sqrt(pivot)
-        for i in range(j + 1, size):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = value / matrix[j, j]
-    for i in range(size):
-        for k in range(i):
-            vector[i] -= matrix[i, k] * vector[k]
-        vector[i] /= matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            vector[i] -= matrix[k, i] * vector[k]
-        vector[i] /= matrix[i, i]
-    return True
-
-
-@kernel(watched=True)
-def refine(positions: FloatArray, box: FloatArray, most_steps: int) -> FloatArray:
-    """
-    Move a placement into the intervals of a box by damped least squares.
-
-    The damping follows how well each step was predicted (H. B. Nielsen, Damping parameter in
-    Marquardt's method, 1999).
-    """
-    n_points, dimension = positions.shape
-    size = positions.size
-    best, vector, trial_vector = positions.copy(), np.empty(size), np.empty(size)
-    matrix, factor, trial_matrix = np.empty((3, size, size))
-    misfit = _assemble(best, box, matrix, vector)
-    damping, growth = FIRST_DAMPING, 2.0
-    for _ in range(most_steps):
-        if misfit == 0.0 or damping > MOST_DAMPING:
-            break
-        scale = 0.0
-        for i in range(size):
-            scale = max(scale, matrix[i, i])
-        factor[:] = matrix
-        step = vector.copy()
-        if not solve_damped(factor, step, damping * scale + 1e-300):
-            break
-        trial = best - step.reshape((n_points, dimension))
-        trial_misfit = _assemble(trial, box, trial_matrix, trial_vector)
-        if not trial_misfit < misfit:
-            damping *= growth
-            growth *= 2.0
-            continue
-        predicted = 0.0
-        for i in range(size):
-            predicted += step[i] * (damping * scale * step[i] + vector[i])
-        gain = misfit - trial_misfit
-        is_last = gain < LEAST_GAIN * misfit
-        best[:], misfit = trial, trial_misfit
-        if is_last:
-            break
-        matrix[:], vector[:] = trial_matrix, trial_vector
-        surprise = 1.0 - 2.0 * gain / max(predicted, 1e-300)
-        damping *= max(LEAST_DECREASE, 1.0 + surprise * surprise * surprise)
-        damping, growth = max(damping, LEAST_DAMPING), 2.0
-    return best
-
-
 @kernel
 def place(box: FloatArray, dimension: int, most_steps: int) -> FloatArray:
     """
@@ -201,4 +376,21 @@ def place(box: FloatArray, dimension: int, most_steps: int) -> FloatArray:
     half = max(0, exponent) // 2
     scaled = finite * math.ldexp(1.0, -2 * half)
     positions = _factor(0.5 * (scaled[LOWER] + scaled[UPPER]), dimension)
-    return refine(positions, scaled, most_steps) * math.ldexp(1.0, half)
+    return refine_in_box(positions, scaled, most_steps) * math.ldexp(1.0, half)
+
+
+@kernel
+def refine_in_box(positions: FloatArray, box: FloatArray, most_steps: int) -> FloatArray:
+    """Move a placement into the intervals of all pairs of a box by least squares."""
+    n_points = len(positions)
+    n_pairs = n_points * (n_points - 1) // 2
+    pairs = np.empty((n_pairs, 2), dtype=np.int64)
+    lower, upper = np.empty((2, n_pairs))
+    x = 0
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            pairs[x, 0], pairs[x, 1] = i, j
+            lower[x], upper[x] = box[LOWER, i, j], box[UPPER, i, j]
+            x += 1
+    effort = IN_BOX
+    return refine(positions, pairs, lower, upper, MARGIN, FIRST_DAMPING, effort, most_steps)[0]
