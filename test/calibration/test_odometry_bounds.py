@@ -180,14 +180,6 @@ def test_a_pause_repeats_no_window_and_is_in_none():
     assert np.all((ends_s < 30.0) | (windows.begin_s > 600.0))
 
 
-def test_windows_without_truth_are_passed_over():
-    stamps = np.arange(0.0, 10.0, 0.1)
-    still = np.zeros((len(stamps), 3))
-    truth = TrueTrack([0.0, 0.2, 0.4], np.zeros((3, 3)), quaternions(np.zeros(3)))
-    windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
-    assert len(windows.seconds) == 0
-
-
 @pytest.mark.parametrize('upright', [True, False])
 def test_in_space_turns_are_those_of_the_whole_body(upright):
     """A body that rolls: its odometry states the roll with an error of 0.1 rad."""
@@ -233,20 +225,3 @@ def test_a_robot_that_stood_still_tells_nothing_better_than_what_is_stated():
     windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
     assert not windows.tell_ways and not windows.tell_turns
     assert fit_odometry(windows, EXACT, STATED) == STATED
-
-
-def test_a_robot_that_never_turned_tells_of_its_ways_alone():
-    stamps = np.arange(0.0, 60.0, 0.1)
-    true = np.column_stack([0.3 * stamps, 0.0 * stamps, 0.0 * stamps])
-    truth = TrueTrack(stamps, true, quaternions(np.zeros(len(stamps))))
-    windows = odometry_windows(stamps, true / 0.8, rotations(np.zeros(len(stamps))), truth)
-    assert windows.tell_ways and not windows.tell_turns
-    learned = fit_odometry(windows, EXACT, STATED)
-    assert learned.translation_scale == 0.8
-    assert learned.translation_per_m + learned.constant_m < 1e-3
-    assert learned.translation_per_rad == 0.0
-    assert (learned.rotation_per_m, learned.rotation_per_rad, learned.constant_rad) == (
-        STATED.rotation_per_m,
-        STATED.rotation_per_rad,
-        STATED.constant_rad,
-    )

@@ -71,11 +71,6 @@ def test_an_anchor_is_known_at_all_times_and_has_no_heading():
     assert np.isnan(anchor.rotations_at([0.0])).all()
 
 
-def test_stamps_may_be_unsorted_and_repeated():
-    track = TrueTrack([0.2, 0.0, 0.2, 0.1], [[2, 0, 0], [0, 0, 0], [9, 0, 0], [1, 0, 0]])
-    np.testing.assert_allclose(track.positions_at([0.05, 0.15])[:, 0], [0.5, 1.5])
-
-
 def test_errors_of_ranges_and_rays():
     places, yaws = circle(STAMPS)
     robot, beacon = TrueTrack(STAMPS, places, turned(yaws)), TrueTrack.at_rest((5.0, 1.0))
@@ -89,12 +84,6 @@ def test_errors_of_ranges_and_rays():
     np.testing.assert_allclose(ray_errors_rad(robot, beacon, times, rays, 2), 0.04, atol=1e-3)
     np.testing.assert_allclose(ray_errors_rad(robot, beacon, times, rays, 3), 0.04, atol=1e-3)
     assert np.isnan(ray_errors_rad(beacon, robot, times, rays, 2)).all()
-
-
-def test_heights_count_in_space_only():
-    low, high = TrueTrack.at_rest((0.0, 0.0, 0.0)), TrueTrack.at_rest((3.0, 0.0, 4.0))
-    assert range_errors_m(low, high, [0.0], [5.5], 3) == pytest.approx([0.5])
-    assert range_errors_m(low, high, [0.0], [5.5], 2) == pytest.approx([2.5])
 
 
 def pitched(yaw_rad, pitch_rad):
@@ -111,16 +100,6 @@ def test_in_the_plane_heights_and_tilt_of_the_truth_are_no_errors_of_rays(height
     azimuth = 0.25 * math.pi - 0.3
     ray = [[math.cos(azimuth), math.sin(azimuth), 0.0]]
     assert ray_errors_rad(robot, target, [0.5], ray, 2) == pytest.approx([0.0], abs=1e-12)
-
-
-def test_in_the_plane_tilt_moves_no_sensor():
-    track = TrueTrack([0.0, 1.0], np.zeros((2, 3)), [pitched(0.5 * np.pi, 1.0)] * 2)
-    in_plane = track.carrying((0.3, 0.2)).positions_at([0.5])
-    np.testing.assert_allclose(in_plane, [[-0.2, 0.3, 0.0]], atol=1e-12)
-    in_space = track.carrying((0.3, 0.2, 0.0)).positions_at([0.5])
-    np.testing.assert_allclose(
-        in_space, [[-0.2, 0.3 * math.cos(1.0), -0.3 * math.sin(1.0)]], atol=1e-12
-    )
 
 
 def test_a_sensor_is_carried_by_its_robot():

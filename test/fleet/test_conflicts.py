@@ -83,14 +83,6 @@ def test_all_minimal_sets_of_sensors(conflicts, max_outliers):
 
 @settings(deadline=None)
 @given(conflicts=conflict_sets)
-def test_disjoint_conflicts_are_all_named_without_any_drop(conflicts):
-    explanation = explained(conflicts, 0)
-    named = frozenset().union(*explanation.conflicts)
-    assert not contradiction_of(conflicts)(EVERYTHING - named, Effort.THOROUGH)
-
-
-@settings(deadline=None)
-@given(conflicts=conflict_sets)
 def test_culprits_are_the_smallest_that_explain_everything(conflicts):
     explanation = explained(conflicts, 0, named=(ALONE, SENSORS))
     single = [{s for (s,) in hitting(conflicts, named, 1)} for named in (ALONE, SENSORS)]
@@ -104,34 +96,6 @@ def test_a_used_up_budget_is_reported(solves, seconds):
     explanation = explain(EVERYTHING, (), (ALONE,), contradicts, limits)
     assert explanation.searched < 2
     assert explanation.stopped
-
-
-def test_a_conflict_that_is_not_proved_minimal_is_not_called_one():
-    conflict = frozenset(SEEN[:4])
-    explanation = explain(EVERYTHING, (), (ALONE,), contradiction_of([conflict]), Limits(1, 3, 60))
-    assert explanation.conflicts == ()
-    assert conflict <= explanation.among
-
-
-def test_corrections_are_complete_although_there_is_no_time_for_conflicts():
-    conflicts = [frozenset(SEEN[:2])]
-    solves = 0
-
-    def contradicts(observations, effort):
-        nonlocal solves
-        solves += effort is not Effort.GLANCE
-        return contradiction_of(conflicts)(observations, effort)
-
-    explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE))
-    enough = solves
-    found = [
-        explain(EVERYTHING, (), (ALONE,), contradiction_of(conflicts), Limits(1, most, 60.0))
-        for most in range(enough + 1)
-    ]
-    assert any(one.searched == 1 and one.stopped for one in found)
-    for explanation in found:
-        if explanation.searched == 1:
-            assert explanation.corrections == (frozenset(SEEN[:1]), frozenset(SEEN[1:2]))
 
 
 def test_a_correction_is_only_taken_after_every_effort():

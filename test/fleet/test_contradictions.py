@@ -19,7 +19,7 @@ from dg_localization.fleet import (
     Localizer,
     RangeErrorModel,
 )
-from dg_localization.fleet.answers import CONTRADICTION, LEAST_S, shared_time
+from dg_localization.fleet.answers import CONTRADICTION
 import dg_localization.fleet.estimation as estimation_room
 
 ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
@@ -82,19 +82,6 @@ def test_a_contradiction_gives_nothing_but_its_cause():
     assert len(guilty) < len(estimate.links)
 
 
-def test_a_contradiction_ends_with_its_cause():
-    localizer = make_localizer()
-    feed(localizer, wrong={('a', 'b')})
-    assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
-    later_s = NOW_S + 2.0
-    feed(localizer, stamp_s=later_s)
-    estimate = localizer.step(later_s)
-    assert estimate.verdict is Verdict.COVERED
-    assert estimate.conflicts == ()
-    assert not any(link.contradicts for link in estimate.links)
-    assert all(holds(estimate, positions) for positions in truth())
-
-
 def test_one_outlier_may_be_dropped():
     localizer = make_localizer(max_outliers=1)
     feed(localizer, wrong={('a', 'b')})
@@ -115,34 +102,6 @@ def test_more_outliers_than_allowed_give_nothing():
     assert 'dropping 1 observation does not' in estimate.reason
 
 
-def test_two_outliers_may_be_dropped():
-    localizer = make_localizer(max_outliers=2)
-    feed(localizer, wrong={('a', 'b'), ('c', 'd')}, errors=3.0)
-    estimate = localizer.step(NOW_S)
-    assert estimate.verdict is Verdict.COVERED
-    pairs = {placement.dropped for placement in estimate.placements}
-    assert (WRONG, LinkKey(LinkKind.RANGE, 'c', 'd')) in pairs
-    assert all(holds(estimate, positions) for positions in truth())
-
-
-def test_the_two_directions_of_a_pair_are_distinguished():
-    localizer = make_localizer(max_outliers=1)
-    feed(localizer)
-    localizer.add_range('b', 'a', distance('a', 'b') + 2.0, NOW_S, NOW_S)
-    estimate = localizer.step(NOW_S)
-    dropped = {placement.dropped for placement in estimate.placements}
-    assert dropped == {(LinkKey(LinkKind.RANGE, 'b', 'a'),)}
-    assert all(holds(estimate, positions) for positions in truth())
-
-
-def test_a_link_that_contradicts_itself_is_the_whole_conflict():
-    localizer = make_localizer()
-    feed(localizer)
-    localizer.add_range('a', 'b', distance('a', 'b') + 2.0, NOW_S, NOW_S)
-    estimate = localizer.step(NOW_S)
-    assert estimate.conflicts == ((WRONG,),)
-
-
 def test_a_misread_marker_is_found():
     localizer = make_localizer(max_outliers=1)
     feed(localizer)
@@ -160,15 +119,6 @@ def test_a_misread_marker_is_found():
     assert [str(suspect) for suspect in estimate.suspects] == ['bearing and range a->b']
     assert estimate.n_hypotheses == 1
     assert holds(estimate, POSITIONS)
-
-
-def test_a_range_no_distance_can_give_is_a_contradiction():
-    model = RangeErrorModel(min_error_m=0.5, max_error_m=1.0)
-    localizer = make_localizer(range_error=model)
-    localizer.add_range('a', 'b', 0.1, NOW_S, NOW_S)
-    estimate = localizer.step(NOW_S)
-    assert estimate.verdict is Verdict.INFEASIBLE
-    assert estimate.conflicts == ((WRONG,),)
 
 
 def test_a_range_no_distance_can_give_stays_one_as_it_ages():
@@ -309,48 +259,6 @@ def test_one_wrong_range_never_costs_the_truth(seed, size):
     assert holds(estimate, local * [1.0, -1.0])
 
 
-def test_solves_one_after_another_take_the_time_of_one(monkeypatch):
-    clock = iter([10.0, 10.0, 10.7, 11.5])
-    monkeypatch.setattr('dg_localization.fleet.answers.time.perf_counter', lambda: next(clock))
-    options = SolverOptions(max_seconds=1.0, tighten_seconds=0.5)
-    shares = [(s.max_seconds, s.tighten_seconds) for s in shared_time(options, 3)]
-    least = pytest.approx(LEAST_S)
-    assert shares == [
-        (pytest.approx(1.0 / 3.0), pytest.approx(0.5 / 3.0)),
-        (pytest.approx(0.15), least),
-        (least, least),
-    ]
-
-
-def refuting(monkeypatch, is_refuted):
-    """Let answers show that some links are no correction, which the search for them did not."""
-    real = estimation_room.answer
-
-    def answer(snapshot, constraints, plans, options, dropped=frozenset(), cancel=None):
-        if dropped and is_refuted(dropped):
-            return CONTRADICTION
-        return real(snapshot, constraints, plans, options, dropped, cancel)
-
-    monkeypatch.setattr(estimation_room, 'answer', answer)
-
-
-def test_larger_corrections_are_tried_where_the_answer_of_one_shows_that_it_is_none(monkeypatch):
-    refuting(monkeypatch, lambda dropped: dropped == {WRONG})
-    localizer = make_localizer(max_outliers=2, memory_s=10.0)
-    for name in ROBOTS:
-        localizer.add_odometry(name, [0.0] * 3, [0.0, 0.0, 0.0, 1.0], NOW_S, NOW_S)
-    feed(localizer, wrong=[('a', 'b')])
-    estimate = localizer.step(NOW_S)
-    assert estimate.verdict is Verdict.COVERED
-    sets = {frozenset(placement.dropped) for placement in estimate.placements}
-    # Each other link besides may be the second that is wrong.
-    assert all(WRONG in dropped and len(dropped) == 2 for dropped in sets)
-    assert len(sets) == 14
-    (forgotten,) = estimate.forgotten
-    assert {key.ends for dropped in sets for key in dropped} <= forgotten.ends
-    assert all(holds(estimate, positions) for positions in truth())
-
-
 def test_what_was_proved_to_be_contradictory_is_not_answered_as_if_it_were_not(monkeypatch):
     """The second solve may be the one that has no time to see it."""
     real, calls = estimation_room.answer, []
@@ -376,19 +284,6 @@ def test_what_contradicts_is_forgotten_also_where_its_stamp_is_later_than_the_an
     (forgotten,) = localizer.step(NOW_S).forgotten
     assert WRONG.ends in forgotten.ends
     assert forgotten.after_s < NOW_S - 1.0 and NOW_S + 0.05 < forgotten.before_s
-
-
-def test_nothing_is_answered_where_all_that_seem_to_be_corrections_are_none(monkeypatch):
-    refuting(monkeypatch, lambda dropped: True)
-    localizer = make_localizer(max_outliers=2)
-    feed(localizer, wrong=[('a', 'b')])
-    estimate = localizer.step(NOW_S)
-    assert estimate.verdict is Verdict.INFEASIBLE and not estimate.placements
-    assert WRONG in {key for conflict in estimate.conflicts for key in conflict}
-    assert 'dropping 2 observations does not make the rest agree' in estimate.reason
-    # All that contradict each other are suspects, not those alone that were proved to be no cause.
-    in_conflicts = {str(key) for conflict in estimate.conflicts for key in conflict}
-    assert {str(suspect) for suspect in estimate.suspects} == in_conflicts
 
 
 @pytest.mark.parametrize(('max_seconds', 'others'), [(1e-6, ()), (1e-6, ('g', 'h')), (5.0, ())])

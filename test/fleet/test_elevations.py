@@ -13,7 +13,6 @@ import pytest
 from dg_localization import Verdict
 from dg_localization.fleet import (
     Anchor,
-    ConfigError,
     ElevationErrorModel,
     FleetConfig,
     LinkKey,
@@ -117,15 +116,6 @@ def test_a_clock_that_is_off_widens_readings():
     enclosure_of(localizer)
 
 
-def test_readings_are_intersected():
-    """Each of them is off by its bound, to either side."""
-    localizer = make(elevation_error=ElevationErrorModel(-1.0, 1.0))
-    localizer.add_elevation('r', 7.0, NOW_S, NOW_S)
-    localizer.add_elevation('r', 9.0, NOW_S, NOW_S)
-    measure(localizer, 8.0)
-    assert enclosure_of(localizer) < 0.01
-
-
 @pytest.mark.parametrize('after_s', [1.5, -1.5])
 def test_a_reading_of_another_time_counts_no_more(after_s):
     """Nor does one of a time to come, after the clock went back."""
@@ -203,31 +193,6 @@ def test_points_have_error_bounds_of_their_own():
     localizer.add_elevation('s', 10.0, NOW_S, NOW_S)
     assert localizer.add_elevation('s', 8.0, NOW_S, NOW_S) is None
     assert '8.000 to 8.000' in str(localizer.add_elevation('s', 10.5, NOW_S, NOW_S))
-
-
-@pytest.mark.parametrize(
-    ('settings', 'text'),
-    [
-        ({'elevation_error': (0.1, -0.1)}, 'elevation.min_error_m: 0.1 is not allowed'),
-        ({'elevation_error': (math.nan, 0.1)}, 'elevation.min_error_m: nan'),
-        ({'point_elevation_error': {'a': (0.0, 0.1)}}, "'a' is not allowed, it must be named in"),
-    ],
-)
-def test_wrong_error_bounds_are_refused(settings, text):
-    with pytest.raises(ConfigError, match=text.replace('.', r'\.')):
-        make(
-            **{
-                name: ElevationErrorModel(*value)
-                if isinstance(value, tuple)
-                else {point: ElevationErrorModel(*bounds) for point, bounds in value.items()}
-                for name, value in settings.items()
-            }
-        )
-
-
-def test_error_bounds_of_a_point_must_be_a_model():
-    with pytest.raises(ConfigError, match='must be an ElevationErrorModel'):
-        make(point_elevation_error={'r': (0.0, 0.1)})
 
 
 @pytest.mark.parametrize('sensor', ['r', 'r/left'])

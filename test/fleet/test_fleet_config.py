@@ -21,6 +21,7 @@ from dg_localization.fleet import (
     Mount,
     OdometryErrorModel,
     RangeErrorModel,
+    SensorBounds,
 )
 
 WRONG = [
@@ -76,6 +77,18 @@ WRONG = [
     ({'elevations_m': {'a': 0.4}}, 'elevations_m[a]: 0.4', 'a sequence of numbers'),
     ({'max_speed_m_s': 10**400}, 'max_speed_m_s: 1000', 'finite'),
     ({'max_speed_m_s': 2**53 + 1}, 'max_speed_m_s: 9007199254740993', 'finite'),
+    ({'stamp_error_s': -1.0}, 'stamp_error_s: -1.0', '>= 0'),
+    ({'mounts': {'z': {'left': (0.0, 0.0)}}}, "mounts: 'z'", "['a', 'b']"),
+    ({'mounts': {'a': {'l/r': (0.0, 0.0)}}}, "mounts[a]: 'l/r'", 'without a slash'),
+    ({'mounts': {'a': {'left': (0.0, 0.0, 0.0)}}}, 'mounts[a][left].position_m', '2 coordinates'),
+    ({'elevations_m': {'z': (0.0, 1.0)}}, "elevations_m: 'z'", "['a', 'b']"),
+    ({'elevations_m': {'a': (1.0, 0.0)}}, 'elevations_m[a]: (1.0, 0.0)', 'the least'),
+    ({'elevations_m': {'a': (0.0, 1.0)}, 'dimension': 3}, "elevations_m: 'a'", 'none in space'),
+    (
+        {'point_elevation_error': {'a': ElevationErrorModel()}},
+        "point_elevation_error: 'a'",
+        'named in elevations_m',
+    ),
     ({'max_age_s': np.longdouble(0.1) + np.longdouble(1e-19)}, 'max_age_s: ', 'finite'),
 ]
 
@@ -89,27 +102,29 @@ def test_a_wrong_setting_is_refused_by_name(wrong, what, wanted):
 
 
 @pytest.mark.parametrize(
-    ('wrong', 'what'),
+    ('make', 'what'),
     [
-        ({'min_error_m': 1.0}, 'range.min_error_m: 1.0'),
-        ({'min_error_relative': 0.5}, 'range.min_error_relative: 0.5'),
-        ({'max_error_relative': 1.0}, 'range.max_error_relative: 1.0'),
-        ({'sigma_factor': -1.0}, 'range.sigma_factor: -1.0'),
-        ({'max_error_m': math.inf}, 'range.max_error_m: inf'),
+        (lambda: RangeErrorModel(min_error_m=1.0), 'range.min_error_m: 1.0'),
+        (lambda: RangeErrorModel(min_error_relative=0.5), 'range.min_error_relative: 0.5'),
+        (lambda: RangeErrorModel(max_error_relative=1.0), 'range.max_error_relative: 1.0'),
+        (lambda: RangeErrorModel(sigma_factor=-1.0), 'range.sigma_factor: -1.0'),
+        (lambda: RangeErrorModel(max_error_m=math.inf), 'range.max_error_m: inf'),
+        (lambda: RangeErrorModel(max_reading_m=0.0), 'range.max_reading_m: 0.0'),
+        (lambda: ElevationErrorModel(0.1, -0.1), 'elevation.min_error_m: 0.1'),
+        (lambda: ElevationErrorModel(math.nan, 0.1), 'elevation.min_error_m: nan'),
+        (lambda: SensorBounds(RangeErrorModel(), 4.0), 'bounds.bearing_half_width_rad: 4.0'),
+        (lambda: OdometryErrorModel(translation_scale=101.0), 'translation_scale: 101.0'),
+        (lambda: OdometryErrorModel(translation_scale=math.nan), 'translation_scale: nan'),
+        (lambda: Anchor((0.0, 0.0), -1.0), 'anchor.bound_m: -1.0'),
+        (lambda: Anchor((0.0, math.nan)), 'anchor.coordinates_m: nan'),
+        (lambda: Mount((0.0, 0.0), -1.0), 'mount.bound_m: -1.0'),
+        (lambda: Mount((0.0, 0.0), 0.0, (1.0, 1.0, 0.0, 0.0)), 'a unit quaternion'),
+        (lambda: LinkOverride('a', 'b', bearing_half_width_rad=-1.0), 'a->b'),
     ],
 )
-def test_a_wrong_error_model_is_refused_by_name(wrong, what):
+def test_a_wrong_model_is_refused_by_name(make, what):
     with pytest.raises(ConfigError, match=what):
-        RangeErrorModel(**wrong)
-
-
-def test_wrong_anchors_and_links_are_refused_by_name():
-    with pytest.raises(ConfigError, match='anchor.bound_m: -1.0'):
-        Anchor((0.0, 0.0), -1.0)
-    with pytest.raises(ConfigError, match='anchor.coordinates_m: nan'):
-        Anchor((0.0, math.nan))
-    with pytest.raises(ConfigError, match='a->b'):
-        LinkOverride('a', 'b', bearing_half_width_rad=-1.0)
+        make()
 
 
 def test_numbers_of_numpy_are_those_of_python():

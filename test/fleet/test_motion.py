@@ -53,34 +53,6 @@ def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(
     assert len(track.readings) == 100
 
 
-def test_a_point_that_cannot_move_has_no_displacement():
-    still = Motion({'p': 0.0}, 1.0, {}, {})
-    assert still.displacement_m('p', 1.0, 5.0) == 0.0
-
-
-def test_odometry_bounds_a_turn_by_its_error():
-    """To the left and back: what counts is the way that the robot turned."""
-    readings = [
-        OdometryReading(1.0 + k, np.zeros(3), yaw_rotation(yaw))
-        for k, yaw in enumerate((0.0, 0.4, 0.0))
-    ]
-    motion = motion_of(*readings, rotation_per_rad=0.1, constant_rad=0.01)
-    _, half_width_rad = motion.turn('a', 1.0, 3.0)
-    assert 0.09 <= half_width_rad == pytest.approx(0.09)
-
-
-def test_odometry_bounds_a_way_by_its_error():
-    places = ([0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0])
-    readings = [
-        OdometryReading(1.0 + k, np.array(place), np.eye(3)) for k, place in enumerate(places)
-    ]
-    motion = motion_of(*readings, speed=9.0, translation_per_m=0.1, constant_m=0.02)
-    assert 5.72 <= motion.displacement_m('a', 1.0, 3.0) == pytest.approx(5.72)
-    assert motion.displacement_m('a', 3.0, 1.0) == motion.displacement_m('a', 1.0, 3.0)
-    late = motion_of(*readings, speed=9.0, latency_s=0.1)
-    assert 6.8 <= late.displacement_m('a', 1.0, 3.0) == pytest.approx(6.8)
-
-
 @pytest.mark.parametrize('seed', range(50))
 def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     rng = np.random.default_rng(seed)
@@ -134,14 +106,6 @@ def test_the_constant_errors_of_poses_turn_with_the_track():
     ]
     motion = motion_of(*readings, rotation_per_rad=0.2, constant_m=0.04)
     assert 0.1 < abs(place) <= motion.displacement_m('a', 1.0, 1.0 + count) < 0.3
-
-
-def test_a_robot_may_move_at_full_speed_before_and_after_its_odometry():
-    readings = [OdometryReading(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (2.0, 3.0)]
-    motion = motion_of(*readings, speed=2.0)
-    assert motion.displacement_m('a', 2.0, 3.0) == pytest.approx(0.0)
-    assert 2.0 <= motion.displacement_m('a', 1.0, 3.0) == pytest.approx(2.0)
-    assert 2.0 <= motion.displacement_m('a', 2.0, 4.0) == pytest.approx(2.0)
 
 
 def test_a_body_that_turns_left_sees_a_fixed_direction_turn_right():

@@ -19,7 +19,6 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternion
-from dg_localization.fleet.window.forgetting import ends_between
 
 ANCHORS_M = {
     'a0': (0.0, 0.0, 0.5),
@@ -215,11 +214,3 @@ def test_ranges_of_two_sensors_that_differ_make_nobody_suspect():
     estimate = localizer.step(now_s)
     assert estimate.verdict is not Verdict.INFEASIBLE
     assert estimate.suspects_in_window == ()
-
-
-def test_what_two_bodies_observed_of_each_other_is_that_of_all_their_points():
-    config = FleetConfig(
-        robots=('r', 's'), mounts={'r': {'tag': (0.1, 0.2)}, 's': {'tag': (0.3, 0.4)}}
-    )
-    ends = ends_between(config, 'r', ['s'])
-    assert ends == {('r', 's'), ('r', 's/tag'), ('r/tag', 's'), ('r/tag', 's/tag')}

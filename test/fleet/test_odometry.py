@@ -9,7 +9,6 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet.checks import ConfigError
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
@@ -72,19 +71,6 @@ def angles_of(turned):
         -math.asin(turned[2, 0]),
         math.atan2(turned[2, 1], turned[2, 2]),
     )
-
-
-@pytest.mark.parametrize('scale', [0.0, -1.0, 0.009, 101.0, math.inf, math.nan, 'half'])
-def test_a_scale_that_cannot_be_is_refused(scale):
-    wanted = r'translation_scale: .* is not allowed, it must be a finite number >= 0.01 and <= 100'
-    with pytest.raises(ConfigError, match=wanted):
-        OdometryErrorModel(translation_scale=scale)
-
-
-def test_a_track_is_the_reported_one_times_its_scale():
-    place = np.array([0.1, -3.0, 1e6])
-    assert OdometryErrorModel().scaled(place) is place
-    assert np.array_equal(OdometryErrorModel(translation_scale=0.7).scaled(place), 0.7 * place)
 
 
 def path_of(stamps, track, error, limits=None):
@@ -172,39 +158,6 @@ def test_drift_at_its_bound_is_inside_where_samples_are_missing(seed, worst):
         )
 
 
-def test_off_its_track_a_robot_is_as_far_as_half_of_the_constants_allow():
-    error = OdometryErrorModel(translation_per_m=0.1, constant_m=0.3, constant_rad=0.4)
-    path = path_of(np.arange(3.0), (np.zeros((3, 3)), np.zeros(3)), error)
-    off = path.off_track(2.0)
-    assert off.ball_m == pytest.approx(0.3 * math.sqrt(3.0 / 8.0), abs=1e-3)
-    assert off.pose.yaw_rad.upper[0] == pytest.approx(0.4)
-    assert off.pose.position_m.upper.max() == 0.0
-    track = path.past_poses_on_track([1.0], 2.0).track
-    assert track.position_m.upper[0, :2] == pytest.approx(off.ball_m)
-    assert track.yaw_rad.upper[0] == off.pose.yaw_rad.upper[0]
-
-
-def test_an_error_of_the_last_turn_does_not_move_the_end_of_a_step():
-    positions = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    path = path_of(np.arange(3), (positions, np.zeros(3)), OdometryErrorModel(rotation_per_m=0.1))
-    track_step = path.track_step(0.0, 2.0)
-    step = track_step.pose
-    assert step.yaw_rad.upper[0] == pytest.approx(0.2)
-    assert step.position_m.upper[0, 1] == pytest.approx(0.1)
-    assert step.position_m.upper[0, 0] == pytest.approx(2.01)
-    assert track_step.ball_m == pytest.approx(0.0)
-
-
-def test_without_error_the_poses_are_known():
-    rng = np.random.default_rng(0)
-    stated, _ = drive(rng, 50, OdometryErrorModel(), True, space=1)
-    stamps = np.arange(51) * 0.1
-    poses = path_of(stamps, stated, OdometryErrorModel()).past_poses(stamps, stamps[-1])
-    assert_inside(poses, *seen_from_last(*stated))
-    assert np.all(poses.position_m.upper - poses.position_m.lower < 1e-10)
-    assert np.all(poses.yaw_rad.upper - poses.yaw_rad.lower < 1e-10)
-
-
 def test_heading_error_counts_by_the_distance_and_not_by_the_way():
     # Many laps on a small circle: the way is long, but no turn ever swings far.
     count, radius_m = 2000, 0.5
@@ -219,56 +172,6 @@ def test_heading_error_counts_by_the_distance_and_not_by_the_way():
     half_m = 0.5 * (poses.position_m.upper - poses.position_m.lower)[0]
     assert np.all(half_m[:2] < 1.7 * radius_m * turn_rad)
     assert poses.yaw_rad.upper[0] == pytest.approx(-angles[-1] % (2 * math.pi) + turn_rad, abs=0.1)
-
-
-def test_heading_error_moves_points_sideways():
-    count = 101
-    positions = np.zeros((count, 3))
-    positions[:, 0] = np.linspace(0.0, 10.0, count)
-    error = OdometryErrorModel(rotation_per_m=0.01)
-    poses = path_of(np.arange(count), (positions, np.zeros(count)), error).past_poses([0.0], 100.0)
-    half_m = 0.5 * (poses.position_m.upper - poses.position_m.lower)[0]
-    # 10 m back, the turn errs by 0.1 rad: sideways by half of it, since it grows along the way.
-    assert half_m[1] == pytest.approx(0.5, rel=0.02)
-    assert half_m[0] < 0.05
-
-
-def test_the_constant_turns_the_whole_way():
-    positions = np.zeros((11, 3))
-    positions[:, 0] = np.arange(11)
-    error = OdometryErrorModel(constant_m=0.04, constant_rad=0.12)
-    path = path_of(np.arange(11), (positions, np.zeros(11)), error)
-    poses = path.past_poses([0.0, 10.0], 10.0)
-    assert poses.position_m.upper[0, 1] == pytest.approx(10.04 * math.sin(0.12) + 0.04, rel=1e-2)
-    assert poses.yaw_rad.upper == pytest.approx([0.12, 0.12])
-    assert poses.position_m.upper[1] == pytest.approx([0.0549, 0.0549, 0.0], rel=2e-2)
-
-
-@pytest.mark.parametrize('turns_rad', [(-0.06, 0.06), (0.0, 0.12), (-0.12, 0.0)])
-@pytest.mark.parametrize('seed', range(5))
-def test_the_constant_of_now_is_that_of_its_track(seed, turns_rad):
-    rng = np.random.default_rng(seed)
-    count, error = 40, OdometryErrorModel(constant_m=0.04, constant_rad=0.12)
-    yaws = np.cumsum(rng.uniform(-0.3, 0.3, count))
-    steps = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(count)], axis=-1)
-    positions = np.cumsum(0.1 * steps, axis=0)
-    turns = rng.choice(turns_rad, count)
-    angles = rng.uniform(-math.pi, math.pi, count)
-    ends = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=-1)
-    offsets = 0.04 / math.sqrt(3.0) * ends
-    stamps = np.arange(count)
-    path = path_of(stamps, (positions, yaws), error)
-    found = path.past_poses_on_track(stamps, count - 1.0)
-    back = rotation(-yaws[-1])
-    turned = np.einsum('nij,nj->ni', np.array([rotation(yaw) for yaw in yaws]), offsets)
-    robots = positions + turned
-    assert_inside(found.past, (robots - positions[-1]) @ back.T, yaws + turns - yaws[-1])
-    seen = rotation(-yaws[-1] - turns[-1]) @ (positions[-1] - robots[-1])
-    assert_inside(found.track, seen[None], -turns[-1:])
-    # Seen from the robot, the way of all times swings by the constant; on its track it does not.
-    whole = path.past_poses(stamps, count - 1.0).position_m
-    narrower = np.linalg.norm(found.past.position_m.upper - found.past.position_m.lower, axis=1)
-    assert np.all(narrower < np.linalg.norm(whole.upper - whole.lower, axis=1))
 
 
 def spin(count, turn_rad, error):

@@ -95,20 +95,6 @@ def test_an_estimate_that_fails_changes_nothing(history, monkeypatch):
     assert any(known)
 
 
-def test_an_estimate_that_begins_after_that_of_a_later_snapshot_changes_nothing(
-    history, monkeypatch
-):
-    localizer, undisturbed = localizer_of(history), localizer_of(history)
-    wanted = [known_of(estimate) for _, estimate in history.play(undisturbed, TICKS_S)]
-    found, snapshots = [], []
-    for time_s, estimate in history.play(localizer, TICKS_S):
-        found.append(known_of(estimate))
-        for snapshot in snapshots:
-            assert estimate_by(localizer, snapshot, monkeypatch, forgetting).forgotten
-        snapshots = [localizer.snapshot(history.start_s + time_s)]
-    assert found == wanted
-
-
 def test_the_estimate_of_a_snapshot_from_before_a_reset_changes_nothing(history, monkeypatch):
     localizer, undisturbed = localizer_of(history), localizer_of(history)
     for time_s, _ in history.play(localizer, TICKS_S):

@@ -19,7 +19,6 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.rigidity import missing_ranges
 
 NOW_S = 10.0
 TWO_FOURS = {
@@ -188,23 +187,6 @@ def test_a_decided_reflection_needs_nothing():
     assert (estimate.n_hypotheses, estimate.would_fix) == (1, ())
 
 
-@pytest.mark.parametrize(
-    ('counts', 'dimension', 'missing'),
-    [
-        ((4, 4, 1), 2, 1),
-        ((2, 2, 1), 2, 1),
-        ((4, 4, 0), 2, 3),
-        ((4, 1, 0), 2, 2),
-        ((5, 5, 2), 3, 1),
-        ((5, 5, 1), 3, 3),
-        ((5, 2, 1), 3, 2),
-        ((5, 5, 0), 3, 6),
-    ],
-)
-def test_as_many_ranges_are_missing_as_pieces_are_free(counts, dimension, missing):
-    assert missing_ranges(*counts, dimension) == missing
-
-
 def test_in_space_a_shared_robot_leaves_three_ranges():
     rng = np.random.default_rng(3)
     names = [f'r{k}' for k in range(1, 10)]
@@ -223,58 +205,6 @@ def test_what_nothing_joins_needs_more_ranges():
     text = 'at least 3 ranges to other robots or anchors would join r5, r6, r7 to the rest'
     assert estimate.would_fix == (text,)
     assert estimate.rigid_groups == (('r1', 'r2', 'r3'), ('r5', 'r6', 'r7'))
-
-
-def test_a_range_decides_a_reflection_in_all_hypotheses_or_is_not_proposed():
-    """Reflecting r0 and r4, too, changes the distance of r1 and r2, which told that alone."""
-    corners = [(1.55, 5.7), (4.43, 9.0), (4.09, 6.98), (6.09, 0.54), (4.48, 7.63), (4.26, 1.23)]
-    places = {f'r{k}': corner for k, corner in enumerate(corners)}
-    pairs = within('r0 r2', 'r0 r3', 'r0 r4', 'r1 r4', 'r1 r5', 'r2 r5', 'r3 r4', 'r3 r5')
-    settings = {
-        'anchors': {name: Anchor(places[name]) for name in ('r2', 'r3')},
-        'range_error': RangeErrorModel(min_error_relative=-0.03, max_error_relative=0.03),
-    }
-    mirrored = places | {'r1': reflected(places['r1'], places['r4'], places['r5'])}
-    apart_m, mirrored_m = (math.dist(p['r1'], p['r2']) for p in (places, mirrored))
-    # A range to 3 % does not tell the two.
-    assert abs(mirrored_m / apart_m - 1.0) < 0.02
-    estimate = localizer_of(places, pairs, **settings).step(NOW_S)
-    assert estimate.n_hypotheses > 1
-    assert not any('r2 - r1' in text for text in estimate.would_fix)
-
-
-def test_a_range_is_not_proposed_by_some_of_the_hypotheses():
-    """Those that are not listed may have the same distance on either side."""
-    points = np.random.default_rng(3).uniform(-5.0, 5.0, (7, 2))
-    places = dict(zip('abcdefg', points, strict=True))
-    pairs = within('a b c', 'd e f', 'a d', 'b e', 'c f', 'a g', 'b g')
-    settings = {
-        'range_error': RangeErrorModel(min_error_relative=-0.01, max_error_relative=0.01),
-        'solver': SolverOptions(),
-        'memory_s': 0.0,
-    }
-    few, all_listed = (
-        localizer_of(places, pairs, max_hypotheses=most, **settings).step(NOW_S)
-        for most in (8, 64)
-    )
-    assert few.n_hypotheses > 8 and all_listed.n_hypotheses <= 64
-    assert few.would_fix == all_listed.would_fix == ()
-
-
-def reflected(point, first, second):
-    """Return a point reflected in the line through two others."""
-    edge = np.subtract(second, first)
-    arm = np.subtract(point, first)
-    return tuple(first + 2.0 * edge * (arm @ edge) / (edge @ edge) - arm)
-
-
-def test_where_there_are_no_other_robots_ranges_to_anchors_are_missing():
-    anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((9.0, 0.0)), 'c': Anchor((0.0, 9.0))}
-    estimate = localizer_of(
-        {'r1': (2.0, 2.0), 'r2': (5.0, 3.0)}, [('r1', 'r2')], anchors=anchors
-    ).step(NOW_S)
-    (text,) = estimate.would_fix
-    assert text == 'at least 3 ranges to other robots or anchors would join r1, r2 to the rest'
 
 
 @pytest.mark.parametrize('sensors', [{'tag': (0.4, 0.0)}, {'tag': (0.4, 0.0), 'idle': (0.0, 0.3)}])

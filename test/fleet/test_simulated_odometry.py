@@ -103,23 +103,3 @@ def test_the_bounded_path_of_the_localizer_holds_the_true_one(seed, latency_s):
             middle = (past.yaw_rad.lower[row] + past.yaw_rad.upper[row]) / 2.0
             half = (past.yaw_rad.upper[row] - past.yaw_rad.lower[row]) / 2.0
             assert abs(math.remainder(turn - middle, 2.0 * math.pi)) <= half + 1e-12
-
-
-def test_without_errors_it_leads_from_the_start_to_the_state():
-    _, positions, yaws, motion = record(OdometryErrors(0.0, 0.0, 0.0, 0.0), seed=4)
-    start, state = motion.state(0.0), motion.state(20.0 - PERIOD_S)
-    for robot in range(len(ROBOTS)):
-        moved = rotation(start.yaws_rad[robot]) @ positions[robot, -1]
-        np.testing.assert_allclose(start.positions_m[robot] + moved, state.positions_m[robot])
-        turned = start.yaws_rad[robot] + yaws[robot, -1] - state.yaws_rad[robot]
-        assert math.remainder(turned, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_clock_that_goes_back_takes_the_robots_back():
-    motion = FleetMotion(0.2, path=Path.LOOPS)
-    odometry = FleetOdometry(motion, OdometryErrors(0.0, 0.0, 0.0, 0.0, latency_s=0.0))
-    first = list(odometry.samples(1.0))
-    list(odometry.samples(10.0))
-    again = list(odometry.samples(1.0))
-    for before, after in zip(first, again, strict=True):
-        np.testing.assert_allclose(before.position_m, after.position_m, atol=1e-9)

@@ -11,13 +11,11 @@ import pytest
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
     Anchor,
-    ConfigError,
     FleetConfig,
     Localizer,
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.rotations import yaw_of
 
 ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
@@ -132,39 +130,6 @@ def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with
     assert abs(off_rad) <= placement.heading_half_width_rad[0] < 0.15
 
 
-@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
-def test_a_ray_of_a_mounted_camera_may_be_of_another_time_than_what_is_mounted(ahead_s):
-    arm_m, target = 0.3, np.array(ANCHORS_M['a1'])
-    localizer = turning(stamp_error_s=0.05, mounts={'r': {'camera': (arm_m, 0.0)}})
-
-    def camera_at(time_s):
-        return np.array([3.0, 3.0]) + arm_m * np.array([math.cos(time_s), math.sin(time_s)])
-
-    measured_s, stamp_s = 100.0, 100.0 + ahead_s
-    way = target - camera_at(measured_s)
-    angle = math.atan2(way[1], way[0]) - measured_s
-    ray = [math.cos(angle), math.sin(angle), 0.0]
-    assert localizer.add_bearing('r/camera', 'a1', ray, stamp_s, 100.05) is None
-    reading = float(np.linalg.norm(way))
-    assert localizer.add_range('r/camera', 'a1', reading, stamp_s, 100.05) is None
-    angles = constrain(localizer.snapshot(stamp_s)).angles
-    # The estimate is for `stamp_s` by the clock of the node, where the robot has turned on.
-    to_target, to_robot = target - camera_at(stamp_s), [3.0, 3.0] - camera_at(stamp_s)
-    cosine = to_target @ to_robot / np.linalg.norm(to_target) / arm_m
-    ((low_rad, high_rad),) = zip(*angles.bounds_rad(), strict=True)
-    assert low_rad <= math.acos(cosine) <= high_rad < low_rad + 0.3
-
-
-def test_what_is_mounted_on_a_robot_is_where_it_is_whatever_its_clock_shows():
-    mounts = {'r': {'left': (0.0, 0.3), 'right': (0.0, -0.3)}}
-    exact, vague = (
-        constrain(turning(stamp_error_s=error_s, mounts=mounts).snapshot(1.0)).rays['r']
-        for error_s in (0.0, 0.05)
-    )
-    assert len(exact) == 2
-    assert [ray.half_width_rad for ray in exact] == [ray.half_width_rad for ray in vague]
-
-
 def test_where_clocks_are_right_nothing_is_widened():
     robot, vague = Circling(0.0, True), Circling(0.0, True, stamp_error_s=0.02)
     *_, (_, known) = robot.drive(4.0, late_s=0.0)
@@ -172,9 +137,3 @@ def test_where_clocks_are_right_nothing_is_widened():
     widths_m = [np.ptp(e.placements[0].enclosure_m[0], axis=0) for e in (known, wide)]
     assert np.all(widths_m[0] < 0.1)
     assert np.all(widths_m[0] < widths_m[1]) and np.all(widths_m[1] < 0.5)
-
-
-@pytest.mark.parametrize('error', [-1.0, math.nan, math.inf, 'soon'])
-def test_a_wrong_number_is_named(error):
-    with pytest.raises(ConfigError, match='stamp_error_s'):
-        FleetConfig(robots=('r',), stamp_error_s=error)

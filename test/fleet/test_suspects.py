@@ -13,17 +13,13 @@ import pytest
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
     Anchor,
-    ConfigError,
     FleetConfig,
     LinkKey,
     LinkKind,
     Localizer,
     RangeErrorModel,
-    Suspect,
     SuspectKind,
 )
-from dg_localization.fleet.contradictions.offenders import Record
-from dg_localization.fleet.contradictions.suspects import line_up
 
 NOW_S = 50.0
 ROBOTS = ('a', 'b', 'c')
@@ -75,17 +71,6 @@ def holds_truth(estimate):
 
 def names(suspects):
     return [str(suspect) for suspect in suspects]
-
-
-def test_the_range_and_the_ray_of_one_detection_are_one_observation():
-    localizer = make_localizer(max_outliers=1)
-    feed(localizer, long={('a', 'm')}, turned={('a', 'm')})
-    estimate = localizer.step(NOW_S)
-    assert names(estimate.suspects) == ['bearing and range a->m']
-    assert {p.dropped for p in estimate.placements} == {
-        (LinkKey(LinkKind.BEARING, 'a', 'm'), LinkKey(LinkKind.RANGE, 'a', 'm'))
-    }
-    assert holds_truth(estimate)
 
 
 def test_a_range_and_a_ray_of_different_stamps_are_two_observations():
@@ -141,27 +126,6 @@ def test_a_culprit_is_named_although_nothing_may_be_dropped():
     assert estimate.verdict is Verdict.INFEASIBLE
     assert names(estimate.suspects) == ['bearing and range b->p']
     assert 'each alone explains it: bearing and range b->p' in estimate.reason
-
-
-def test_an_unknown_unit_is_refused():
-    with pytest.raises(ConfigError, match="outlier_unit: 'fleet' is not allowed.*'sensor'"):
-        make_localizer(outlier_unit='fleet')
-
-
-def test_a_mounted_sensor_is_one_sensor():
-    keys = [
-        LinkKey(LinkKind.RANGE, 'a/left', 'b'),
-        LinkKey(LinkKind.BEARING, 'a/left', 'c'),
-        LinkKey(LinkKind.RANGE, 'a', 'c'),
-    ]
-    lineup = line_up(keys, (), ('a/left',))
-    covered = lineup.covered_by(SuspectKind.SENSOR)
-    assert sorted((str(sensor), len(parts)) for sensor, parts in covered.items()) == [
-        ("a's ranging", 1),
-        ('a/left', 2),
-    ]
-    robots = lineup.covered_by(SuspectKind.ROBOT)
-    assert {str(robot): len(parts) for robot, parts in robots.items()} == {'a': 3, 'b': 1, 'c': 2}
 
 
 def test_repeat_offenders_are_counted_for_a_minute():
@@ -254,13 +218,3 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
         for p in exposed
     ]
     assert not held or any(held)
-
-
-def test_a_remembered_observation_counts_once_also_after_a_gap():
-    record = Record(30.0)
-    wrong = Suspect(SuspectKind.OBSERVATION, 'a', 'b', (LinkKind.RANGE,), 100.0)
-    for stamp_s, in_window in ((101.0, [wrong]), (102.0, []), (103.0, [wrong])):
-        record.add(stamp_s, [], in_window)
-    assert [offender.count for offender in record.offenders()] == [1]
-    record.add(50.0, [], [])
-    assert record.offenders() == ()

@@ -4,10 +4,9 @@
 """What robots measured before they moved: mirror images go, headings come, contradictions pass."""
 
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations
 import math
 from threading import Event
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,19 +20,14 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.constraints.constrain import constrain
-from dg_localization.fleet.estimate import FixedFrame, FrameKind
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.frames.finders import FittedPlacement, fit_with_past
-from dg_localization.fleet.frames.odometry_frame import BodyPose, frame_turn, in_odometry_frame
 from dg_localization.fleet.frames.plan import plan_frames
-from dg_localization.fleet.rotations import rotation_angle_rad, yaw_of
-from dg_localization.fleet.window import recollection
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.window.meeting import join_meeting
 from dg_localization.fleet.window.memory import NO_WINDOW
 from dg_localization.fleet.window.proved import PoseBounds
-from dg_localization.fleet.window.recollection import MOST_REFINED, recall
-from dg_localization.fleet.window.shape_headings import Narrowed, within_bounds
-from dg_localization.fleet.window.sifting import sifted
+from dg_localization.fleet.window.shape_headings import within_bounds
 
 START_S = 100.0
 TICK_S = 0.25
@@ -168,77 +162,11 @@ def test_what_rules_out_a_hypothesis_has_measured_as_long_as_is_said():
     assert spans_s and max(spans_s) <= 3
 
 
-def test_mirror_images_are_narrowed_together(monkeypatch):
-    fleet = Circling(3, window_outliers=1)
-    *_, estimate = fleet.drive(2.0)
-    image = estimate.placements[0]
-    lone = [replace(image, number=0, mirrored=False)]
-    placements = lone + [
-        replace(image, number=number, mirrored=mirrored)
-        for number in range(1, MOST_REFINED)
-        for mirrored in (False, True)
-    ]
-    calls = []
-
-    def narrow(placement, *_):
-        calls.append(placement.number)
-        # The first of the images that are tried last is impossible.
-        return Narrowed(None, (0, 1)) if len(calls) == last else Narrowed(placement)
-
-    monkeypatch.setattr(recollection, 'narrow_placement', narrow)
-    snapshot = fleet.localizer.snapshot(fleet.now_s)
-    recalled = recall(snapshot, (), None)
-    for last in range(len(placements) + 1, len(placements) + MOST_REFINED + 1):
-        calls.clear()
-        left = recalled.narrow(placements, estimate.frame)
-        for before, one in pairwise(left.placements):
-            assert not one.mirrored or one.number == before.number
-        is_lone = left.placements[0].number > 0
-        for text in left.ruled_out:
-            assert text.startswith('hypothesis' if is_lone else 'mirror image'), last
-
-
-def test_time_goes_to_hypotheses_of_which_least_is_known():
-    known = [[0.1, 0.2], [math.inf, 0.2], [math.inf, math.inf], [0.3, 0.4]]
-    placements = [
-        SimpleNamespace(heading_half_width_rad=np.array(widths), mirrored=False)
-        for widths in known
-    ]
-    asked = []
-
-    def sift(placement):
-        asked.append(known.index(placement.heading_half_width_rad.tolist()))
-        return None, 'nothing'
-
-    assert len(sifted(placements, sift).ruled_out) == 4
-    assert asked == [2, 1, 3, 0]
-
-
-def chains_of(fleet):
-    return fleet.localizer._follower.proved_for(fleet.localizer.snapshot(fleet.now_s))
-
-
-def test_what_was_proved_is_dropped_after_half_the_memory():
-    fleet = Circling(3, memory_s=6.0)
-    *_, estimate = fleet.drive(3.0)
-    stamps = []
-    for estimate in fleet.drive(9.0):
-        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
-        chains = chains_of(fleet)
-        assert all(fleet.now_s - 3.0 <= chain.since_s for chain in chains)
-        stamps.append(chains[0].since_s)
-    assert len(set(stamps)) >= 3
-
-
 def test_the_next_chain_is_ready_when_one_is_dropped():
     fleet = Circling(3, memory_s=6.0)
     *_, estimate = fleet.drive(3.0)
     for estimate in fleet.drive(12.0):
-        oldest, *younger = chains_of(fleet)
-        # One begins when the other has counted for half its time, at the next tick.
-        assert oldest.since_s <= fleet.now_s - 1.0
-        assert all(oldest.since_s + 1.5 <= chain.since_s for chain in younger)
-        assert len(younger) <= 1
+        # What one rules out is ruled out by the next before the first is dropped.
         assert estimate.n_hypotheses == 1
 
 
@@ -299,24 +227,6 @@ def test_mirror_images_that_meet_are_one_hypothesis():
     assert len(joined(below, turned)) == 2
 
 
-def test_what_goes_on_alone_is_no_mirror_image_of_what_is_joined():
-    _, below, above = images_that_meet()
-    far = below.enclosure_m + 50.0
-    images = [replace(one, enclosure_m=far + 50.0 * k) for k, one in enumerate((below, above))]
-    first, second = (replace(one, mirrored=True) for one in images)
-    # The first and its image, the second and its image: the first meets the second.
-    found = joined(below, first, above, second, costs=(1.0, 1.0, 1.0, 1.0))
-    assert [one.mirrored for one in found] == [False, False, False]
-    assert [one.mirrored for one in joined(images[0], second)] == [False, True]
-
-
-def test_the_point_of_what_is_joined_is_the_one_that_fits_best():
-    _, below, above = images_that_meet()
-    for costs, expected in (((1.0, 2.0), below), ((2.0, 1.0), above)):
-        (one,) = joined(below, above, costs=costs)
-        assert np.array_equal(one.positions_m, expected.positions_m)
-
-
 def test_the_covariance_of_what_is_joined_holds_all_of_it():
     _, *images = images_that_meet()
     shared = np.tile(np.diag([0.01, 0.02, 0.0, 0.0, 0.0, 0.03]), (3, 1, 1))
@@ -331,20 +241,6 @@ def test_the_covariance_of_what_is_joined_holds_all_of_it():
     assert np.allclose(one.covariances[:, 1, 1], 0.02 + 0.5 * steps_m[:, 1] ** 2)
     assert np.allclose(one.covariances[:, 5, 5], 0.03 + 0.5 * (2.0 * yaws) ** 2)
     assert np.abs(steps_m).max() > 0.1
-
-
-def test_placements_of_large_fleets_are_not_joined(monkeypatch):
-    _, below, above = images_that_meet()
-    monkeypatch.setattr('dg_localization.fleet.window.meeting.MOST_COMPARED', 2)
-    assert len(joined(below, above)) == 2
-
-
-def test_hypotheses_with_other_distances_are_not_joined():
-    _, below, above = images_that_meet()
-    lower_m, upper_m = above.lower_m.copy(), above.upper_m.copy()
-    lower_m[0, 1] = lower_m[1, 0] = below.upper_m[0, 1] + 0.01
-    upper_m[0, 1] = upper_m[1, 0] = below.upper_m[0, 1] + 0.5
-    assert len(joined(below, replace(above, lower_m=lower_m, upper_m=upper_m))) == 2
 
 
 def test_mirror_images_that_do_not_come_in_line_are_not_joined():
@@ -418,24 +314,6 @@ def test_the_best_point_is_turned_into_the_odometry_frame_by_the_best_heading(ro
     assert np.mean(off_m) < 2.5 * np.mean(off_unturned_m)
 
 
-@pytest.mark.parametrize('off', [-2.0, 2.0])
-def test_a_heading_fitted_beyond_its_bound_turns_the_best_point_by_the_bound(off):
-    fleet = Noisy(3)
-    *_, estimate = fleet.drive(10.0)
-    (placement,) = estimate.placements
-    half_rad = placement.heading_half_width_rad[0]
-    yaws_rad = placement.fitted_yaws_rad.copy()
-    yaws_rad[0] = yaw_of(placement.orientations_xyzw[0]) + off * half_rad
-    beyond = replace(placement, fitted_yaws_rad=yaws_rad)
-    frame = FixedFrame(FrameKind.ODOMETRY, ('r0',), 'odom')
-    pose = BodyPose(frame, np.array([30.0, -20.0]), np.eye(3), 0.0, 0.0)
-    turn = frame_turn(beyond, 0, pose)
-    assert rotation_angle_rad(turn.best_rotation @ turn.rotation.T) == pytest.approx(half_rad)
-    assert turn.best_deviation_rad <= half_rad
-    turned = in_odometry_frame(beyond, 0, pose, turn)
-    assert distances_m(turned) == pytest.approx(distances_m(placement), abs=1e-9)
-
-
 def farthest_m(placement, places):
     return np.linalg.norm(placement.positions_m - places, axis=1).max()
 
@@ -482,14 +360,6 @@ def test_a_heading_that_is_not_fitted_is_as_uncertain_as_its_bound():
     assert n_unfitted
 
 
-def test_covariances_are_symmetric():
-    fleet = Noisy(3)
-    *_, estimate = fleet.drive(8.0)
-    for placement in estimate.placements:
-        covariances = placement.covariances
-        assert np.array_equal(covariances, covariances.transpose(0, 2, 1))
-
-
 def test_an_answer_is_given_for_the_time_up_to_which_odometry_is_known():
     fleet = Circling(3)
     fleet.time_s = 1.0
@@ -530,18 +400,6 @@ def test_late_odometry_does_not_blur_what_is_remembered():
     assert half_widths[0] < 0.8 * half_widths[1]
 
 
-def test_distances_of_a_placement_are_bounded():
-    fleet = Circling(3)
-    for estimate in fleet.drive(8.0):
-        places, _ = fleet.poses()
-        apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
-        for placement in estimate.placements:
-            assert np.all(
-                (placement.lower_m <= apart + 1e-9) & (apart - 1e-9 <= placement.upper_m)
-            )
-            assert np.all(placement.upper_m - placement.lower_m <= 0.041 * apart + 1e-9)
-
-
 def test_without_memory_the_mirror_image_stays():
     fleet = Circling(3, memory_s=0.0)
     for estimate in fleet.drive(10.0):
@@ -555,15 +413,6 @@ def test_without_odometry_there_is_no_memory():
     fleet.localizer.add_odometry = lambda *_: None
     for estimate in fleet.drive(10.0):
         assert estimate.n_hypotheses == 2
-
-
-def test_in_space_nothing_is_remembered_yet():
-    localizer = Localizer(FleetConfig(robots=('a', 'b'), dimension=3))
-    for now_s in (1.0, 2.0):
-        for robot in 'ab':
-            localizer.add_odometry(robot, [0.0, now_s, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
-        localizer.add_range('a', 'b', 3.0, now_s, now_s)
-        assert localizer.step(now_s).placements
 
 
 ANCHORS = {'west': Anchor((-4.0, 0.0)), 'east': Anchor((6.0, 1.0)), 'north': Anchor((0.0, 7.0))}
@@ -764,16 +613,6 @@ def test_what_arrives_late_is_remembered_in_order():
     (seen,) = localizer.snapshot(103.5).window.observations.values()
     assert [observation.stamp_s for observation in seen] == [100.5, 101.0, 102.0, 103.0]
     assert all(one.has_distance and one.direction is not None for one in seen)
-
-
-def test_later_measurements_do_not_change_a_snapshot():
-    fleet = Circling(2)
-    list(fleet.drive(2.0))
-    snapshot = fleet.localizer.snapshot(fleet.now_s)
-    before = len(snapshot.window.observations['r0', 'r1'])
-    list(fleet.drive(2.0))
-    fleet.localizer.reset()
-    assert len(snapshot.window.observations['r0', 'r1']) == before == 8
 
 
 def test_what_the_window_has_decided_needs_no_measurement():

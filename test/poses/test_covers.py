@@ -53,24 +53,6 @@ def test_a_ring():
     assert not cover.contains(np.array([3.0, 0.0, 0.0]), 1.0)
 
 
-def test_two_anchors_leave_two_places():
-    cover = cover_poses(
-        PairReadings.of(
-            points([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]),
-            points(np.zeros((2, 3))),
-            ranges([3.0, 3.0], 0.02),
-        ),
-        PairOptions(resolution_m=0.02),
-    )
-    first, second = cover.components
-    height = math.sqrt(5.0)
-    assert {np.sign(part.hull.lower_m[1]) for part in (first, second)} == {-1.0, 1.0}
-    for part in (first, second):
-        sign = np.sign(part.hull.lower_m[1])
-        assert part.contains(np.array([2.0, sign * height, 0.0]), 0.3)
-        assert np.all(part.hull.widths_m < 0.2)
-
-
 def test_two_tags_on_a_body_tell_its_yaw_across_the_half_turn():
     anchors = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 5.0, 0.0]])
     tags = np.array([[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]])
@@ -109,42 +91,6 @@ def test_rays_of_three_landmarks_fix_a_pose_without_ranges():
     assert not cover.bounded and not cover.refined and cover.contains(position, yaw)
 
 
-def test_contradictory_readings_leave_nothing_unless_one_may_be_wrong():
-    readings = PairReadings.of(
-        points([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [5.0, 1.0, 0.0]]),
-        points(np.zeros((3, 3))),
-        ranges([3.0, 3.0, 2.5], 0.1),
-    )
-    assert cover_poses(readings).empty
-    assert not cover_poses(readings, PairOptions(max_outliers=1)).empty
-
-
-def test_a_height_turns_ranges_in_space_into_ranges_in_the_plane():
-    anchors = np.array([[0.0, 0.0, 2.0], [6.0, 0.0, 2.0], [0.0, 6.0, 2.0]])
-    position = np.array([2.0, 3.0, 0.5])
-    distance = ranges(np.linalg.norm(position - anchors, axis=-1), 0.01)
-    zero = points(np.zeros((3, 3)))
-    options = PairOptions(resolution_m=0.05)
-    space = (-math.inf, math.inf)
-    unknown = cover_poses(
-        PairReadings.of(points(anchors), zero, distance), options, height_m=space
-    )
-    assert len(unknown.components) == 2
-    known = cover_poses(
-        PairReadings.of(points(anchors), zero, distance), options, height_m=(0.4, 0.6)
-    )
-    assert len(known.components) == 1 and known.contains(position, 0.0)
-    assert np.all(known.hull.widths_m < 0.25)
-
-
-def test_a_point_that_nobody_knows_says_nothing():
-    zero = points(np.zeros((2, 3)))
-    nowhere = Interval(np.full((2, 3), -math.inf), np.full((2, 3), math.inf))
-    nowhere.lower[0], nowhere.upper[0] = 0.0, 0.0
-    cover = cover_poses(PairReadings.of(nowhere, zero, ranges([3.0, 5.0], 0.1)))
-    assert np.allclose(cover.hull.upper_m[:2], 3.1)
-
-
 def test_boxes_touch_across_the_half_turn_only_where_they_do():
     boxes = np.array(
         [
@@ -159,11 +105,6 @@ def test_boxes_touch_across_the_half_turn_only_where_they_do():
     arcs = sorted(part.hull.yaw_rad for part in (first, second))
     assert arcs[0] == pytest.approx((-0.1, 0.25))
     assert arcs[1] == pytest.approx((math.pi - 0.2, math.pi + 0.2))
-
-
-def test_the_arc_of_a_hull_is_the_shortest():
-    boxes = np.array([box(0.0, 0.0, yaw) for yaw in (-3.0, -2.0, 2.9)])
-    assert Cover(boxes).hull.yaw_rad == pytest.approx((2.8, 2.0 * math.pi - 1.9))
 
 
 def test_an_empty_cover():

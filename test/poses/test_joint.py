@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dg_localization.poses import JointPoses, PairOptions, narrow_jointly
-from dg_localization.poses.joint import PARTY_SIZE, _connected_parties
+from dg_localization.poses.joint import PARTY_SIZE
 
 FLEETS = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
 
@@ -91,14 +91,6 @@ def test_mirror_images_are_ruled_out():
     assert ruled_out > left
 
 
-def test_when_stopped_the_poses_are_left_as_they_are():
-    fleet = moved_fleet(3)
-    start = start_of(fleet)
-    poses = narrow_jointly(start, fleet.readings, boxes(64, 24), stopped=lambda: True)
-    np.testing.assert_array_equal(poses.arcs_rad, start.arcs_rad)
-    np.testing.assert_array_equal(poses.lower_m, start.lower_m)
-
-
 def test_places_that_are_not_known_are_left_alone():
     fleet = moved_fleet(0)
     lower, upper = fleet.lower.copy(), fleet.upper.copy()
@@ -119,11 +111,3 @@ def test_every_body_of_a_larger_fleet_is_narrowed():
         poses = narrow_jointly(start, fleet.readings, boxes(32, 96))
         assert holds(fleet, poses)
         assert np.all(np.ptp(poses.arcs_rad, axis=1) < np.ptp(start.arcs_rad, axis=1))
-
-
-def test_parties_are_linked_in_themselves():
-    """As many as there are links, not as there are threes of bodies."""
-    chain = {(i, i + 1) for i in range(200)}
-    parties = _connected_parties({*chain, (300, 301)}, lambda: False)
-    assert parties == {(i, i + 1, i + 2) for i in range(199)} | {(300, 301)}
-    assert _connected_parties(chain, lambda: True) == set()

@@ -109,17 +109,6 @@ def test_a_cover_is_complete_whenever_it_is_stopped():
                 assert not cover.refined
 
 
-def test_more_time_gives_a_smaller_cover():
-    # One range, and nothing of the yaw: a ring.
-    zero = Interval.point(np.zeros((1, 3)))
-    readings = PairReadings.of(zero, zero, Interval(np.array([4.0]), np.array([5.0])))
-    volumes = [
-        cover_poses(readings, PairOptions(resolution_m=0.02, max_boxes=n)).volume
-        for n in (1, 30, 300, 3000)
-    ]
-    assert volumes == sorted(set(volumes), reverse=True)
-
-
 def motion_of(rng, scale_m, space):
     """Draw what a body does between two ticks, truth and stated bounds."""
     flat = np.array([1.0, 1.0, float(space)])
@@ -187,16 +176,3 @@ def inside(cover, other):
     low, high = cover.boxes[:, None, 0], cover.boxes[:, None, 1]
     within = (other.boxes[None, :, 0] <= low) & (high <= other.boxes[None, :, 1])
     return bool(np.all(np.any(np.all(within, axis=-1), axis=1)))
-
-
-def test_more_readings_give_a_part_of_the_cover():
-    for seed in range(100):
-        case = random_case(seed)
-        first = cover_poses(
-            case.readings[::2],
-            PairOptions(resolution_m=0.3 * case.scale_m, max_boxes=100),
-            height_m=case.height_m,
-        )
-        if first.bounded:
-            second = cover_of(case, max_boxes=300, within=first)
-            assert inside(second, first) and holds(case, second)
