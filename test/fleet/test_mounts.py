@@ -322,7 +322,7 @@ def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, si
             error_rad = abs(math.remainder(error_rad, 2.0 * math.pi))
             assert error_rad <= placement.heading_half_width_rad[0]
             assert np.hypot(*(placement.positions_m[0] - [x, y])) < 0.3
-            assert placement.heading_half_width_rad[0] < 1.0
+            assert placement.heading_half_width_rad[0] < 0.5 * math.pi
 
 
 def heading_rad(placement):
