@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 import math
 from numbers import Integral, Real
 from types import MappingProxyType
@@ -21,10 +21,23 @@ class ConfigError(ValueError):
     """A setting has a value it cannot have."""
 
 
+def not_allowed(name: str, value: object, wanted: str) -> ConfigError:
+    """Return what is raised for a value of a setting."""
+    return ConfigError(f'{name}: {value!r} is not allowed, {wanted}')
+
+
 def keep(settings: object, **values: object) -> None:
     """Set fields of a frozen dataclass, while it is made."""
     for name, value in values.items():
         object.__setattr__(settings, name, value)
+
+
+def keep_numbers(settings: object, prefix: str, limits: Mapping[str, Mapping[str, Any]]) -> None:
+    """Keep fields as floats within limits; None stays where that is the default."""
+    for name, within in limits.items():
+        value = getattr(settings, name)
+        if value is not None or getattr(type(settings), name, 0.0) is not None:
+            keep(settings, **{name: require_number(f'{prefix}{name}', value, **within)})
 
 
 def require_number(
@@ -39,14 +52,11 @@ def require_number(
     number = _as_float(value)
     if at_least <= number <= at_most and (math.isfinite(number) or not finite):
         return number
+    limits = [f'>= {at_least:g}'] * (at_least > -math.inf) + [f'<= {at_most:g}'] * (
+        at_most < math.inf
+    )
     kind = 'a finite number' if finite else 'a number'
-    limits = []
-    if at_least > -math.inf:
-        limits.append(f'>= {at_least:g}')
-    if at_most < math.inf:
-        limits.append(f'<= {at_most:g}')
-    wanted = ' '.join([kind, ' and '.join(limits)]).strip()
-    raise ConfigError(f'{name}: {value!r} is not allowed, it must be {wanted}')
+    raise not_allowed(name, value, f'it must be {kind} {" and ".join(limits)}'.strip())
 
 
 def _as_float(value: object) -> float:
@@ -65,33 +75,37 @@ def _as_float(value: object) -> float:
     return number if number == exact else math.nan
 
 
-def require_coordinate(name: str, value: object) -> float:
-    """Return `value` as a float; raise `ConfigError` unless it is in m within `FARTHEST_M`."""
-    return require_number(name, value, at_least=-FARTHEST_M, at_most=FARTHEST_M)
+def require_coordinates(name: str, values: object) -> tuple[float, ...]:
+    """Return coordinates in m as floats; raise `ConfigError` on one beyond `FARTHEST_M`."""
+    listed = require_members(name, values, 'numbers')
+    most_m = FARTHEST_M
+    return tuple(require_number(name, v, at_least=-most_m, at_most=most_m) for v in listed)
 
 
 def require_integer(name: str, value: object, at_least: int) -> int:
     """Return `value` as an int; raise `ConfigError` unless it is one of at least `at_least`."""
     if is_whole(value) and value >= at_least:
         return int(value)
-    raise ConfigError(f'{name}: {value!r} is not allowed, it must be an integer >= {at_least}')
+    raise not_allowed(name, value, f'it must be an integer >= {at_least}')
 
 
 def require_kind(name: str, value: object, kind: type) -> None:
     """Raise `ConfigError` unless `value` is of a type."""
     if not isinstance(value, kind):
         article = 'an' if kind.__name__[0] in 'AEIOU' else 'a'
-        raise ConfigError(
-            f'{name}: {value!r} is not allowed, it must be {article} {kind.__name__}'
-        )
+        raise not_allowed(name, value, f'it must be {article} {kind.__name__}')
 
 
 def require_name(name: str, value: object) -> None:
     """Raise `ConfigError` unless `value` is a name."""
     if not isinstance(value, str) or not value:
-        raise ConfigError(
-            f'{name}: {value!r} is not allowed, a name must be a string and not be empty'
-        )
+        raise not_allowed(name, value, 'a name must be a string and not be empty')
+
+
+def require_one_of(name: str, value: object, allowed: Collection[str]) -> None:
+    """Raise `ConfigError` unless `value` is one of some names."""
+    if value not in allowed:
+        raise not_allowed(name, value, f'it must be one of {list(allowed)}')
 
 
 def require_members(name: str, value: Any, wanted: str) -> tuple[Any, ...]:
@@ -101,7 +115,7 @@ def require_members(name: str, value: Any, wanted: str) -> tuple[Any, ...]:
             return tuple(value)
         except TypeError:
             pass
-    raise ConfigError(f'{name}: {value!r} is not allowed, it must be a sequence of {wanted}')
+    raise not_allowed(name, value, f'it must be a sequence of {wanted}')
 
 
 def require_mapping(name: str, value: Mapping[str, Any]) -> Mapping[str, Any]:

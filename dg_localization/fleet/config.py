@@ -20,12 +20,15 @@ from typing import Any
 from dg_localization.fleet.checks import (
     ConfigError,
     keep,
+    keep_numbers,
+    not_allowed,
     require_integer,
     require_kind,
     require_mapping,
     require_members,
     require_name,
     require_number,
+    require_one_of,
     unlocked,
 )
 from dg_localization.fleet.contradictions.suspects import SuspectKind
@@ -59,16 +62,17 @@ KINDS = {
     'drop_stuck': bool,
     'solver': SolverOptions,
 }
+NOT_NEGATIVE, ANY_TIME = {'at_least': 0.0}, {'at_least': 0.0, 'finite': False}
 LIMITS: Mapping[str, Mapping[str, Any]] = {
-    'max_age_s': {'at_least': 0.0},
-    'max_future_s': {'at_least': 0.0},
-    'stamp_error_s': {'at_least': 0.0},
-    'memory_s': {'at_least': 0.0},
-    'max_speed_m_s': {'at_least': 0.0},
-    'max_turn_rate_rad_s': {'at_least': 0.0},
-    'min_separation_m': {'at_least': 0.0},
-    'max_conflict_seconds': {'at_least': 0.0, 'finite': False},
-    'memory_max_seconds': {'at_least': 0.0, 'finite': False},
+    'max_age_s': NOT_NEGATIVE,
+    'max_future_s': NOT_NEGATIVE,
+    'stamp_error_s': NOT_NEGATIVE,
+    'memory_s': NOT_NEGATIVE,
+    'max_speed_m_s': NOT_NEGATIVE,
+    'max_turn_rate_rad_s': NOT_NEGATIVE,
+    'min_separation_m': NOT_NEGATIVE,
+    'max_conflict_seconds': ANY_TIME,
+    'memory_max_seconds': ANY_TIME,
     'bearing_half_width_rad': {'at_least': 0.0, 'at_most': math.pi},
     'bearing_expected_error_rad': {},
 }
@@ -249,18 +253,14 @@ class FleetConfig:
     def _check_names(self) -> None:
         """Raise `ConfigError` on a repeated, missing or unknown name."""
         if not self.robots:
-            raise ConfigError('robots: () is not allowed, it must name at least one robot')
+            raise not_allowed('robots', (), 'it must name at least one robot')
         for name in self.robots:
             require_name('robots', name)
             if self.robots.count(name) > 1:
                 raise ConfigError(f'robots: {name!r} is repeated, each robot must be named once')
         if not self.reference_robot:
             keep(self, reference_robot=self.robots[0])
-        if self.reference_robot not in self.robots:
-            raise ConfigError(
-                f'reference_robot: {self.reference_robot!r} is not allowed, it must be one of '
-                f'{list(self.robots)}'
-            )
+        require_one_of('reference_robot', self.reference_robot, self.robots)
         for name in self.points:
             if self.points.count(name) > 1:
                 raise ConfigError(
@@ -269,37 +269,26 @@ class FleetConfig:
                 )
         for setting in OF_ROBOTS:
             for name in getattr(self, setting):
-                if name not in self.robots:
-                    raise ConfigError(
-                        f'{setting}: {name!r} is not allowed, it must be one of '
-                        f'{list(self.robots)}'
-                    )
+                require_one_of(setting, name, self.robots)
         check_links(self.links, self.points, self.robot_of)
 
     def _check_numbers(self) -> None:
         """Keep numbers as those of Python; raise `ConfigError` on one out of its range."""
         if not is_whole(self.dimension) or self.dimension not in (2, 3):
-            raise ConfigError(f'dimension: {self.dimension!r} is not allowed, it must be 2 or 3')
+            raise not_allowed('dimension', self.dimension, 'it must be 2 or 3')
         keep(self, dimension=int(self.dimension))
-        for name, limits in LIMITS.items():
-            keep(self, **{name: require_number(name, getattr(self, name), **limits)})
+        keep_numbers(self, '', LIMITS)
         for name, least in LEAST_COUNTS.items():
             keep(self, **{name: require_integer(name, getattr(self, name), least)})
         if 0.0 < self.memory_s < LEAST_MEMORY_S:
-            raise ConfigError(
-                f'memory_s: {self.memory_s!r} is not allowed, it must be 0, which remembers '
-                f'nothing, or >= {LEAST_MEMORY_S:g}'
-            )
+            wanted = f'it must be 0, which remembers nothing, or >= {LEAST_MEMORY_S:g}'
+            raise not_allowed('memory_s', self.memory_s, wanted)
         speeds_m_s = {
             robot: require_number(f'robot_max_speed_m_s[{robot}]', speed, at_least=0.0)
             for robot, speed in self.robot_max_speed_m_s.items()
         }
         keep(self, robot_max_speed_m_s=MappingProxyType(speeds_m_s))
-        if self.outlier_unit not in list(SuspectKind):
-            raise ConfigError(
-                f'outlier_unit: {self.outlier_unit!r} is not allowed, it must be one of '
-                f'{[str(kind) for kind in SuspectKind]}'
-            )
+        require_one_of('outlier_unit', self.outlier_unit, [str(kind) for kind in SuspectKind])
         keep(self, outlier_unit=SuspectKind(self.outlier_unit))
 
     @property
@@ -384,13 +373,11 @@ class FleetConfig:
     def bearing_half_width_of(self, observer: str, target: str) -> float:
         """Return the greatest angle in rad between a ray of this link and the truth."""
         override = self._overrides.get((observer, target))
-        if override is None or override.bearing_half_width_rad is None:
-            return self.bearing_half_width_rad
-        return override.bearing_half_width_rad
+        own_rad = override.bearing_half_width_rad if override else None
+        return self.bearing_half_width_rad if own_rad is None else own_rad
 
     def bearing_expected_error_of(self, observer: str, target: str) -> float:
         """Return the likeliest error in rad of a ray of this link."""
         override = self._overrides.get((observer, target))
-        if override is None or override.bearing_expected_error_rad is None:
-            return self.bearing_expected_error_rad
-        return override.bearing_expected_error_rad
+        own_rad = override.bearing_expected_error_rad if override else None
+        return self.bearing_expected_error_rad if own_rad is None else own_rad

@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from dg_localization import SolverOptions
 from dg_localization.fleet.answers import (
@@ -19,7 +19,6 @@ from dg_localization.fleet.answers import (
     shared_time,
     would_fix,
 )
-from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Explanation
 from dg_localization.fleet.contradictions.explanation import (
@@ -39,13 +38,12 @@ from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
+from dg_localization.fleet.vocabulary import Conflict, LinkKey
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten
 from dg_localization.fleet.window.memory import Ends
-from dg_localization.fleet.window.narrowing import narrow_answer
 from dg_localization.fleet.window.proved import Proved
-from dg_localization.fleet.window.recollection import Recollection, recall
+from dg_localization.fleet.window.recollection import Recollection, narrow_answer, recall
 from dg_localization.interval.environment import default_environment
 from dg_localization.interval.rounding import down, up
 from dg_localization.solver.options import Cancel
@@ -124,9 +122,9 @@ def estimate_snapshot(
     narrowed = narrow_answer(found, plans, recalled, refit)
     found_now = narrowed.answer
     if found_now is found and plans.main is not None and len(found.placements) == 1:
-        fitted = refit(plans.main, found.placements[0]).placement
+        fitted = refit(plans.main, found.placements[0])
         found_now = replace(found, placements=(fitted,))
-    estimate = _answered(snapshot, found_now, plans)
+    estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     estimate = replace(
         estimate,
@@ -170,19 +168,6 @@ def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions
     return snapshot.solver
 
 
-def _answered(snapshot: Snapshot, found: Answer, plans: Plans) -> Estimate:
-    """Return the estimate of an answer without contradictions."""
-    if plans.main is not None:
-        return _with_placements(snapshot, found, [plans])
-    reason = '; '.join([plans.reason, *_limit_texts(found), *_group_texts(found)])
-    return replace(
-        _without_placements(snapshot, None, reason),
-        groups=_listed_groups(snapshot.config, found),
-        rigid_groups=found.rigidity.pieces,
-        would_fix=would_fix(snapshot.config, found),
-    )
-
-
 def _solve(
     snapshot: Snapshot,
     constraints: Constraints,
@@ -197,8 +182,8 @@ def _solve(
 
 def _without_data(snapshot: Snapshot, recalled: Recollection) -> Estimate:
     """Return the estimate where there is nothing to solve."""
-    nothing = _without_placements(snapshot, None, _no_data_reason(snapshot))
-    return replace(nothing, forgotten=recalled.forgotten)
+    reason = _no_data_reason(snapshot)
+    return _estimate(snapshot, None, reason, forgotten=recalled.forgotten)
 
 
 def _no_data_reason(snapshot: Snapshot) -> str:
@@ -217,74 +202,69 @@ def _no_data_reason(snapshot: Snapshot) -> str:
     )
 
 
-def _without_placements(
+def _estimate(
     snapshot: Snapshot,
     verdict: Verdict | None,
     reason: str,
-    statistics: Statistics | None = None,
     conflicts: tuple[Conflict, ...] = (),
+    **answer: Any,
 ) -> Estimate:
-    """Return an estimate that is empty, for a reason."""
+    """Return an estimate of a snapshot, the links in a conflict marked."""
+    guilty = {key for conflict in conflicts for key in conflict}
     return Estimate(
         stamp_s=snapshot.stamp_s,
         robots=snapshot.config.robots,
         verdict=verdict,
         reason=reason,
-        statistics=statistics,
-        links=_marked_links(snapshot, conflicts),
+        links=tuple(
+            replace(link, contradicts=True) if link.key in guilty else link
+            for link in snapshot.links
+        ),
         conflicts=conflicts,
         landmarks=snapshot.config.landmarks,
+        **answer,
     )
 
 
-def _with_placements(
+def _answered(
     snapshot: Snapshot, found: Answer, plans: Sequence[Plans], conflicts: tuple[Conflict, ...] = ()
 ) -> Estimate:
     """
-    Return an estimate with placements, as many as may be listed.
+    Return the estimate of an answer, with as many placements as may be listed.
 
-    The plans are those of alternatives; all have the same frame.
+    The plans are those of alternatives; all have the same frame, or none.
     """
     config, main = snapshot.config, plans[0].main
-    return Estimate(
-        stamp_s=snapshot.stamp_s,
-        robots=config.robots,
-        verdict=found.verdict,
-        reason=_reason(snapshot, found, plans),
+    apart: dict[str, Any] = {
+        'groups': tuple(
+            replace(group, placements=group.placements[: config.max_hypotheses])
+            for group in found.groups
+        ),
+        'rigid_groups': found.rigidity.pieces,
+        'would_fix': would_fix(config, found),
+    }
+    if main is None:
+        reason = '; '.join(filter(None, [plans[0].reason, *_open_texts(found)]))
+        return _estimate(snapshot, None, reason, **apart)
+    return _estimate(
+        snapshot,
+        found.verdict,
+        _reason(snapshot, found, plans),
+        conflicts,
         placements=found.placements[: config.max_hypotheses],
         n_hypotheses=found.n_hypotheses,
         statistics=found.statistics,
-        links=_marked_links(snapshot, conflicts),
-        conflicts=conflicts,
-        landmarks=config.landmarks,
-        frame=None if main is None else main.frame,
+        frame=main.frame,
         frame_doubt=plans[0].reason,
-        groups=_listed_groups(config, found),
-        rigid_groups=found.rigidity.pieces,
-        would_fix=would_fix(config, found),
-    )
-
-
-def _listed_groups(config: FleetConfig, found: Answer) -> tuple[Group, ...]:
-    """Return the groups of an answer, each with as many placements as may be listed."""
-    most = config.max_hypotheses
-    return tuple(replace(group, placements=group.placements[:most]) for group in found.groups)
-
-
-def _marked_links(snapshot: Snapshot, conflicts: tuple[Conflict, ...]) -> tuple[LinkState, ...]:
-    """Return the links of a snapshot, those in a conflict marked."""
-    guilty = {key for conflict in conflicts for key in conflict}
-    return tuple(
-        replace(link, contradicts=True) if link.key in guilty else link for link in snapshot.links
+        **apart,
     )
 
 
 def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     """Return a sentence on what the placements are."""
-    config = snapshot.config
-    count = found.n_hypotheses
-    parts = ['1 placement' if count == 1 else f'{count} placements']
-    parts += _limit_texts(found)
+    config, count = snapshot.config, found.n_hypotheses
+    limit, *groups = _open_texts(found)
+    parts = ['1 placement' if count == 1 else f'{count} placements', limit]
     if count > config.max_hypotheses:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
     if any(placement.flexible for placement in found.placements):
@@ -293,30 +273,26 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     dropped = sorted({str(key) for place in found.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')
-    parts += [plans[0].reason] if plans[0].reason else []
-    grouped = {robot for group in found.groups for robot in group.robots}
-    points = {point for one in plans if one.main is not None for point in one.main.points}
-    lost = [name for i, name in enumerate(config.robots) if i not in points]
-    lost = [name for name in lost if name not in grouped]
+    parts.append(plans[0].reason)
+    placed = {config.points[i] for one in plans if one.main is not None for i in one.main.points}
+    placed.update(robot for group in found.groups for robot in group.robots)
+    lost = [robot for robot in config.robots if robot not in placed]
     if lost:
         parts.append(f'not connected: {", ".join(lost)}')
-    parts += _group_texts(found)
+    parts += groups
     # Others have measured nothing yet at the time of the answer.
     stale = sum(link.stale and link.age_s >= 0.0 for link in snapshot.links)
     if stale:
         parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
-    return '; '.join([*parts, *snapshot.warnings])
+    return '; '.join([*filter(None, parts), *snapshot.warnings])
 
 
-def _limit_texts(found: Answer) -> list[str]:
-    """Return a text on what a limit left open, if one did."""
+def _open_texts(found: Answer) -> list[str]:
+    """Return what a limit left open, empty if nothing, and a text on each group apart."""
     is_open = found.verdict is Verdict.OUT_OF_BUDGET
-    return ['the search stopped at its budget; what it left open is included'] if is_open else []
-
-
-def _group_texts(found: Answer) -> list[str]:
-    """Return a text on each group in a frame of its own."""
-    return [f'in a frame of their own: {", ".join(group.robots)}' for group in found.groups]
+    limit = 'the search stopped at its budget; what it left open is included' if is_open else ''
+    groups = [f'in a frame of their own: {", ".join(group.robots)}' for group in found.groups]
+    return [limit, *groups]
 
 
 def _explained(
@@ -332,13 +308,15 @@ def _explained(
     if corrected.answers:
         union = _union(corrected.answers, statistics)
         blamed = blamed.union(*(placement.dropped for placement in union.placements))
-        estimate = _with_placements(snapshot, union, plans, conflicts)
+        estimate = _answered(snapshot, union, plans, conflicts)
         reason = estimate.reason + not_searched(snapshot.config, explanation)
         estimate = replace(estimate, reason=reason)
     else:
         why = plans[0].reason if plans else ''
         reason = reason_of(snapshot, lineup, explanation, why)
-        estimate = _without_placements(snapshot, Verdict.INFEASIBLE, reason, statistics, conflicts)
+        estimate = _estimate(
+            snapshot, Verdict.INFEASIBLE, reason, conflicts, statistics=statistics
+        )
     return replace(
         estimate,
         suspects=suspects,
@@ -451,11 +429,9 @@ def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forg
 def _is_remembered(snapshot: Snapshot, ends: Ends) -> bool:
     """Return whether what two points observe of each other is remembered, or will be."""
     config = snapshot.config
-    if ends in snapshot.window.observations:
-        return True
     moving = {config.robot_of(point) for point in ends}.difference(config.anchors)
-    has_odometry = bool(moving) and all(snapshot.motion.odometry.get(robot) for robot in moving)
-    return config.memory_s > 0.0 and has_odometry
+    will_be = config.memory_s > 0.0 and bool(moving) and moving <= snapshot.motion.odometry.keys()
+    return ends in snapshot.window.observations or will_be
 
 
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:

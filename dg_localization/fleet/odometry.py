@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +34,6 @@ from dg_localization.fleet.odometry_kernels import (
     walk_back,
 )
 from dg_localization.fleet.rotations import rotations_about_z, steepness
-from dg_localization.fleet.track_poses import TrackPoses, TrackStep
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
 from dg_localization.poses import PastPoses
@@ -46,6 +46,18 @@ class MotionLimits:
 
     speed_m_s: float = math.inf
     turn_rate_rad_s: float = math.inf
+
+
+class TrackStep(NamedTuple):
+    """
+    Where a track is at one sample, seen from an earlier one, or where its robot is, seen from it.
+
+    The pose, one, has the errors of the turns; those of the ways put it no farther off than the
+    ball, in any direction.
+    """
+
+    pose: PastPoses
+    ball_m: float
 
 
 @dataclass(frozen=True)
@@ -118,14 +130,19 @@ class OdometryPath:
         # Errors in m and in rad, and where samples are missing.
         self._steps = self._steps_between(steps_s > error.max_gap_s)
 
-    def past_poses(self, times_s: ArrayLike, now_s: float) -> PastPoses:
+    def past_poses(self, times_s: ArrayLike, now_s: float, *, on_track: bool = False) -> PastPoses:
         """
         Return where the level frame of the robot was at past times, seen from that of now.
+
+        With `on_track` they are seen from the pose that its track has now: the constant errors of
+        now are the same for all times, and what is found from all of them together has to be
+        widened by these once only (`off_track`).
 
         Parameters
         ----------
         times_s : array_like, shape (m,)
         now_s : float
+        on_track : bool, optional
 
         Returns
         -------
@@ -138,26 +155,21 @@ class OdometryPath:
             If a time lies after now.
 
         """
-        then, now, position, yaw = self._samples(times_s, now_s)
-        (then_m, _), (now_m, now_rad) = self._off_track(then), self._off_track(now)
+        times = np.asarray(times_s, dtype=float)
+        if np.any(times > now_s):
+            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
+        then, now = self._nearest(times), self._nearest(np.array([now_s]))
+        last = int(now.index[0])
+        position, yaw = self._walk_back(np.minimum(then.index, last), last)
+        then_m, then_rad = self._off_track(then)
+        position = position + self._ball(then_m)
+        if on_track:
+            return PastPoses(position, yaw + Interval(-then_rad, then_rad))
+        now_m, now_rad = self._off_track(now)
         yaw_now = Interval(-now_rad, now_rad)
-        position = position + self._ball(then_m) + self._ball(now_m)
+        # Any two headings differ by the constant error at most: that of now holds both.
         yaw = yaw + Interval(-then.offset_rad, then.offset_rad) - yaw_now
-        return PastPoses(turned(-yaw_now, position), yaw)
-
-    def past_poses_on_track(self, times_s: ArrayLike, now_s: float) -> TrackPoses:
-        """
-        Return where the robot was at past times, seen from the pose that its track has now.
-
-        The constant errors are those of the two ends. That of now is the same for all times: what
-        is found of the track pose from all of them together has to be widened by it once only.
-        Parameters are those of `past_poses`.
-        """
-        then, now, position, yaw = self._samples(times_s, now_s)
-        (then_m, then_rad), (now_m, now_rad) = self._off_track(then), self._off_track(now)
-        past = PastPoses(position + self._ball(then_m), yaw + Interval(-then_rad, then_rad))
-        # Seen from the robot, the track is turned by the error and lies within its ball.
-        return TrackPoses(past, PastPoses(self._ball(now_m), Interval(-now_rad, now_rad)))
+        return PastPoses(turned(-yaw_now, position + self._ball(now_m)), yaw)
 
     @property
     def stamps_s(self) -> np.ndarray:
@@ -229,16 +241,6 @@ class OdometryPath:
         tilts, tilt_errors_rad = self.tilts(times_s)
         leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
         return leveled, angle_up(up(np.asarray(errors_rad, dtype=float) + tilt_errors_rad))
-
-    def _samples(
-        self, times_s: ArrayLike, now_s: float
-    ) -> tuple[_Nearest, _Nearest, Interval, Interval]:
-        """Return the samples of past times and of now, and the way between these."""
-        times = np.asarray(times_s, dtype=float)
-        if np.any(times > now_s):
-            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
-        then, now = self._nearest(times), self._nearest(np.array([now_s]))
-        return then, now, *self._walk_back(np.minimum(then.index, now.index), int(now.index[0]))
 
     def _steps_between(self, missing: np.ndarray) -> np.ndarray:
         """Return the greatest errors of every step, and where samples are missing."""

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.checks import keep, require_number
+from dg_localization.fleet.checks import keep_numbers
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import up
 from dg_localization.interval.rounding import step_up
@@ -81,16 +81,10 @@ class OdometryErrorModel:
     translation_scale: float = 1.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            name = f'odometry_error.{field.name}'
-            if field.name == 'translation_scale':
-                value = require_number(name, value, at_least=LEAST_SCALE, at_most=MOST_SCALE)
-            elif field.name in ('max_gap_s', 'restart_gap_s'):
-                value = require_number(name, value, at_least=0.0, finite=False)
-            elif value is not None or field.name != 'tilt_rad':
-                value = require_number(name, value, at_least=0.0)
-            keep(self, **{field.name: value})
+        gaps = dict.fromkeys(('max_gap_s', 'restart_gap_s'), {'at_least': 0.0, 'finite': False})
+        scale = {'translation_scale': {'at_least': LEAST_SCALE, 'at_most': MOST_SCALE}}
+        others = {field.name: {'at_least': 0.0} for field in fields(self)}
+        keep_numbers(self, 'odometry_error.', {**others, **gaps, **scale})
 
     def scaled(self, position_m: np.ndarray) -> np.ndarray:
         """

@@ -14,18 +14,37 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
+from typing import Any
 
 from dg_localization.fleet.checks import (
     FARTHEST_M,
     ConfigError,
     keep,
-    require_coordinate,
+    keep_numbers,
+    not_allowed,
+    require_coordinates,
     require_kind,
     require_mapping,
     require_members,
     require_name,
     require_number,
+    require_one_of,
 )
+
+NOT_NEGATIVE = {'at_least': 0.0}
+NOT_FAR = {'at_least': 0.0, 'at_most': FARTHEST_M}
+HALF_TURN = {'at_least': 0.0, 'at_most': math.pi}
+RANGE_LIMITS: Mapping[str, Mapping[str, Any]] = {
+    'min_error_m': {},
+    'max_error_m': {},
+    'min_error_relative': {},
+    'max_error_relative': {},
+    'sigma_factor': NOT_NEGATIVE,
+    'expected_error_m': {},
+    'expected_error_relative': {},
+    'min_reading_m': {},
+    'max_reading_m': {'finite': False},
+}
 
 
 @dataclass(frozen=True)
@@ -80,35 +99,20 @@ class RangeErrorModel:
     max_reading_m: float = math.inf
 
     def __post_init__(self) -> None:
-        for name in (
-            *('min_error_m', 'max_error_m', 'min_error_relative', 'max_error_relative'),
-            'expected_error_relative',
-            'min_reading_m',
-        ):
-            keep(self, **{name: require_number(f'range.{name}', getattr(self, name))})
-        sigma_factor = require_number('range.sigma_factor', self.sigma_factor, at_least=0.0)
-        keep(self, sigma_factor=sigma_factor)
+        keep_numbers(self, 'range.', RANGE_LIMITS)
         require_kind('range.beyond_max_is_far', self.beyond_max_is_far, bool)
-        if self.expected_error_m is not None:
-            expected_error_m = require_number('range.expected_error_m', self.expected_error_m)
-            keep(self, expected_error_m=expected_error_m)
-        if self.max_reading_m != math.inf:
-            most_m = require_number('range.max_reading_m', self.max_reading_m)
-            keep(self, max_reading_m=most_m)
         if self.max_reading_m <= self.min_reading_m:
-            raise ConfigError(
-                f'range.max_reading_m: {self.max_reading_m!r} is not allowed, it must be above '
-                f'range.min_reading_m, which is {self.min_reading_m!r}'
+            least = f'range.min_reading_m, which is {self.min_reading_m!r}'
+            raise not_allowed(
+                'range.max_reading_m', self.max_reading_m, f'it must be above {least}'
             )
         _require_order('range', self, 'min_error_m', 'max_error_m')
         if self.min_error_m == self.max_error_m:
             _require_order('range', self, 'min_error_relative', 'max_error_relative')
         for name in ('min_error_relative', 'max_error_relative'):
             if getattr(self, name) >= 1.0:
-                raise ConfigError(
-                    f'range.{name}: {getattr(self, name)!r} is not allowed, it must be below 1: '
-                    'the error is a fraction of the reading'
-                )
+                wanted = 'it must be below 1: the error is a fraction of the reading'
+                raise not_allowed(f'range.{name}', getattr(self, name), wanted)
 
 
 @dataclass(frozen=True)
@@ -132,8 +136,7 @@ class ElevationErrorModel:
     max_error_m: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ('min_error_m', 'max_error_m'):
-            keep(self, **{name: require_number(f'elevation.{name}', getattr(self, name))})
+        keep_numbers(self, 'elevation.', {'min_error_m': {}, 'max_error_m': {}})
         _require_order('elevation', self, 'min_error_m', 'max_error_m')
 
 
@@ -143,10 +146,8 @@ def _require_order(
     """Raise `ConfigError` where the least of two errors exceeds the greatest."""
     low, high = getattr(model, least), getattr(model, greatest)
     if low > high:
-        raise ConfigError(
-            f'{group}.{least}: {low!r} is not allowed, it must be at most {group}.{greatest}, '
-            f'which is {high!r}'
-        )
+        wanted = f'it must be at most {group}.{greatest}, which is {high!r}'
+        raise not_allowed(f'{group}.{least}', low, wanted)
 
 
 @dataclass(frozen=True)
@@ -173,13 +174,7 @@ class SensorBounds:
 
     def __post_init__(self) -> None:
         require_kind('bounds.range_error', self.range_error, RangeErrorModel)
-        half_width_rad = require_number(
-            'bounds.bearing_half_width_rad',
-            self.bearing_half_width_rad,
-            at_least=0.0,
-            at_most=math.pi,
-        )
-        keep(self, bearing_half_width_rad=half_width_rad)
+        keep_numbers(self, 'bounds.', {'bearing_half_width_rad': HALF_TURN})
 
 
 @dataclass(frozen=True)
@@ -215,14 +210,9 @@ class LinkOverride:
         link = f'links[{self.observer}->{self.target}]'
         if self.range_error is not None:
             require_kind(f'{link}.range_error', self.range_error, RangeErrorModel)
-        for name, least in (
-            ('bearing_half_width_rad', 0.0),
-            ('bearing_expected_error_rad', -math.pi),
-        ):
-            value = getattr(self, name)
-            if value is not None:
-                bound = require_number(f'{link}.{name}', value, at_least=least, at_most=math.pi)
-                keep(self, **{name: bound})
+        either_way = {'at_least': -math.pi, 'at_most': math.pi}
+        limits = {'bearing_half_width_rad': HALF_TURN, 'bearing_expected_error_rad': either_way}
+        keep_numbers(self, f'{link}.', limits)
 
 
 @dataclass(frozen=True)
@@ -248,12 +238,9 @@ class Anchor:
     bound_m: float = 0.0
 
     def __post_init__(self) -> None:
-        bound_m = require_number('anchor.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
-        keep(
-            self,
-            coordinates_m=_coordinates('anchor.coordinates_m', self.coordinates_m),
-            bound_m=bound_m,
-        )
+        keep_numbers(self, 'anchor.', {'bound_m': NOT_FAR})
+        coordinates_m = require_coordinates('anchor.coordinates_m', self.coordinates_m)
+        keep(self, coordinates_m=coordinates_m)
 
 
 @dataclass(frozen=True)
@@ -288,24 +275,11 @@ class Mount:
             require_number('mount.rotation_xyzw', value)
             for value in require_members('mount.rotation_xyzw', self.rotation_xyzw, 'numbers')
         )
-        bound_m = require_number('mount.bound_m', self.bound_m, at_least=0.0, at_most=FARTHEST_M)
         if len(rotation_xyzw) != 4 or abs(math.hypot(*rotation_xyzw) - 1.0) >= 0.01:
-            raise ConfigError(
-                f'mount.rotation_xyzw: {rotation_xyzw!r} is not allowed, it must be a unit '
-                'quaternion'
-            )
-        keep(
-            self,
-            position_m=_coordinates('mount.position_m', self.position_m),
-            bound_m=bound_m,
-            rotation_xyzw=rotation_xyzw,
-        )
-
-
-def _coordinates(name: str, values: object) -> tuple[float, ...]:
-    """Return coordinates in m as floats; raise `ConfigError` where they are none."""
-    listed = require_members(name, values, 'numbers')
-    return tuple(require_coordinate(name, value) for value in listed)
+            raise not_allowed('mount.rotation_xyzw', rotation_xyzw, 'it must be a unit quaternion')
+        keep_numbers(self, 'mount.', {'bound_m': NOT_FAR})
+        position_m = require_coordinates('mount.position_m', self.position_m)
+        keep(self, position_m=position_m, rotation_xyzw=rotation_xyzw)
 
 
 def check_links(
@@ -314,46 +288,29 @@ def check_links(
     """Raise `ConfigError` on an override of an unknown or repeated link."""
     names = set()
     for link in links:
-        name = f'{link.observer}->{link.target}'
+        name = f'links: {link.observer}->{link.target} is not allowed'
         if name in names:
-            raise ConfigError(f'links: {name} is not allowed twice, each link must be named once')
+            raise ConfigError(f'{name} twice, each link must be named once')
         names.add(name)
         for point in (link.observer, link.target):
-            if point not in points:
-                raise ConfigError(
-                    f'links: {point!r} is not allowed, it must be one of {list(points)}'
-                )
+            require_one_of('links', point, points)
         if link.observer == link.target:
-            raise ConfigError(
-                f'links: {name} is not allowed, a link must join two different points'
-            )
+            raise ConfigError(f'{name}, a link must join two different points')
         robot = robot_of(link.observer)
         if robot == robot_of(link.target):
             raise ConfigError(
-                f'links: {name} is not allowed, both are on robot {robot!r}: a link must join '
-                'points of two robots or anchors'
+                f'{name}, both are on robot {robot!r}: a link must join points of two robots or '
+                'anchors'
             )
 
 
 def checked_anchors(anchors: Mapping[str, Anchor], dimension: int) -> Mapping[str, Anchor]:
-    """
-    Return anchors in a copy that nobody can change.
-
-    Raises
-    ------
-    ConfigError
-        Where one has no name, or is of another dimension.
-
-    """
+    """Return anchors in a copy that nobody can change; raise `ConfigError` on a wrong one."""
     checked = require_mapping('anchors', anchors)
     for name, anchor in checked.items():
         require_name('anchors', name)
         require_kind(f'anchors[{name}]', anchor, Anchor)
-        if len(anchor.coordinates_m) != dimension:
-            raise ConfigError(
-                f'anchors[{name}].coordinates_m: {anchor.coordinates_m!r} is not allowed, it '
-                f'must have {dimension} coordinates (dimension)'
-            )
+        _require_dimension(f'anchors[{name}].coordinates_m', anchor.coordinates_m, dimension)
     return checked
 
 
@@ -362,65 +319,43 @@ def checked_mounts(
     robots: Collection[str],
     dimension: int,
 ) -> Mapping[str, Mapping[str, Mount | tuple[float, ...]]]:
-    """
-    Return the sensors of each robot in a copy that nobody can change.
-
-    Raises
-    ------
-    ConfigError
-        Where a sensor has no name or no robot, or is of another dimension.
-
-    """
+    """Return the sensors of each robot in a copy; raise `ConfigError` on a wrong one."""
     checked = {}
     for robot, sensors in require_mapping('mounts', mounts).items():
-        if robot not in robots:
-            raise ConfigError(
-                f'mounts: {robot!r} is not allowed, it must be one of {list(robots)}'
-            )
+        require_one_of('mounts', robot, robots)
         places: dict[str, Mount | tuple[float, ...]] = {}
         for name, mount in require_mapping(f'mounts[{robot}]', sensors).items():
             if not isinstance(name, str) or not name or '/' in name:
-                raise ConfigError(
-                    f'mounts[{robot}]: {name!r} is not allowed, a sensor needs a name without a '
-                    'slash'
+                raise not_allowed(
+                    f'mounts[{robot}]', name, 'a sensor needs a name without a slash'
                 )
             position_m = (mount if isinstance(mount, Mount) else Mount(mount)).position_m
-            if len(position_m) != dimension:
-                raise ConfigError(
-                    f'mounts[{robot}][{name}].position_m: {position_m!r} is not allowed, it must '
-                    f'have {dimension} coordinates (dimension)'
-                )
+            _require_dimension(f'mounts[{robot}][{name}].position_m', position_m, dimension)
             places[name] = mount if isinstance(mount, Mount) else position_m
         checked[robot] = MappingProxyType(places)
     return MappingProxyType(checked)
 
 
+def _require_dimension(name: str, position_m: tuple[float, ...], dimension: int) -> None:
+    """Raise `ConfigError` unless a position has as many coordinates as space."""
+    if len(position_m) != dimension:
+        raise not_allowed(name, position_m, f'it must have {dimension} coordinates (dimension)')
+
+
 def checked_elevations(
     elevations_m: Mapping[str, tuple[float, ...]], points: Collection[str], dimension: int
 ) -> Mapping[str, tuple[float, ...]]:
-    """
-    Return the least and the greatest elevation of points, in a copy that nobody can change.
-
-    Raises
-    ------
-    ConfigError
-        Where elevations are of unknown points, reversed, or in space.
-
-    """
+    """Return the least and the greatest elevation of points in a copy, unless one is wrong."""
     checked = {}
     for point, bounds_m in require_mapping('elevations_m', elevations_m).items():
-        if dimension != 2 or point not in points:
-            wanted = 'none in space, where points have coordinates of their own'
-            if dimension == 2:
-                wanted = f'one of {list(points)}'
-            raise ConfigError(f'elevations_m: {point!r} is not allowed, it must be {wanted}')
+        if dimension != 2:
+            wanted = 'it must be none in space, where points have coordinates of their own'
+            raise not_allowed('elevations_m', point, wanted)
+        require_one_of('elevations_m', point, points)
         name = f'elevations_m[{point}]'
-        checked[point] = _coordinates(name, bounds_m)
+        checked[point] = require_coordinates(name, bounds_m)
         if len(checked[point]) != 2 or checked[point][0] > checked[point][1]:
-            raise ConfigError(
-                f'{name}: {bounds_m!r} is not allowed, it must be the least and the greatest '
-                'elevation'
-            )
+            raise not_allowed(name, bounds_m, 'it must be the least and the greatest elevation')
     return MappingProxyType(checked)
 
 
@@ -430,8 +365,6 @@ def check_elevation_errors(
     """Raise `ConfigError` on errors that are none, or of points without a stated elevation."""
     for point, error in errors.items():
         if point not in elevations_m:
-            raise ConfigError(
-                f'point_elevation_error: {point!r} is not allowed, it must be named in '
-                'elevations_m, with the least and the greatest elevation that it can have'
-            )
+            wanted = 'named in elevations_m, with the least and the greatest elevation that it can'
+            raise not_allowed('point_elevation_error', point, f'it must be {wanted} have')
         require_kind(f'point_elevation_error[{point}]', error, ElevationErrorModel)

@@ -204,10 +204,10 @@ def test_the_constant_errors_of_poses_turn_with_the_track(count):
     stamps = 100.0 + 0.1 * np.arange(count + 1)
     path = path_of(stamps, (np.zeros((count + 1, 3)), stated), error)
     assert_inside(path.past_poses(stamps, stamps[-1]), *seen_from_last(positions, yaws))
-    on_track = path.past_poses_on_track(stamps, stamps[-1])
-    off_m = on_track.track.position_m.upper[0, 0]
+    on_track = path.past_poses(stamps, stamps[-1], on_track=True)
+    off_m = path.off_track(stamps[-1]).ball_m
     seen, _ = seen_from_last(positions, yaws)
-    assert np.all(np.linalg.norm(seen, axis=1) <= on_track.past.position_m.upper[:, 0] + off_m)
+    assert np.all(np.linalg.norm(seen, axis=1) <= on_track.position_m.upper[:, 0] + off_m)
     step = path.track_step(stamps[0], stamps[-1])
     ends_m = 2.0 * path.off_track(stamps[-1]).ball_m
     reach_m = np.linalg.norm(step.pose.position_m.upper[0]) + step.ball_m + ends_m
@@ -320,5 +320,5 @@ def test_stamps_must_increase():
 def test_positions_too_large_to_be_subtracted_bound_nothing():
     track = np.array([[1e308, 0.0, 0.0], [-1e308, 0.0, 0.0], [0.0, 0.0, 0.0]]), np.zeros(3)
     path = path_of([0.0, 1.0, 2.0], track, OdometryErrorModel())
-    for past in (path.past_poses([0.0], 2.0), path.past_poses_on_track([0.0], 2.0).past):
+    for past in (path.past_poses([0.0], 2.0), path.past_poses([0.0], 2.0, on_track=True)):
         assert past.position_m.lower[0, 0] == -math.inf and past.position_m.upper[0, 0] == math.inf

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -50,30 +50,13 @@ def anchors_of(snapshot: Snapshot, plan: FramePlan) -> dict[int, Interval]:
     return plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
 
 
-@dataclass(frozen=True)
-class FittedPlacement:
-    """
-    A placement, and how well its best point fits.
-
-    Parameters
-    ----------
-    placement : Placement
-    cost : float
-        The mean square of the residuals, in half widths; infinite where nothing was fitted.
-
-    """
-
-    placement: Placement
-    cost: float = math.inf
-
-
 def fit_with_past(
     snapshot: Snapshot,
     constraints: Constraints,
     alone: Collection[FramePlan],
     plan: FramePlan,
     placement: Placement,
-) -> FittedPlacement:
+) -> Placement:
     """
     Return a placement in the plane with the best point by what is remembered as well.
 
@@ -83,7 +66,7 @@ def fit_with_past(
     nothing is remembered.
     """
     if snapshot.config.dimension != 2 or placement.dropped:
-        return FittedPlacement(placement)
+        return placement
     solved, points = constraints.of(plan.points), list(plan.points)
     n_robots = len(snapshot.config.robots)
     yaws_rad = {
@@ -94,11 +77,11 @@ def fit_with_past(
     finder = finder_of(snapshot, solved, plan)
     past = past_of(snapshot, solved, {*plan.held, *finder.turning, *yaws_rad})
     if past is None:
-        return FittedPlacement(placement)
+        return placement
     # The enclosure of a hypothesis may hold points of another one.
     among = None if plan in alone else _squared_bounds(solved.problem(), points, placement)
     if among and np.any(among[0] > among[1]):
-        return FittedPlacement(placement)
+        return placement
     in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
     beside = Terms.of([*terms_of(snapshot, solved, in_past, anchors_of(snapshot, plan))])
     past = replace(past, terms=Terms.joined([beside, past.terms]))
@@ -107,7 +90,7 @@ def fit_with_past(
     best = finder.find(places_m[points], enclosure, among, past, yaws_rad)
     is_another = among and not (best.proved or _within(among, best.positions_m))
     if is_another or math.isinf(best.cost):
-        return FittedPlacement(placement)
+        return placement
     places_m[points] = best.positions_m
     covariances = np.full((len(places_m), 6, 6), np.nan)
     covariances[points] = best.covariances
@@ -117,7 +100,7 @@ def fit_with_past(
         for robot in np.flatnonzero(np.isnan(fitted_yaws_rad[:n_robots])):
             covariances[robot, 3:] = placement.covariances[robot, 3:]
             covariances[robot, :, 3:] = placement.covariances[robot, :, 3:]
-    fitted = replace(
+    return replace(
         placement,
         positions_m=places_m[:n_robots],
         landmarks_m=places_m[n_robots : n_robots + len(placement.landmarks_m)],
@@ -125,7 +108,6 @@ def fit_with_past(
         covariances=covariances[:n_robots],
         fitted_yaws_rad=fitted_yaws_rad[:n_robots],
     )
-    return FittedPlacement(fitted, best.cost)
 
 
 def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray, FloatArray]:

@@ -11,9 +11,10 @@ odometry is left out: how far it may have moved soon says nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +24,12 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.mounts import places_on_body
-from dg_localization.fleet.odometry import OdometryPath
-from dg_localization.fleet.track_poses import TrackPoses
+from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.memory import Observation, Window
-from dg_localization.fleet.window.paths import Tilt, path_of
-from dg_localization.fleet.window.rows import Row, Table
 from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import sum_up
-from dg_localization.poses import Cover, PairReadings, PastPoses
+from dg_localization.poses import NO_RAY_RAD, Cover, PairReadings, PastPoses
 
 WORLD = -1
 """The body of the anchors."""
@@ -39,20 +37,62 @@ WORLD = -1
 Pair = tuple[int, int]
 """Two bodies, the smaller index first: the world before any robot."""
 
+AHEAD = np.array([1.0, 0.0, 0.0])
+
+
+class Tilt(NamedTuple):
+    """The rotation from the body frame of a robot to its level frame, and its greatest error."""
+
+    rotation: NDArray[np.float64]
+    error_rad: float
+
+
+class Table(NamedTuple):
+    """Observations of a pair as arrays, newest first; points are those of its two bodies."""
+
+    observations: NDArray[Any]
+    stamps_s: NDArray[np.float64]
+    seen_by_second: NDArray[np.bool_]
+    points: NDArray[np.int64]
+    lower_m: NDArray[np.float64]
+    upper_m: NDArray[np.float64]
+    rays: NDArray[np.float64]
+    errors_rad: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, rows: Sequence[tuple[Observation, bool, tuple[int, int]]], pair: Pair) -> Table:
+        """Return a table of observations; how an anchor is turned is not known."""
+        observations = np.empty(len(rows), object)
+        observations[:] = [row[0] for row in rows]
+        by_second = np.array([row[1] for row in rows])
+        stamps_s, lower_m, upper_m, errors_rad = np.array(
+            [
+                (
+                    one.stamp_s,
+                    one.lower_m,
+                    one.upper_m,
+                    NO_RAY_RAD if one.direction is None else one.half_width_rad,
+                )
+                for one in observations
+            ]
+        ).T.copy()
+        if pair[0] == WORLD:
+            errors_rad[~by_second] = NO_RAY_RAD
+        rays = np.array(
+            [AHEAD if one.direction is None else one.direction for one in observations]
+        )
+        points = np.array([row[2] for row in rows])
+        return cls(
+            observations, stamps_s, by_second, points, lower_m, upper_m, rays, errors_rad
+        ).some(np.argsort(-stamps_s, kind='stable'))
+
+    def some(self, index: slice | NDArray[np.int64]) -> Table:
+        """Return some of the rows."""
+        return Table._make(column[index] for column in self)
+
 
 class CarriedWindow:
-    """
-    What the pairs of bodies observed of each other, seen from where both are now.
-
-    Parameters
-    ----------
-    config : FleetConfig
-    now_s : float
-    window : Window
-    motion : Motion
-    anchors : AnchorGeometry
-
-    """
+    """What the pairs of bodies observed of each other, seen from where both are now."""
 
     def __init__(
         self,
@@ -62,41 +102,45 @@ class CarriedWindow:
         motion: Motion,
         anchors: AnchorGeometry,
     ) -> None:
-        self._config = config
-        self._now_s = now_s
-        self._motion = motion
-        self._anchors = anchors
-        self._rows: dict[Pair, list[Row]] = {}
-        index = {name: i for i, name in enumerate(config.points)}
-        for (observer, target), observations in window.observations.items():
-            self._add(index[observer], index[target], observations)
-        for rows in self._rows.values():
-            rows.sort(key=lambda row: -row.observation.stamp_s)
-        self._tables = {
-            pair: Table.of(rows, pair[0] == WORLD) for pair, rows in self._rows.items()
-        }
+        self._config, self._now_s, self._motion, self._anchors = config, now_s, motion, anchors
+        self._index = {name: i for i, name in enumerate(config.points)}
+        rows: dict[Pair, list[tuple[Observation, bool, tuple[int, int]]]] = {}
+        for (observer, target), seen in window.observations.items():
+            pair = self._pair_of(observer, target)
+            if pair is not None:
+                by_second = self._body_of(observer) == pair[1]
+                ends = (target, observer) if by_second else (observer, target)
+                points = self._index[ends[0]], self._index[ends[1]]
+                rows.setdefault(pair, []).extend((one, by_second, points) for one in seen)
+        self._tables = {pair: Table.of(some, pair) for pair, some in sorted(rows.items())}
         self._paths: dict[int, OdometryPath] = {}
-        observing = sorted({body for pair in self._rows for body in pair} - {WORLD})
-        self._stamps = {robot: self._stamps_with(robot) for robot in observing}
-
-    @cached_property
-    def _poses(self) -> dict[int, PastPoses]:
-        """Past poses of the robots seen from where they are, for all their observations."""
-        return {
-            body: self.path(body).past_poses(stamps, self._now_s)
-            for body, stamps in self._stamps.items()
+        observing = {body for pair in self._tables for body in pair} - {WORLD}
+        # The times of all observations of a robot, ascending.
+        self._stamps = {
+            robot: np.unique(
+                np.concatenate([t.stamps_s for pair, t in self._tables.items() if robot in pair])
+            )
+            for robot in sorted(observing)
         }
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
         """The pairs that observed anything."""
-        return tuple(sorted(self._rows))
+        return tuple(self._tables)
 
     def path(self, robot: int) -> OdometryPath:
         """Return the path of a robot with odometry."""
         if robot not in self._paths:
-            name = self._config.robots[robot]
-            self._paths[robot] = path_of(self._config, name, self._motion.odometry[name])
+            config, name = self._config, self._config.robots[robot]
+            readings = self._motion.odometry[name]
+            self._paths[robot] = OdometryPath(
+                [reading.stamp_s for reading in readings],
+                [reading.position_m for reading in readings],
+                [reading.rotation for reading in readings],
+                config.odometry_error_of(name),
+                MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
+                config.dimension,
+            )
         return self._paths[robot]
 
     def near_pairs(self, most: int, newest_s: float) -> tuple[Pair, ...]:
@@ -105,12 +149,8 @@ class CarriedWindow:
 
         Only those that observed each other in the `newest_s` before now.
         """
-        robots = [
-            pair
-            for pair in self.pairs
-            if pair[0] != WORLD and self._now_s - self._stamps_of(pair)[0] <= newest_s
-        ]
-        robots.sort(key=lambda pair: self._rows[pair][0].observation.upper_m)
+        robots = self._pairs_of_robots(newest_s)
+        robots.sort(key=lambda pair: float(self._tables[pair].upper_m[0]))
         ranks: Counter[int] = Counter()
         near = []
         for pair in robots:
@@ -121,12 +161,7 @@ class CarriedWindow:
 
     def links_among(self, keys: Iterable[LinkKey]) -> frozenset[LinkKey]:
         """Return the links between bodies whose motions are known: all that can be remembered."""
-        index = {name: i for i, name in enumerate(self._config.points)}
-        return frozenset(
-            key
-            for key in keys
-            if self._pair_of(index[key.observer], index[key.target]) is not None
-        )
+        return frozenset(key for key in keys if self._pair_of(*key.ends) is not None)
 
     def pairs_apart(self, keys: Iterable[LinkKey], newest_s: float) -> tuple[Pair, ...]:
         """
@@ -147,22 +182,20 @@ class CarriedWindow:
             for robot in together
         }
         return tuple(
-            pair
-            for pair in self.pairs
-            if pair[0] != WORLD
-            and component_of[pair[0]] != component_of[pair[1]]
-            and self._now_s - self._stamps_of(pair)[0] <= newest_s
+            (first, second)
+            for first, second in self._pairs_of_robots(newest_s)
+            if component_of[first] != component_of[second]
         )
 
     def span_s(self, pair: Pair, newest_s: float = math.inf) -> float:
         """Return the age of the oldest observation of a pair in the `newest_s` before now."""
-        stamps_s = self._stamps_of(pair)
+        stamps_s = self.stamps_s(pair)
         oldest_s = stamps_s[stamps_s >= self._now_s - newest_s].min(initial=self._now_s)
         return float(self._now_s - oldest_s)
 
     def stamps_s(self, pair: Pair) -> NDArray[np.float64]:
         """Return the times of the observations of a pair, newest first."""
-        return self._stamps_of(pair)
+        return self._tables[pair].stamps_s if pair in self._tables else np.empty(0)
 
     def fixes_place(self, pair: Pair, chosen: NDArray[np.intp] | slice = slice(None)) -> bool:
         """
@@ -188,35 +221,57 @@ class CarriedWindow:
         count = len(ranges) + len(sights) * (1 if in_plane else 2)
         return apart and count >= (3 if in_plane else 4)
 
-    def sources(self, pair: Pair) -> tuple[tuple[str, str, Observation], ...]:
+    def sources(self, pair: Pair) -> list[tuple[str, str, Observation]]:
         """Return the observations of a pair with observer and target, newest first."""
-        names = self._config.points
+        names, seen = self._config.points, self._tables[pair]
         found = []
-        for row in self._rows[pair]:
-            first, second = (names[point] for point in row.points)
-            ends = (second, first) if row.seen_by_second else (first, second)
-            found.append((*ends, row.observation))
-        return tuple(found)
+        columns = zip(seen.observations, seen.seen_by_second, seen.points, strict=True)
+        for observation, by_second, (first, second) in columns:
+            ends = (second, first) if by_second else (first, second)
+            found.append((names[ends[0]], names[ends[1]], observation))
+        return found
 
     def readings(
-        self, pair: Pair, most: int | None = None, newest_s: float = math.inf
+        self,
+        pair: Pair,
+        newest_s: float = math.inf,
+        *,
+        most: int | None = None,
+        on_tracks: bool = False,
     ) -> PairReadings:
         """
-        Return the observations of a pair, newest first.
+        Return the observations of a pair in the `newest_s` before now, newest first.
 
-        Those of the `newest_s` before now; at most `most`, spread in time.
+        At most `most`, spread in time. They are seen from where both bodies are, or from where
+        their tracks are.
         """
-        return self._readings(pair, self._poses, most, newest_s)
-
-    def readings_on_tracks(self, pair: Pair, newest_s: float = math.inf) -> PairReadings:
-        """
-        Return the observations of a pair, newest first, seen from the tracks of both.
-
-        Those of the `newest_s` before now.
-        """
-        tracks = self._tracks
-        past = {body: tracks[body].past for body in pair if body != WORLD}
-        return self._readings(pair, past, None, newest_s)
+        first, second = pair
+        seen = self._tables[pair]
+        count = int(np.count_nonzero(seen.stamps_s >= self._now_s - newest_s))
+        if most is not None and count > most:
+            seen = seen.some(np.linspace(0, count - 1, most).astype(int))
+        else:
+            seen = seen.some(slice(count))
+        past = self._on_tracks if on_tracks else self._poses
+        poses = self._of(second, seen, past)
+        first_points, second_points = seen.points.T
+        rays, errors_rad = poses.rays_now(*self._leveled_rays(second, seen))
+        if first == WORLD:
+            places = self._places[first_points]
+        else:
+            other = self._of(first, seen, past)
+            others_rays, others_errors_rad = other.rays_now(*self._leveled_rays(first, seen))
+            rays = np.where(seen.seen_by_second[:, None], rays, others_rays)
+            errors_rad = np.where(seen.seen_by_second, errors_rad, others_errors_rad)
+            places = self._points(first_points, seen.stamps_s, other)
+        return PairReadings.of(
+            places,
+            self._points(second_points, seen.stamps_s, poses),
+            Interval(seen.lower_m, seen.upper_m),
+            rays,
+            errors_rad,
+            seen.seen_by_second,
+        )
 
     def off_tracks(self, pair: Pair, cover: Cover) -> Cover:
         """Return the poses of a pair now, by those of their tracks."""
@@ -230,99 +285,58 @@ class CarriedWindow:
         moved = cover.carried(step.pose, sum_up(step.ball_m, ball_m), back, in_plane)
         return cover.unbounded() if moved is None else moved
 
-    @cached_property
-    def _tracks(self) -> dict[int, TrackPoses]:
-        """Past poses of the robots on their tracks, for all their observations."""
-        return {
-            body: self.path(body).past_poses_on_track(stamps, self._now_s)
-            for body, stamps in self._stamps.items()
-        }
-
-    def _readings(
-        self, pair: Pair, past: Mapping[int, PastPoses], most: int | None, newest_s: float
-    ) -> PairReadings:
-        """Return observations of a pair with bodies in these past poses."""
-        first, second = pair
-        seen = self._tables[pair]
-        count = int(np.count_nonzero(seen.stamps_s >= self._now_s - newest_s))
-        if most is not None and count > most:
-            seen = seen.some(np.linspace(0, count - 1, most).astype(int))
-        else:
-            seen = seen.some(slice(count))
-        poses = self._of(second, seen.stamps_s, past)
-        other = PastPoses.at_rest(len(seen.stamps_s))
-        if first != WORLD:
-            other = self._of(first, seen.stamps_s, past)
-        return self._seen(pair, seen, other, poses)
-
-    def _seen(self, pair: Pair, seen: Table, other: PastPoses, poses: PastPoses) -> PairReadings:
-        """Return observations of a pair, the poses of whose bodies at their times are given."""
-        first, second = pair
-        rays, errors_rad = poses.rays_now(*self._leveled_rays(second, seen))
-        if first != WORLD:
-            others_rays, others_errors_rad = other.rays_now(*self._leveled_rays(first, seen))
-            rays = np.where(seen.seen_by_second[:, None], rays, others_rays)
-            errors_rad = np.where(seen.seen_by_second, errors_rad, others_errors_rad)
-        first_points, second_points = seen.points.T
-        return PairReadings.of(
-            self._places[first_points]
-            if first == WORLD
-            else self._points(first_points, seen.stamps_s, other),
-            self._points(second_points, seen.stamps_s, poses),
-            Interval(seen.lower_m, seen.upper_m),
-            rays,
-            errors_rad,
-            seen.seen_by_second,
-        )
-
     def tilt(self, robot: int) -> Tilt:
         """Return roll and pitch of a robot now."""
         rotations, errors_rad = self.path(robot).tilts([self._now_s])
         return Tilt(rotations[0], float(errors_rad[0]))
 
-    def _add(self, observer: int, target: int, observations: tuple[Observation, ...]) -> None:
-        """Add what one point observed of another, if the motion of both is known."""
-        pair = self._pair_of(observer, target)
-        if pair is None:
-            return
-        by_second = self._body_of(observer) == pair[1]
-        points = (target, observer) if by_second else (observer, target)
-        rows = self._rows.setdefault(pair, [])
-        rows += [Row(seen, by_second, points) for seen in observations]
+    @cached_property
+    def _poses(self) -> dict[int, PastPoses]:
+        """Past poses of the robots seen from where they are, for all their observations."""
+        return {
+            body: self.path(body).past_poses(stamps, self._now_s)
+            for body, stamps in self._stamps.items()
+        }
 
-    def _pair_of(self, observer: int, target: int) -> Pair | None:
+    @cached_property
+    def _on_tracks(self) -> dict[int, PastPoses]:
+        """Past poses of the robots seen from their tracks, for all their observations."""
+        return {
+            body: self.path(body).past_poses(stamps, self._now_s, on_track=True)
+            for body, stamps in self._stamps.items()
+        }
+
+    def _pairs_of_robots(self, newest_s: float) -> list[Pair]:
+        """Return the pairs of robots that observed each other in the `newest_s` before now."""
+        oldest_s = self._now_s - newest_s
+        return [
+            pair
+            for pair, seen in self._tables.items()
+            if pair[0] != WORLD and seen.stamps_s[0] >= oldest_s
+        ]
+
+    def _pair_of(self, observer: str, target: str) -> Pair | None:
         """Return the bodies of two points; None where both are one or a motion is not known."""
         first, second = self._body_of(observer), self._body_of(target)
         if first is None or second is None or first == second:
             return None
         return min(first, second), max(first, second)
 
-    def _body_of(self, point: int) -> int | None:
+    def _body_of(self, point: str) -> int | None:
         """Return the body of a point; None where the motion is not known."""
-        config, name = self._config, self._config.points[point]
-        robot = config.robot_of(name)
+        config = self._config
+        robot = config.robot_of(point)
         if robot in config.anchors:
             # How a parked robot is turned is not known.
-            return WORLD if robot == name else None
+            return WORLD if robot == point else None
         if not (self._motion.odometry.get(robot) and config.is_upright(robot)):
             return None
-        return config.robots.index(robot)
+        return self._index[robot]
 
-    def _stamps_of(self, pair: Pair) -> NDArray[np.float64]:
-        return self._tables[pair].stamps_s if pair in self._tables else np.empty(0)
-
-    def _stamps_with(self, robot: int) -> NDArray[np.float64]:
-        """Return the times of all observations of a robot, ascending."""
-        return np.unique(
-            np.concatenate([self._stamps_of(pair) for pair in self._rows if robot in pair])
-        )
-
-    def _of(
-        self, robot: int, stamps: NDArray[np.float64], past: Mapping[int, PastPoses]
-    ) -> PastPoses:
-        """Return where a robot was at some of the times of its observations."""
+    def _of(self, robot: int, seen: Table, past: Mapping[int, PastPoses]) -> PastPoses:
+        """Return where a robot was at the times of some of its observations."""
         poses = past[robot]
-        index = np.searchsorted(self._stamps[robot], stamps)
+        index = np.searchsorted(self._stamps[robot], seen.stamps_s)
         return PastPoses(poses.position_m[index], poses.yaw_rad[index])
 
     def _leveled_rays(
@@ -346,13 +360,11 @@ class CarriedWindow:
     ) -> Interval:
         """Return where points of a robot were in some past poses, shape (m, 3)."""
         config = self._config
-        if not config.sensors:
-            return poses.position_m
-        names = [config.points[point] for point in points]
+        names = [config.points[point] for point in points] if config.sensors else []
         if config.sensors.keys().isdisjoint(names):
             return poses.position_m
         arms_m = places_on_body(config, names)
         if config.dimension == 3:
-            robot = config.robots.index(config.robot_of(names[0]))
+            robot = self._index[config.robot_of(names[0])]
             arms_m = self.path(robot).leveled_points(stamps_s, arms_m)
         return poses.points_now(arms_m)

@@ -245,5 +245,5 @@ class _Step:
     def _all_readings(self) -> PairReadings:
         """Return all readings of the window, seen from the tracks now."""
         if self._readings is None:
-            self._readings = self._carried.readings_on_tracks(self._pair)
+            self._readings = self._carried.readings(self._pair, on_tracks=True)
         return self._readings

@@ -16,8 +16,7 @@ from dg_localization.fleet.constraints.rays import RayBundle
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.fleet.window.allowance import Allowance
-from dg_localization.fleet.window.carry import WORLD, CarriedWindow, Pair
+from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between
 from dg_localization.interval.arrays import Interval, squared_norm
@@ -94,36 +93,20 @@ NO_POSE_SETS = PoseSets()
 
 def place_robots(
     snapshot: Snapshot,
-    carried: CarriedWindow,
-    allowance: Allowance,
+    time_of: Callable[[int], Callable[[], bool]],
     newest_s: float,
     earlier: EarlierSets,
 ) -> tuple[PoseSets, tuple[Forgotten, ...]]:
     """
-    Return the pose sets of all robots that observed anchors in a window.
+    Return the pose sets of all robots that observed anchors in a window, and what is forgotten.
 
     The pose sets of robots that observed each other are made, too, where nothing that is measured
     now connects the two, and of two robots without anchors. Where outliers are tolerated, and not
     both are placed, they are always: no single reading can be trusted then. They add nothing else.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    carried : CarriedWindow
-    allowance : Allowance
-        Divided among the sets.
-    newest_s : float
-        What robots observed of each other counts so long.
-    earlier : EarlierSets
-        They go on to now.
-
-    Returns
-    -------
-    PoseSets
-    tuple of Forgotten
-        What contradicts itself.
-
+    `time_of` divides the time that is left by the number of sets. What robots observed of each
+    other counts for `newest_s`; `earlier` sets go on to now.
     """
+    carried = snapshot.carried
     anchored = bool(snapshot.anchors.cores)
     robots_too = snapshot.config.window_outliers > 0
     apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
@@ -140,13 +123,11 @@ def place_robots(
     in_doubt: set[int] = set()
     loose: set[Pair] = set()
     for number, pair in enumerate(pairs):
-        stopped = allowance.part(len(pairs) - number)
+        stopped = time_of(len(pairs) - number)
         placed = pair[0] != WORLD and all((WORLD, robot) in covers for robot in pair)
         if not in_doubt.isdisjoint(pair) or (placed and pair not in apart):
             continue
-        found = _place(
-            snapshot, carried, pair, earlier, newest_s if pair in apart else math.inf, stopped
-        )
+        found = _place(snapshot, pair, earlier, newest_s if pair in apart else math.inf, stopped)
         if found is None:
             continue
         if not isinstance(found, _Contradiction):
@@ -198,7 +179,7 @@ def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Co
 
 
 def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
-    """Return what a robot measures of anchors now; None where it sees none of them."""
+    """Return what a robot measures of anchors now; None where its place alone follows from it."""
     config, now_s = snapshot.config, snapshot.stamp_s
     rows = {name: row for row, name in enumerate(config.points)}
     anchors = {name: snapshot.anchors.boxes.get(rows[name]) for name in config.anchors}
@@ -213,7 +194,7 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
             places.append(place + Interval(-off_m, off_m))
             bounds.append((0.0, math.inf))
             rays.append((turned.direction, turned.half_width_rad))
-    if not rays:
+    if not rays and len(own) == 1:
         return None
     for distance in snapshot.distances:
         for end, other in (distance.key.ends, distance.key.ends[::-1]):
@@ -223,6 +204,8 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
                 places.append(place)
                 bounds.append((distance.lower_m, distance.upper_m))
                 rays.append((np.array([1.0, 0.0, 0.0]), NO_RAY_RAD))
+    if not ends:
+        return None
     points_m = np.zeros((2, len(ends), 3))
     points_m[0, :, :2] = [place.lower for place in places]
     points_m[1, :, :2] = [place.upper for place in places]
@@ -254,7 +237,6 @@ class _Contradiction:
 
 def _place(
     snapshot: Snapshot,
-    carried: CarriedWindow,
     pair: Pair,
     earlier: EarlierSets,
     newest_s: float,
@@ -265,7 +247,7 @@ def _place(
 
     None where the window has no reading and odometry does not carry an earlier set to now.
     """
-    in_plane = snapshot.config.dimension == 2
+    carried, in_plane = snapshot.carried, snapshot.config.dimension == 2
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
     height_m = (0.0, 0.0) if in_plane else (-math.inf, math.inf)
     followed = None
@@ -276,7 +258,7 @@ def _place(
         return _unless_contradicted(snapshot, pair, carried.off_tracks(pair, cover), fixed)
     if not len(carried.stamps_s(pair)):
         return None
-    readings = carried.readings_on_tracks(pair, newest_s)
+    readings = carried.readings(pair, newest_s, on_tracks=True)
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
         agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)

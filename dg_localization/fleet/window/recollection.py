@@ -5,18 +5,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
+import time
+from typing import NamedTuple, TypeVar
 
+import numpy as np
+
+from dg_localization.fleet.answers import Answer
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.estimate import FixedFrame, Placement
+from dg_localization.fleet.estimate import FixedFrame, Group, Placement
+from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.fleet.window.allowance import Allowance
 from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between, without
-from dg_localization.fleet.window.in_space import narrow_in_space
 from dg_localization.fleet.window.memory import Ends
 from dg_localization.fleet.window.pose_sets import (
     NO_POSE_SETS,
@@ -26,15 +31,18 @@ from dg_localization.fleet.window.pose_sets import (
 )
 from dg_localization.fleet.window.proved import CarriedPlacements, Proved
 from dg_localization.fleet.window.shape_headings import (
-    narrow_placement,
+    narrow_in_plane,
+    narrow_in_space,
     within_bounds,
 )
-from dg_localization.fleet.window.sifting import Left, parted, sifted
 from dg_localization.poses import PairOptions, PairReadings
 from dg_localization.solver.options import Cancel
 
 PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measured now'
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
+
+MOST_LATE = 3.0
+"""Where the processors are busy with other work, so many times the span may pass on the clock."""
 
 MOST_PARTNERS = 4
 """Of each robot: near ones tell most of its heading, since errors of ranges grow with them."""
@@ -65,13 +73,63 @@ what is left where outliers are tolerated, and few with linear programs where no
 MOST_REFINED = 16
 """Of more placements than these, the others get coarse headings only."""
 
+MOST_REFITTED = 4
+"""More placements than these stay as they are: none of them is the answer yet."""
+
+Part = TypeVar('Part', Answer, Group)
+Narrow = Callable[[Placement], Placement | str]
+Refit = Callable[[FramePlan, Placement], Placement]
+
+
+class Allowance:
+    """
+    A span of processor time of this thread from now on, to be divided among tasks.
+
+    On the clock other threads would use it up: what is left of a busy machine is needed. `cancel`
+    ends the time when set.
+    """
+
+    def __init__(self, seconds: float, cancel: Cancel | None) -> None:
+        self._cancel = cancel
+        self._left_s, self._left_on_clock_s = seconds, MOST_LATE * seconds
+        self.resume()
+
+    def pause(self) -> None:
+        """Let no time pass until `resume`."""
+        self._left_s = max(0.0, self._end_s - time.thread_time())
+        self._left_on_clock_s = max(0.0, self._end_on_clock_s - time.monotonic())
+
+    def resume(self) -> None:
+        """Go on where it was paused."""
+        self._end_s = time.thread_time() + self._left_s
+        self._end_on_clock_s = time.monotonic() + self._left_on_clock_s
+
+    def part(self, tasks: int) -> Callable[[], bool]:
+        """Return what tells the first of some tasks that its equal part of the rest is used up."""
+        now_s = time.thread_time()
+        end_s = now_s + max(0.0, self._end_s - now_s) / tasks
+
+        def stopped() -> bool:
+            cancelled = self._cancel is not None and self._cancel.is_set()
+            late = time.monotonic() > self._end_on_clock_s
+            return cancelled or late or time.thread_time() > end_s
+
+        return stopped
+
+
+class Remaining(NamedTuple):
+    """The placements that a window leaves of some, and a sentence on each that is impossible."""
+
+    placements: tuple[Placement, ...] = ()
+    ruled_out: tuple[str, ...] = ()
+
 
 @dataclass(frozen=True)
 class Recollection:
     """
     A window, carried to the time of a snapshot.
 
-    Parameters
+    Attributes
     ----------
     snapshot : Snapshot
         Without what contradicts itself.
@@ -117,20 +175,13 @@ class Recollection:
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
-        ends = _ends_of(self.config, [(WORLD, robot) for robot in self.pose_sets.covers])
-        ends |= _ends_of(self.config, self.pose_sets.relative)
-        forgotten = (*self.forgotten, Forgotten(ends, self.stamp_s, CONTRADICTS_NOW))
+        pairs = [*((WORLD, robot) for robot in self.pose_sets.covers), *self.pose_sets.relative]
+        forgotten = self.forgetting(_ends_of(self.config, pairs), CONTRADICTS_NOW)
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
 
-    def without_chains(self) -> Recollection:
-        """Return this without what an earlier estimate proved, which contradicts the moment."""
-        forgotten = (*self.forgotten, Forgotten(frozenset(), self.stamp_s, PROVED_CONTRADICTS))
-        return replace(self, chains=(None,), forgotten=forgotten)
-
-    def without_anything(self) -> tuple[Forgotten, ...]:
-        """Return what is forgotten where the window leaves no placement of the moment."""
-        ends = _ends_of(self.config, self.spans_s)
-        return (*self.forgotten, Forgotten(ends, self.stamp_s, CONTRADICTS_NOW))
+    def forgetting(self, ends: frozenset[Ends], text: str) -> tuple[Forgotten, ...]:
+        """Return what is forgotten, with all observations of some points."""
+        return (*self.forgotten, Forgotten(ends, self.stamp_s, text))
 
     @property
     def empty(self) -> bool:
@@ -138,73 +189,42 @@ class Recollection:
         known = self.readings or self.pose_sets.any or self.pose_sets.of_moment
         return not (known or any(self.chains))
 
-    def narrow(self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0) -> Left:
+    def narrow(
+        self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0
+    ) -> Remaining:
         """
-        Return what the window and an earlier estimate leave of placements in one frame.
+        Return what the window and one chain of earlier estimates leave of placements in one frame.
 
-        Parameters
-        ----------
-        placements : sequence of Placement
-        frame : FixedFrame
-        chain : int
-            Which one of the chains; those after it have their shares of the time that is left.
-
-        Returns
-        -------
-        Left
-
+        The chains after it have their shares of the time that is left.
         """
+        outliers, stopped = self.config.window_outliers, self.allowance.part(1)
+        if self.config.dimension == 2:
+            stopped = self.allowance.part(len(self.chains) - chain)
+
+        def narrow_with(boxes: int, programs: int = 0) -> Narrow:
+            options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, programs)
+
+            def narrow(placement: Placement) -> Placement | str:
+                if self.config.dimension == 3:
+                    found = narrow_in_space(placement, frame.kind, self.pose_sets, self.tilts)
+                else:
+                    found = narrow_in_plane(placement, frame, self, options, stopped)
+                return found if isinstance(found, Placement) else self._over(found)
+
+            return narrow
+
         if self.config.dimension == 3:
-            return self._narrowed_in_space(placements, frame)
-        stopped = self.allowance.part(len(self.chains) - chain)
-        gone_on = _carried_on(placements, frame, self.chains[chain])
-        outliers = self.config.window_outliers
-        most, others = parted(gone_on.placements, MOST_REFINED)
-        sentences = gone_on.ruled_out
+            return _sifted(placements, narrow_with(COARSE_BOXES))
+        left = _carried_on(placements, frame, self.chains[chain])
+        sentences = left.ruled_out
+        best, others = _parted(left.placements, MOST_REFINED)
         if others:
-            coarse = PairOptions(outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
-            possible = self._tried(gone_on.placements, frame, coarse, stopped)
-            most, others = parted(possible.placements, MOST_REFINED)
-            sentences += possible.ruled_out
+            left = _sifted(left.placements, narrow_with(COARSE_BOXES))
+            sentences += left.ruled_out
+            best, others = _parted(left.placements, MOST_REFINED)
         boxes = FINE_BOXES if outliers else COARSE_BOXES
-        options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, PROGRAM_BOXES)
-        refined = self._tried(most, frame, options, stopped)
-        return Left((*refined.placements, *others), sentences + refined.ruled_out)
-
-    def _narrowed_in_space(self, placements: Sequence[Placement], frame: FixedFrame) -> Left:
-        """Return the placements of robots among anchors; others are left as they are."""
-
-        def narrow(placement: Placement) -> tuple[Placement | None, str]:
-            narrowed = narrow_in_space(placement, frame.kind, self.pose_sets, self.tilts)
-            pair = narrowed.ruled_out_by
-            return narrowed.placement, '' if pair is None else self._over(pair)
-
-        return sifted(placements, narrow)
-
-    def _tried(
-        self,
-        placements: Sequence[Placement],
-        frame: FixedFrame,
-        options: PairOptions,
-        stopped: Callable[[], bool],
-    ) -> Left:
-        """Return placements narrowed, those that are impossible left out."""
-        robots = self.config.robots
-
-        def narrow(placement: Placement) -> tuple[Placement | None, str]:
-            narrowed = narrow_placement(
-                placement,
-                frame,
-                robots,
-                self.readings,
-                self.pose_sets,
-                options,
-                stopped,
-            )
-            pair = narrowed.ruled_out_by
-            return narrowed.placement, '' if pair is None else self._over(pair)
-
-        return sifted(placements, narrow)
+        refined = _sifted(best, narrow_with(boxes, PROGRAM_BOXES))
+        return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _over(self, pair: Pair) -> str:
         """Return the name of a pair and for how long it has measured."""
@@ -212,45 +232,6 @@ class Recollection:
         robots = self.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
         return f'{names} over {self.spans_s[pair]:.0f} s'
-
-
-def _carried_on(
-    placements: Sequence[Placement], frame: FixedFrame, carried: CarriedPlacements | None
-) -> Left:
-    """Return the placements that can go on from an earlier estimate."""
-    if carried is None:
-        return Left(tuple(placements), ())
-
-    def go_on(placement: Placement) -> tuple[Placement | None, str]:
-        bounds = carried.around(placement, frame)
-        if bounds is None:
-            return None, f'the estimate {carried.age_s:.1f} s ago'
-        return within_bounds(placement, bounds), ''
-
-    return sifted(placements, go_on)
-
-
-def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
-    """Return the points that pairs of bodies observe each other by."""
-    robots = config.robots
-    found: frozenset[Ends] = frozenset()
-    for first, second in pairs:
-        others = config.anchors if first == WORLD else (robots[first],)
-        found |= ends_between(config, robots[second], others)
-    return found
-
-
-def chain_seconds(config: FleetConfig) -> float:
-    """Return for how long an estimate proves something of later ones."""
-    return (1.0 - WINDOW_SHARE) * config.memory_s
-
-
-def _chains(snapshot: Snapshot, proved: Sequence[Proved]) -> tuple[CarriedPlacements | None, ...]:
-    """Return what was proved, carried on; a chain begins where the youngest is half as old."""
-    begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(snapshot.config)
-    begins = all(one.since_s <= begins_s for one in proved)
-    chains = [CarriedPlacements(one, snapshot) for one in proved]
-    return (*chains, None) if begins else tuple(chains)
 
 
 def recall(
@@ -277,33 +258,210 @@ def recall(
     if allowance.part(1)():
         proved = ()
     newest_s = config.memory_s * WINDOW_SHARE
-    pose_sets, forgotten = place_robots(snapshot, carried, allowance, newest_s, earlier)
+    pose_sets, forgotten = place_robots(snapshot, allowance.part, newest_s, earlier)
     spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.pairs)}
     snapshot = without(snapshot, forgotten)
-    carried = snapshot.carried
+    carried, doubtful = snapshot.carried, earlier.doubts.robots
     # What a robot in doubt measures now may be what is wrong.
-    placed = pose_sets.covers.keys() | earlier.doubts.robots
-    pose_sets = replace(pose_sets, of_moment=place_by_moment(snapshot, placed))
+    of_moment = place_by_moment(snapshot, pose_sets.covers.keys() | doubtful)
     recalled = Recollection(
         snapshot,
         allowance,
         spans_s=spans_s,
-        pose_sets=pose_sets,
+        pose_sets=replace(pose_sets, of_moment=of_moment),
         replaced=replaced,
         forgotten=forgotten,
-        in_doubt=tuple(config.robots[robot] for robot in sorted(earlier.doubts.robots)),
+        in_doubt=tuple(config.robots[robot] for robot in sorted(doubtful)),
     )
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
     near = carried.near_pairs(MOST_PARTNERS, newest_s)
     most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
+    # A chain begins where the youngest is half as old.
+    begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(config)
+    begins = all(one.since_s <= begins_s for one in proved)
     return replace(
         recalled,
         spans_s=spans_s | {pair: carried.span_s(pair, newest_s) for pair in near},
         readings={
-            pair: carried.readings(pair, most, newest_s)
+            pair: carried.readings(pair, newest_s, most=most)
             for pair in near
-            if not pose_sets.covers.keys() >= {*pair} and earlier.doubts.robots.isdisjoint(pair)
+            if not pose_sets.covers.keys() >= {*pair} and doubtful.isdisjoint(pair)
         },
-        chains=_chains(snapshot, proved),
+        chains=(
+            *(CarriedPlacements(one, snapshot) for one in proved),
+            *([None] if begins else []),
+        ),
     )
+
+
+def chain_seconds(config: FleetConfig) -> float:
+    """Return for how long an estimate proves something of later ones."""
+    return (1.0 - WINDOW_SHARE) * config.memory_s
+
+
+@dataclass(frozen=True)
+class NarrowedAnswer:
+    """
+    An answer after the window has been heard.
+
+    Attributes
+    ----------
+    answer : Answer
+    ruled_out : tuple of str
+        A sentence on each placement that is left out.
+    forgotten : tuple of Forgotten
+    proved : tuple of Proved
+        What it proves of later ones, the oldest chain first.
+
+    """
+
+    answer: Answer
+    ruled_out: tuple[str, ...]
+    forgotten: tuple[Forgotten, ...]
+    proved: tuple[Proved, ...] = ()
+
+
+def narrow_answer(
+    found: Answer, plans: Plans, recalled: Recollection, refit: Refit
+) -> NarrowedAnswer:
+    """
+    Return what a window leaves of an answer.
+
+    `refit` finds best points by the headings that the window tells. Where the window leaves no
+    placement at all, it contradicts the moment: the answer stays as it is. The same holds where
+    none is left of those listed, and there are others: that is no contradiction.
+    """
+    if recalled.empty:
+        return NarrowedAnswer(found, (), recalled.forgotten)
+    recalled.allowance.resume()
+    answers: list[Answer | Group] = [found, *found.groups]
+    planned = zip(answers, (plans.main, *plans.others), strict=True)
+    parts = [
+        (part, plan, recalled.narrow(part.placements, plan.frame))
+        for part, plan in planned
+        if plan is not None
+    ]
+    emptied = [part for part, _, left in parts if part.placements and not left.placements]
+    if any(len(part.placements) < part.n_hypotheses for part in emptied):
+        return NarrowedAnswer(found, (), recalled.forgotten)
+    if emptied and any(recalled.chains):
+        recalled.allowance.pause()
+        forgotten = recalled.forgetting(frozenset(), PROVED_CONTRADICTS)
+        alone = replace(recalled, chains=(None,), forgotten=forgotten)
+        return narrow_answer(found, plans, alone, refit)
+    if emptied:
+        ends = _ends_of(recalled.config, recalled.spans_s)
+        return NarrowedAnswer(found, (), recalled.forgetting(ends, CONTRADICTS_NOW))
+    proved: tuple[Proved, ...] = ()
+    if plans.main is not None:
+        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, parts[0][2]))
+    kept = iter(_refitted(left.placements, plan, recalled, refit) for _, plan, left in parts)
+    answer = found if plans.main is None else _with_placements(found, next(kept))
+    groups = tuple(_with_placements(group, next(kept)) for group in found.groups)
+    return NarrowedAnswer(
+        replace(answer, groups=groups),
+        tuple(text for *_, left in parts for text in left.ruled_out),
+        recalled.forgotten,
+        proved,
+    )
+
+
+def _refitted(
+    placements: tuple[Placement, ...], plan: FramePlan, recalled: Recollection, refit: Refit
+) -> tuple[Placement, ...]:
+    """Return placements, in the plane with new best points where they are few."""
+    if recalled.config.dimension == 3 or len(placements) > MOST_REFITTED:
+        return placements
+    return tuple(refit(plan, placement) for placement in placements)
+
+
+def _with_placements(part: Part, placements: tuple[Placement, ...]) -> Part:
+    """Return an answer or a group with the placements that are left of those listed."""
+    count = part.n_hypotheses - len(part.placements) + len(placements)
+    return replace(part, placements=placements, n_hypotheses=count)
+
+
+def _what_is_proved(
+    found: Answer, frame: FixedFrame, recalled: Recollection, oldest: Remaining
+) -> Iterator[Proved]:
+    """
+    Yield what an answer proves of later ones; `oldest` is what the oldest chain leaves of it.
+
+    Nothing where measurements contradict, or where it rests on all of the memory: later ones may
+    not rest on what is older.
+    """
+    listed = found.placements
+    complete = len(listed) == found.n_hypotheses and not any(p.dropped for p in listed)
+    if not complete or recalled.forgotten or recalled.config.dimension != 2:
+        return
+    if recalled.pose_sets.of_whole_memory:
+        return
+    for chain, carried in enumerate(recalled.chains):
+        left = recalled.narrow(listed, frame, chain) if chain else oldest
+        if left.placements:
+            since_s = recalled.stamp_s if carried is None else carried.since_s
+            yield Proved(left.placements, frame, recalled.stamp_s, since_s)
+
+
+def _sifted(placements: Sequence[Placement], narrow: Narrow) -> Remaining:
+    """
+    Return what `narrow` leaves of placements, or says to rule them out.
+
+    Those whose headings are known least come first, each with all the time that is left: a part
+    of it would not do for any. Where time is short the others have their turn at the next
+    estimate, which knows of these then.
+    """
+    unknown_rad = [
+        np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
+    ]
+    order = np.argsort(-np.array(unknown_rad), kind='stable')
+    found = {int(number): narrow(placements[number]) for number in order}
+    left: list[Placement] = []
+    ruled_out: list[str] = []
+    lone = True
+    for number, placement in enumerate(placements):
+        narrowed = found[number]
+        if isinstance(narrowed, Placement):
+            left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
+        else:
+            image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
+            what = 'mirror image' if image else 'hypothesis'
+            ruled_out.append(f'{what} ruled out by {narrowed}')
+        lone = not isinstance(narrowed, Placement)
+    return Remaining(tuple(left), tuple(ruled_out))
+
+
+def _parted(
+    placements: Sequence[Placement], most: int
+) -> tuple[Sequence[Placement], Sequence[Placement]]:
+    """Return the first `most` placements and the others; a mirror image stays with its image."""
+    if len(placements) > most and placements[most].mirrored:
+        most -= 1
+    return placements[:most], placements[most:]
+
+
+def _carried_on(
+    placements: Sequence[Placement], frame: FixedFrame, carried: CarriedPlacements | None
+) -> Remaining:
+    """Return the placements that can go on from an earlier estimate."""
+    if carried is None:
+        return Remaining(tuple(placements))
+
+    def go_on(placement: Placement) -> Placement | str:
+        bounds = carried.around(placement, frame)
+        if bounds is None:
+            return f'the estimate {carried.age_s:.1f} s ago'
+        return within_bounds(placement, bounds)
+
+    return _sifted(placements, go_on)
+
+
+def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
+    """Return the points that pairs of bodies observe each other by."""
+    robots = config.robots
+    found: frozenset[Ends] = frozenset()
+    for first, second in pairs:
+        others = config.anchors if first == WORLD else (robots[first],)
+        found |= ends_between(config, robots[second], others)
+    return found

@@ -12,15 +12,21 @@ mostly is.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.frames.headings import Heading
-from dg_localization.fleet.window.carry import WORLD, Pair
+from dg_localization.fleet.rotations import (
+    quaternion_of,
+    quaternion_of_yaw,
+    rotations_about_z,
+)
+from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
 from dg_localization.fleet.window.proved import (
     PoseBounds,
@@ -30,9 +36,12 @@ from dg_localization.fleet.window.proved import (
 )
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
-from dg_localization.poses import Cover, JointPoses, PairOptions, PairReadings, narrow_jointly
+from dg_localization.poses import Cover, JointPoses, PairOptions, narrow_jointly
 from dg_localization.poses.cover import arc_around
 from dg_localization.poses.turns import HALF_TURN_UP, turned
+
+if TYPE_CHECKING:
+    from dg_localization.fleet.window.recollection import Recollection
 
 FloatArray = NDArray[np.float64]
 
@@ -40,61 +49,65 @@ KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
 """A heading in less than a half turn counts as known."""
 
 
-@dataclass(frozen=True)
-class Narrowed:
-    """
-    What is left of a placement.
-
-    Parameters
-    ----------
-    placement : Placement or None
-        None where no headings are left.
-    ruled_out_by : tuple of int, or None
-        The bodies whose observations showed it.
-
-    """
-
-    placement: Placement | None
-    ruled_out_by: Pair | None = None
-
-
-def narrow_placement(
+def narrow_in_plane(
     placement: Placement,
     frame: FixedFrame,
-    robots: Sequence[str],
-    readings: Mapping[Pair, PairReadings],
-    pose_sets: PoseSets,
+    recalled: Recollection,
     options: PairOptions,
     stopped: Callable[[], bool],
-) -> Narrowed:
+) -> Placement | Pair:
     """
-    Return what a window leaves of a placement of the moment in the plane.
+    Return what a window leaves of a placement of the moment, or the bodies that rule it out.
 
-    `readings` are what pairs of robots observed of each other. Once `stopped` is true, what is
-    found so far is returned.
+    Once `stopped` is true, what is found so far is returned.
     """
+    robots, pose_sets = recalled.config.robots, recalled.pose_sets
     enclosure, arcs = placement.enclosure_m.copy(), heading_arcs(placement)
     if frame.kind is FrameKind.HEADING:
         arcs[robots.index(frame.points[0])] = 0.0
     for pair, bounds in _bounds_of_sets(frame, robots, enclosure, pose_sets):
         if bounds is None:
-            return Narrowed(None, pair)
+            return pair
         enclosure[:, 0] = np.maximum(enclosure[:, 0], bounds.enclosure_m[:, 0])
         enclosure[:, 1] = np.minimum(enclosure[:, 1], bounds.enclosure_m[:, 1])
         arcs, met = intersect_arcs(arcs, bounds.arcs_rad)
         if not np.all(met) or np.any(enclosure[:, 0] > enclosure[:, 1]):
-            return Narrowed(None, pair)
+            return pair
     lower, upper = np.zeros((2, len(enclosure), 3))
     lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
     settled = pose_sets.covers if frame.kind is FrameKind.ANCHORS else {}
     # Two robots that are known among the anchors tell each other little, and it takes long.
-    useful = {pair: part for pair, part in readings.items() if not settled.keys() >= {*pair}}
-    start = JointPoses(lower, upper, arcs)
-    poses = narrow_jointly(start, useful, options, stopped=stopped)
-    if not poses.possible:
-        return Narrowed(None, poses.ruled_out_by)
+    useful = {p: part for p, part in recalled.readings.items() if not settled.keys() >= {*p}}
+    poses = narrow_jointly(JointPoses(lower, upper, arcs), useful, options, stopped=stopped)
+    if poses.ruled_out_by is not None:
+        return poses.ruled_out_by
     enclosure[:, 0], enclosure[:, 1] = poses.lower_m[:, :2], poses.upper_m[:, :2]
-    return Narrowed(within_bounds(placement, PoseBounds(enclosure, poses.arcs_rad)))
+    return within_bounds(placement, PoseBounds(enclosure, poses.arcs_rad))
+
+
+def narrow_in_space(
+    placement: Placement, frame: FrameKind, pose_sets: PoseSets, tilts: Mapping[int, Tilt]
+) -> Placement | Pair:
+    """
+    Return what pose sets leave of a placement in space, or the bodies that rule it out.
+
+    Pose sets are in the frame of the anchors; `tilts` are those of the robots that have one.
+    """
+    if frame is not FrameKind.ANCHORS:
+        return placement
+    enclosure = placement.enclosure_m.copy()
+    found = {}
+    for robot, cover in pose_sets.covers.items():
+        part = poses_within(cover, *enclosure[robot])
+        if part.empty:
+            return WORLD, robot
+        enclosure[robot] = part.hull.lower_m, part.hull.upper_m
+        middle, half_yaw = _arc_middle(*part.hull.yaw_rad)
+        turn, tilt = rotations_about_z(np.array([middle]))[0], tilts[robot]
+        # Two rotations one after the other turn by no more than the sum of their angles.
+        half_rad = angle_up(half_yaw + tilt.error_rad)
+        found[robot] = Heading(quaternion_of(turn @ tilt.rotation), half_rad)
+    return _with_orientations(_with_enclosure(placement, enclosure), found, [3, 4, 5])
 
 
 def _bounds_of_sets(
@@ -144,11 +157,22 @@ def _two_robots(frame: FixedFrame, robots: Sequence[str], cover: Cover) -> PoseB
 
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:
-    """Return a placement with narrower bounds."""
-    return with_headings(with_enclosure(placement, bounds.enclosure_m), bounds.arcs_rad)
+    """Return a placement with narrower bounds, and headings where the rays tell less."""
+    found = {}
+    for robot, (low, high) in enumerate(bounds.arcs_rad.tolist()):
+        middle, half = _arc_middle(low, high)
+        if half < KNOWN_HALF_WIDTH_RAD:
+            found[robot] = Heading(quaternion_of_yaw(middle), half)
+    return _with_orientations(_with_enclosure(placement, bounds.enclosure_m), found, [5])
 
 
-def with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
+def _arc_middle(low_rad: float, high_rad: float) -> tuple[float, float]:
+    """Return the middle of an arc, and the greatest angle from it to any of the arc."""
+    middle = 0.5 * (low_rad + high_rad)
+    return middle, angle_up(max(high_rad - middle, middle - low_rad))
+
+
+def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
     """Return a placement in a narrower enclosure."""
     positions = np.clip(placement.positions_m, enclosure_m[:, 0], enclosure_m[:, 1])
     moved = bool(np.any((positions != placement.positions_m) & np.isfinite(positions)))
@@ -167,37 +191,13 @@ def with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
     )
 
 
-def with_headings(placement: Placement, arcs_rad: FloatArray) -> Placement:
-    """Return a placement with the headings that are found, where the rays tell less."""
-    found = {}
-    for robot, (low, high) in enumerate(arcs_rad.tolist()):
-        middle, half = arc_middle(low, high)
-        if half < KNOWN_HALF_WIDTH_RAD:
-            xyzw = np.array([0.0, 0.0, math.sin(0.5 * middle), math.cos(0.5 * middle)])
-            found[robot] = Heading(xyzw, half)
-    return with_orientations(placement, found, [5])
-
-
-def arc_middle(low_rad: float, high_rad: float) -> tuple[float, float]:
-    """Return the middle of an arc, and the greatest angle from it to any of the arc."""
-    middle = 0.5 * (low_rad + high_rad)
-    return middle, angle_up(max(high_rad - middle, middle - low_rad))
-
-
-def with_orientations(
+def _with_orientations(
     placement: Placement, found: Mapping[int, Heading], axes: Sequence[int]
 ) -> Placement:
     """
     Return a placement with orientations that a window tells, where the rays tell less.
 
-    Parameters
-    ----------
-    placement : Placement
-    found : mapping of int to Heading
-        By robot.
-    axes : sequence of int
-        The rows of a covariance about which the bound of a heading holds.
-
+    `axes` are the rows of a covariance about which the bound of a heading holds.
     """
     orientations = placement.orientations_xyzw.copy()
     half_widths = placement.heading_half_width_rad.copy()
