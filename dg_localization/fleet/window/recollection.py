@@ -205,10 +205,13 @@ class Recollection:
             options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, programs)
 
             def narrow(placement: Placement) -> Placement | str:
+                sets, robots = self.pose_sets, self.config.robots
                 if self.config.dimension == 3:
-                    found = narrow_in_space(placement, frame.kind, self.pose_sets, self.tilts)
+                    found = narrow_in_space(placement, frame.kind, sets, self.tilts)
                 else:
-                    found = narrow_in_plane(placement, frame, self, options, stopped)
+                    found = narrow_in_plane(
+                        placement, frame, robots, self.readings, sets, options, stopped
+                    )
                 return found if isinstance(found, Placement) else self._over(found)
 
             return narrow

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +35,9 @@ from dg_localization.fleet.window.proved import (
 )
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
-from dg_localization.poses import Cover, JointPoses, PairOptions, narrow_jointly
+from dg_localization.poses import Cover, JointPoses, PairOptions, PairReadings, narrow_jointly
 from dg_localization.poses.cover import arc_around
 from dg_localization.poses.turns import HALF_TURN_UP, turned
-
-if TYPE_CHECKING:
-    from dg_localization.fleet.window.recollection import Recollection
 
 FloatArray = NDArray[np.float64]
 
@@ -52,16 +48,18 @@ KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
 def narrow_in_plane(
     placement: Placement,
     frame: FixedFrame,
-    recalled: Recollection,
+    robots: Sequence[str],
+    readings: Mapping[Pair, PairReadings],
+    pose_sets: PoseSets,
     options: PairOptions,
     stopped: Callable[[], bool],
 ) -> Placement | Pair:
     """
     Return what a window leaves of a placement of the moment, or the bodies that rule it out.
 
-    Once `stopped` is true, what is found so far is returned.
+    `readings` are what pairs of robots observed of each other. Once `stopped` is true, what is
+    found so far is returned.
     """
-    robots, pose_sets = recalled.config.robots, recalled.pose_sets
     enclosure, arcs = placement.enclosure_m.copy(), heading_arcs(placement)
     if frame.kind is FrameKind.HEADING:
         arcs[robots.index(frame.points[0])] = 0.0
@@ -77,7 +75,7 @@ def narrow_in_plane(
     lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
     settled = pose_sets.covers if frame.kind is FrameKind.ANCHORS else {}
     # Two robots that are known among the anchors tell each other little, and it takes long.
-    useful = {p: part for p, part in recalled.readings.items() if not settled.keys() >= {*p}}
+    useful = {p: part for p, part in readings.items() if not settled.keys() >= {*p}}
     poses = narrow_jointly(JointPoses(lower, upper, arcs), useful, options, stopped=stopped)
     if poses.ruled_out_by is not None:
         return poses.ruled_out_by
