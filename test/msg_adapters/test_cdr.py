@@ -88,17 +88,6 @@ def test_diagnostics(text):
         assert_holds(DIAGNOSTICS, diagnostics_to_cdr(diagnostics), diagnostics)
 
 
-def test_equal_values_give_equal_bytes():
-    poses = PoseList(1.0, 'm', np.ones((2, 3)), np.ones((2, 4)))
-    assert pose_array_to_cdr(poses) == pose_array_to_cdr(poses)
-
-
-def test_unknown_position_survives():
-    poses = PoseList(1.0, 'm', np.full((1, 3), math.nan), np.zeros((1, 4)))
-    (pose,) = message_from_cdr(POSE_ARRAY, pose_array_to_cdr(poses)).poses
-    assert math.isnan(pose.position.x)
-
-
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError):
         pose_array_to_cdr(PoseList(1.0, 'm', np.ones((2, 3)), np.ones((1, 4))))

@@ -95,12 +95,6 @@ def test_nobody_in_sight_is_no_fault():
     assert reading.rays_xyz.shape == (0, 3)
 
 
-def test_data_may_be_longer_than_needed():
-    message = cloud({'peer': 'u4', 'range': 'f4'})
-    message.data += bytes(3)
-    assert_rows(peers_from_message(message), rays=False)
-
-
 @pytest.mark.parametrize(
     'formats, wanted',
     [

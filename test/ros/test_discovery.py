@@ -101,13 +101,6 @@ def test_a_topic_that_a_link_replaces_is_told_once():
     assert list(finder.find(topics)) == [] and finder.passed_over == []
 
 
-def test_topic_is_found_once():
-    finder = TopicFinder(TEMPLATES, (), POINTS)
-    topics = [('/a/range/b', [RANGE])]
-    assert len(list(finder.find(topics))) == 1
-    assert list(finder.find(topics)) == []
-
-
 def test_wrong_type_is_reported_while_it_is_there_and_does_not_silence_the_input():
     finder = TopicFinder(TEMPLATES, (), POINTS)
     assert list(finder.find([('/a/range/b', [RAY])])) == []
@@ -118,13 +111,6 @@ def test_wrong_type_is_reported_while_it_is_there_and_does_not_silence_the_input
     assert finder.wrong_types == {link: (RAY,)}
     assert list(finder.find([('/a/range/b', [RANGE])])) == []
     assert finder.wrong_types == {}
-
-
-def test_wrong_type_of_an_explicit_link_is_reported_too():
-    explicit = parse_link(f'/uwb/ab {RANGE} a b')
-    finder = TopicFinder(TEMPLATES, [explicit], POINTS)
-    assert list(finder.find([('/uwb/ab', [ODOMETRY, RANGE])])) == []
-    assert finder.wrong_types == {explicit: (ODOMETRY,)}
 
 
 def test_wrong_types_of_strangers_are_not_reported():

@@ -16,7 +16,6 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
@@ -81,14 +80,6 @@ def test_after_a_backlog_what_is_taken_is_young_enough(bench, make_node):
     assert not int(values.get('rejected_too_old', '0')), values
 
 
-def test_clock_cannot_be_changed_while_the_node_runs(make_node):
-    node = make_node(autostart=False)
-    (result,) = node.set_parameters([Parameter('use_sim_time', value=True)])
-    assert not result.successful and 'only when the node starts' in result.reason
-    assert not node.get_parameter('use_sim_time').value
-    assert not node.get_clock().ros_time_is_active
-
-
 def test_negative_time_on_the_clock_does_not_end_the_node(bench, start_localizer):
     bench.clear()
     process = start_localizer('-p', "robots:=['robot_1', 'robot_2']", '-p', 'use_sim_time:=true')
@@ -148,14 +139,6 @@ def test_huge_cloud_is_counted_and_the_node_answers(bench, make_node):
     bench.repeat(send)
     bench.until_status('input peers robot_1', Level.WARN, 'the message has 10000')
     bench.until_placements(2)
-
-
-def test_relative_templates_are_in_the_namespace_of_the_node(bench, make_node):
-    node = make_node('-r', '__ns:=/left', range__topic='{observer}/range/{target}')
-    bench.repeat(
-        partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/left/robot_1/range/robot_2')
-    )
-    bench.until(lambda: node.count_subscribers('/left/robot_1/range/robot_2'), 'a subscription')
 
 
 def test_many_resets_do_not_flood_the_log(bench, make_node, capfd):

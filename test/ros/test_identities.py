@@ -25,7 +25,6 @@ from dg_localization.ros.interface.identities import (  # noqa: E402
     MOST_CAMERAS,
     MOST_STRANGERS,
     OTHER_STRANGERS,
-    Identities,
     parse_ids,
 )
 from dg_localization.ros.interface.intake import Intake  # noqa: E402
@@ -146,12 +145,6 @@ def test_strangers_cannot_fill_the_memory(localizer, intake):
     assert max(map(len, counts(localizer))) < 100
 
 
-def test_strangers_do_not_keep_robots_from_being_read(localizer, intake):
-    strangers = ' '.join(f'{number}:1.0' for number in range(100, 300))
-    take(intake, f'/uwb {TEXT} *', String(data=f'7 {strangers} 8:3.0'))
-    assert counts(localizer)['range a->b'] == (1, 0)
-
-
 def test_the_report_counts_what_messages_brought_that_name_their_observer(intake):
     link = parse_link(f'/uwb {TEXT} *')
     take(intake, f'/uwb {TEXT} *', String(data='7 8:3.0 stranger:1.0'))
@@ -249,13 +242,6 @@ def test_rays_of_clouds_are_turned_too(intake, rays):
     assert rays['a', 'c'] == pytest.approx((0.0, 1.0, 0.0))
 
 
-def test_a_slash_before_the_frame_of_a_camera_does_not_matter(intake, rays, text_messages):
-    text_messages(PixelReading, pixels_of_text)
-    take(intake, f'/a/info {CAMERA_INFO} a', camera_info())
-    take(intake, f'/a/tags {TEXT} a', String(data='/eye c:50:50'))
-    assert ('a', 'c') in rays
-
-
 @pytest.mark.parametrize('link', [f'/b/info {CAMERA_INFO} b', f'/a/info {CAMERA_INFO} a'])
 def test_pixels_wait_for_the_matrix_of_their_own_camera(intake, rays, text_messages, link):
     text_messages(PixelReading, pixels_of_text)
@@ -317,11 +303,6 @@ def test_ids_of_robots_and_anchors_are_accepted():
     }
 
 
-def test_an_id_of_the_table_wins_over_a_name():
-    identities = Identities({'a': 'b'}, ('a', 'b'))
-    assert identities.observer(parse_link(f'/uwb {TEXT} *'), 'a') == 'b'
-
-
 @pytest.mark.parametrize(
     'text',
     [
@@ -333,21 +314,6 @@ def test_an_id_of_the_table_wins_over_a_name():
 def test_other_links_need_their_observer(text):
     with pytest.raises(ValueError, match='needs the name of its observer'):
         parse_link(text)
-
-
-@pytest.mark.usefixtures('third_party_messages')
-@pytest.mark.parametrize(
-    'text',
-    [
-        '/uwb uwb_ros/msg/RangeStamped *',
-        '/uwb nlink_parser/msg/LinktrackNodeframe2 a',
-        '/tags apriltag_msgs/msg/AprilTagDetectionArray a yaw=0.1 pitch=-0.2',
-        '/seen vision_msgs/msg/Detection2DArray a',
-        '/seen vision_msgs/msg/Detection3DArray a',
-    ],
-)
-def test_types_of_other_packages_are_links_where_these_are_installed(text):
-    assert parse_link(text).key.kind is LinkKind.PEERS
 
 
 def test_types_of_packages_that_are_missing_are_named():

@@ -13,7 +13,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
-from sensor_msgs.msg import PointField, Range  # noqa: E402
+from sensor_msgs.msg import Range  # noqa: E402
 
 from dg_localization.fleet import (  # noqa: E402
     Anchor,
@@ -107,39 +107,6 @@ def test_wrong_row_is_rejected_and_the_next_one_is_not(localizer, row, reason, t
     assert found.last_reason_text == rejection.text
 
 
-def test_wrong_stamp_is_counted_once(localizer):
-    rejection = add(localizer, (1, 3.0, AHEAD), stamp_s=NOW_S - 60.0)
-    assert rejection.reason is RejectionReason.TOO_OLD
-    assert taken(localizer) == {}
-    assert together(localizer).rejected == {RejectionReason.TOO_OLD: 1}
-
-
-def test_observer_outside_the_fleet_is_counted_once(localizer):
-    reading = PeersReading(NOW_S, np.array([0, 1]), np.array([3.0, 4.0]), np.full((2, 3), np.nan))
-    key = LinkKey(LinkKind.PEERS, 'z', '')
-    assert (
-        add_reading(localizer, key, reading, NOW_S, NOW_S).reason is RejectionReason.UNKNOWN_ROBOT
-    )
-    assert taken(localizer) == {}
-
-
-def test_nobody_in_sight_is_no_rejection(localizer):
-    assert add(localizer) is None
-    assert taken(localizer) == {}
-    assert together(localizer).in_use
-
-
-def test_estimate_uses_each_reading_once(localizer):
-    add(localizer, (1, 3.0, AHEAD), (2, 5.0, AHEAD))
-    keys = localizer.snapshot(NOW_S).keys
-    assert sorted((key.kind.value, key.target) for key in keys) == [
-        ('bearing', 'b'),
-        ('bearing', 'beacon'),
-        ('range', 'b'),
-        ('range', 'beacon'),
-    ]
-
-
 RANGE, CLOUD = 'sensor_msgs/msg/Range', 'sensor_msgs/msg/PointCloud2'
 RANGES = Link('/a/range/b', RANGE, LinkKey(LinkKind.RANGE, 'a', 'b'))
 CLOUDS = Link('/a/peers', CLOUD, KEY)
@@ -170,11 +137,6 @@ def adapt_ranges():
 
     yield adapt
     register(usual)
-
-
-def test_message_is_read_from_its_bytes(localizer):
-    assert take(localizer, RANGES, Range(range=3.0)) is None
-    assert taken(localizer) == {('range', 'b'): 1}
 
 
 def cloud(range_m):
@@ -348,9 +310,3 @@ def test_long_message_is_not_decoded(localizer, monkeypatch):
     monkeypatch.setattr('dg_localization.ros.interface.intake.deserialize_message', None)
     found = take(localizer, CLOUDS, bytes(1_000_000))
     assert 'the message has 1000000 bytes, for this fleet at most' in found.last
-
-
-def test_many_fields_do_not_fill_the_diagnostics(localizer):
-    message = cloud_of(1)
-    message.fields = [PointField(name='peer', datatype=6, count=1)] * 1000
-    assert "field 'peer' is there 1000 times" in take(localizer, CLOUDS, message).last

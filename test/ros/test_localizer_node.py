@@ -17,7 +17,6 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
-from dg_localization.ros.node.clock import LEAST_TIGHTEN_S, SHARE_OF_PERIOD
 from dg_localization.ros.node.worker import MOST_STUCK
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
@@ -276,24 +275,6 @@ def test_what_waits_at_a_reset_does_not_count_after_it(bench, make_node):
     bench.until_status('fleet', Level.WARN, 'no usable measurement has arrived yet')
 
 
-def test_what_waits_at_a_reset_is_dropped_where_nobody_says_when_it_arrived(bench, make_node):
-    node = make_node()
-    bench.play_triangle()
-    bench.until_placements(2)
-    bench.sending = []
-    taken = []
-    node._inputs._take = lambda *message: taken.append(message)
-    bench.send_triangle()
-    time.sleep(0.3)
-    node._inputs.drop_waiting()
-    node._inputs._poll()
-    assert taken == []
-    bench.send_triangle()
-    time.sleep(0.3)
-    node._inputs._poll()
-    assert len(taken) == 3
-
-
 @pytest.mark.parametrize('use_sim_time', [False, True])
 def test_no_clock_that_is_set_back_stops_the_answers(make_node, use_sim_time):
     node = make_node(use_sim_time=use_sim_time)
@@ -360,20 +341,6 @@ def test_estimate_that_outlasts_a_tick_is_followed_by_the_next_at_once(bench, ma
     bench.until(lambda: len(began) == 2, 'the next estimate')
     bench.until(lambda: not node._worker.busy, 'its answer')
     assert len(began) == 2, 'the ticks that were missed are not made up for'
-
-
-def test_estimates_that_are_late_for_the_rate_tighten_nothing(bench, make_node):
-    allowed_s = []
-
-    class Slow(Localizer):
-        def estimate(self, snapshot, cancel=None):
-            allowed_s.append(snapshot.tighten_seconds)
-            time.sleep(0.1)
-            return super().estimate(snapshot, cancel)
-
-    make_node(make_localizer=Slow, rate=20.0)
-    bench.until(lambda: allowed_s and allowed_s[-1] == LEAST_TIGHTEN_S, 'no time for bounds')
-    assert allowed_s[0] == pytest.approx(SHARE_OF_PERIOD / 20.0)
 
 
 def test_parameters_come_from_a_file(make_node):

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.spinning import BATCH_S, BatchExecutor  # noqa: E402
+from dg_localization.ros.spinning import BatchExecutor  # noqa: E402
 
 NUMBER = 20
 
@@ -55,15 +55,4 @@ def test_a_callback_that_raises_does_not_drop_the_others(node):
         executor.spin_batch()
     executor.spin_batch()
     assert called == list(range(NUMBER))
-    executor.shutdown()
-
-
-def test_without_anything_ready_it_waits(node):
-    called = []
-    executor = BatchExecutor(context=node.context)
-    executor.add_node(node)
-    timer = node.create_timer(20.0 * BATCH_S, lambda: called.append(1))
-    executor.spin_batch()
-    assert called == [1]
-    node.destroy_timer(timer)
     executor.shutdown()

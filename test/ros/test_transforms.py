@@ -349,8 +349,3 @@ def test_nothing_lies_between_the_poses_before_and_after_a_restart_of_odometry(
         off_m = min(np.linalg.norm(entry.translation_m[:2] - true) for true in true_places)
         # A heading error of 0.1 rad is 5 m at the end of 50 m.
         assert off_m < 6.0, entry
-
-
-def test_there_is_no_topic_unless_asked_for(bench, make_node, transform_class):
-    node = make_anchored_node(make_node)
-    assert node.count_publishers('/tf') == 0

@@ -17,11 +17,6 @@ from rclpy.serialization import deserialize_message  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from dg_localization.fleet import FixedFrame, FrameKind, Localizer  # noqa: E402
-from dg_localization.ros.interface.markers import (  # noqa: E402
-    CONTRADICTING_RGBA,
-    FRESH_RGBA,
-    STALE_RGBA,
-)
 from dg_localization.ros.interface.outputs import (  # noqa: E402
     DIAGNOSTICS,
     estimate_messages,
@@ -187,14 +182,3 @@ def test_a_name_is_not_drawn_over_its_robot_nor_twice_at_the_same_place(paper_fl
         ]
         assert min(gaps, default=1.0) > marker.scale.z
     assert len(names) < len(robots.points) / 3
-
-
-def test_the_first_hypothesis_cannot_be_taken_for_the_state_of_a_link(paper_fleet):
-    (robots,) = [
-        marker
-        for marker in markers_of(estimate_of(paper_fleet, True)).markers
-        if marker.ns == 'robots'
-    ]
-    color = robots.colors[0]
-    for state in (FRESH_RGBA, STALE_RGBA, CONTRADICTING_RGBA):
-        assert np.abs(np.array([color.r, color.g, color.b]) - state[:3]).max() > 0.3
