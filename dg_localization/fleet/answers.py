@@ -118,23 +118,8 @@ def answer(
     """
     Return every placement that agrees with the constraints, in the frames of the plans.
 
-    Parameters
-    ----------
-    snapshot : Snapshot
-    constraints : Constraints
-        What the snapshot says without the dropped links.
-    plans : Plans
-    options : SolverOptions
-    dropped : frozenset of LinkKey
-    cancel : Cancel, optional
-        Stops the search when set; what was not examined is part of the answer.
-
-    Returns
-    -------
-    Answer
-        A contradiction anywhere contradicts the whole fleet, and a limit anywhere leaves some of
-        it open.
-
+    The constraints are without the `dropped` links. A contradiction anywhere contradicts the whole
+    fleet, and a limit anywhere leaves some of it open.
     """
     if constraints.contradictory:
         return CONTRADICTION

@@ -111,12 +111,7 @@ def bounded_squared_distance(
     """
     Return bounds in m^2 of the squared distance of two points within bounds of two centers.
 
-    Parameters
-    ----------
-    s_lower_m2, s_upper_m2 : float
-        Bounds of the squared distance of the centers.
-    first_bound_m, second_bound_m : float
-
+    The first two arguments bound the squared distance of the centers.
     """
     if first_bound_m == second_bound_m == 0.0:
         return max(0.0, s_lower_m2), s_upper_m2
@@ -147,12 +142,6 @@ def _well_spread(centers: FloatArray, bounds_m: FloatArray) -> list[int]:
     The first q + 1 span most: each is the farthest from the line or the plane through those
     before it. Each of the others is the farthest from the nearest of those before it. How far an
     anchor may be from its coordinates counts against it.
-
-    Parameters
-    ----------
-    centers : numpy.ndarray, shape (n, q)
-    bounds_m : numpy.ndarray, shape (n,)
-
     """
     if len(centers) <= MOST_COMPARED:
         return list(range(len(centers)))

@@ -96,23 +96,7 @@ def quoted(value: object) -> str:
 def distance_bounds_m(
     model: RangeErrorModel, range_m: float, variance_m2: float = 0.0
 ) -> tuple[float, float]:
-    """
-    Return all true distances a reading allows.
-
-    Parameters
-    ----------
-    model : RangeErrorModel
-    range_m : float
-        Finite and not negative.
-    variance_m2 : float
-        Variance of the reading; counts only where the model has a `sigma_factor`.
-
-    Returns
-    -------
-    lower, upper : float
-        In m. The upper one is below zero when no distance could give the reading.
-
-    """
+    """Return all true distances a reading allows."""
     spread_m = 0.0
     if model.sigma_factor > 0.0:
         spread_m = product_up(model.sigma_factor, sqrt_up(variance_m2))
@@ -239,21 +223,7 @@ def _short(value_m: float) -> float:
 
 
 def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray:
-    """
-    Return the unit vector of a measured ray in the body frame; in the plane of its projection.
-
-    Parameters
-    ----------
-    ray_xyz : array_like, shape (3,)
-        In the body frame, of any length above zero.
-    dimension : {2, 3}
-        In the plane only the horizontal part counts.
-
-    Returns
-    -------
-    numpy.ndarray, shape (3,), or Rejection
-
-    """
+    """Return the unit vector of a ray in the body frame; in the plane, of its projection."""
     components = real_numbers(ray_xyz)
     # Plain numbers: arrays of three cost several times as much, and every ray comes through here.
     ray = [] if components is None else components.tolist()
@@ -274,17 +244,7 @@ def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray:
 
 
 def in_body_frame(mount: Mount | None, ray_xyz: ArrayLike) -> ArrayLike:
-    """
-    Return a measured ray in the frame of the robot.
-
-    Parameters
-    ----------
-    mount : Mount or None
-        Of the sensor; None where it is that of the robot itself.
-    ray_xyz : array_like, shape (3,)
-        In the frame of the sensor, of any length above zero.
-
-    """
+    """Return a measured ray in the frame of the robot."""
     if mount is None:
         return ray_xyz
     ray = interpret_ray(ray_xyz, 3)
@@ -306,14 +266,6 @@ def projected_half_width_rad(ray_xyz: ArrayLike, half_width_rad: float) -> float
 
     By the sine rule of a spherical triangle, the sine of an azimuth error is at most that of the
     angle between the two over the horizontal part of the ray.
-
-    Parameters
-    ----------
-    ray_xyz : array_like, shape (3,)
-        Of any length above zero.
-    half_width_rad : float
-        Greatest angle between the ray and the true direction.
-
     """
     ray = np.asarray(ray_xyz, dtype=float)
     x, y, z = ray / np.abs(ray).max()

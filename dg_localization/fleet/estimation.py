@@ -63,25 +63,7 @@ def estimate_snapshot(
     proved: Sequence[Proved] = (),
     earlier: EarlierSets | None = None,
 ) -> tuple[Estimate, tuple[Proved, ...]]:
-    """
-    Find every placement that agrees with a snapshot, or the reason why there is none.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    cancel : Cancel, optional
-    proved : sequence of Proved
-        What the estimate before proved, the oldest chain first.
-    earlier : EarlierSets, optional
-        Pose sets of earlier estimates, which go on to this one.
-
-    Returns
-    -------
-    estimate : Estimate
-    proved : tuple of Proved
-        What it proves of later ones.
-
-    """
+    """Find every placement that agrees with a snapshot, or the reason why there is none."""
     began_s = time.perf_counter()
     recalled = recall(snapshot, proved, cancel, earlier)
     if recalled.forgotten:

@@ -66,8 +66,7 @@ class Localizer:
         require_kind('config', config, FleetConfig)
         self._config = config
         self._store = MeasurementStore(config)
-        self._anchors = anchor_geometry(config)
-        self._mounts = mount_geometry(config)
+        self._bodies = anchor_geometry(config), mount_geometry(config)
         self._lock = Lock()
         self._follower = Follower(config.memory_s)
         # That of the estimate that began last, which may still run.
@@ -363,16 +362,10 @@ class Localizer:
             raise ValueError(f'now_s: {now_s!r} is not allowed, it must be a finite number')
         follower = self._follower
         self._snapshots += 1
-        return take_snapshot(
-            self._store,
-            self._anchors,
-            self._mounts,
-            now,
-            follower.forgotten,
-            follower.left_out,
-            tighten_seconds,
-            self._snapshots,
+        taken = take_snapshot(
+            self._store, self._bodies, now, follower.forgotten, follower.left_out
         )
+        return replace(taken, tighten_seconds=tighten_seconds, number=self._snapshots)
 
     def estimate(self, snapshot: Snapshot, cancel: Cancel | None = None) -> Estimate:
         """

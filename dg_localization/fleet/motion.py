@@ -211,15 +211,7 @@ class Motion:
         return most_between(speed_m_s, first_s, second_s, self.between_stamps_s)
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
-        """
-        Return an upper bound of how far `point` moved between two times.
-
-        Parameters
-        ----------
-        point : str
-        first_s, second_s : float
-
-        """
+        """Return an upper bound of how far `point` moved between two times."""
         by_speed_m = self.by_speed_m(point, first_s, second_s)
         track = self.odometry.get(point)
         if not track:
@@ -243,16 +235,10 @@ class Motion:
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
         """
-        Return how `point` turned between two times.
+        Return how `point` turned between two times, and the greatest angle by which that is wrong.
 
-        Returns
-        -------
-        rotation : numpy.ndarray, shape (3, 3)
-            Takes a fixed direction from body coordinates at the first time to body coordinates
-            at the second.
-        half_width_rad : float
-            Greatest angle by which that may be wrong.
-
+        The rotation takes a fixed direction from body coordinates at the first time to those at
+        the second.
         """
         rate_rad_s = self.max_turn_rate_rad_s
         by_rate_rad = most_between(rate_rad_s, first_s, second_s, self.between_stamps_s)

@@ -102,21 +102,7 @@ def mount_geometry(config: FleetConfig) -> MountGeometry:
 
 
 def places_on_body(config: FleetConfig, points: Sequence[str]) -> Interval:
-    """
-    Return where points are in the body frames of their robots.
-
-    Parameters
-    ----------
-    config : FleetConfig
-    points : sequence of str
-        Robots, which are at the origin, and sensors.
-
-    Returns
-    -------
-    Interval, shape (m, 3)
-        Exact where a sensor has no bound.
-
-    """
+    """Return where points are in the body frames of their robots."""
     origin = Mount((0.0,) * config.dimension)
     mounts = [config.sensors.get(point, origin) for point in points]
     places_m = np.array([_in_space(mount.position_m) for mount in mounts]).reshape(-1, 3)

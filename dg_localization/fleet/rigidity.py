@@ -46,13 +46,6 @@ class Remedy:
 
         A reflection is decided where all of them have the pair on the same side of the face, or
         all of them on opposite sides.
-
-        Parameters
-        ----------
-        names : sequence of str
-        places_m : iterable of numpy.ndarray, shape (len(names), q)
-            Of all placements, NaN where a point is not placed.
-
         """
         if not self.face or not {*self.face, *self.pair} <= {*names}:
             return True
@@ -95,26 +88,7 @@ def rigidity_of(
     all_listed: bool,
     measured: NDArray[np.bool_] | None = None,
 ) -> Rigidity:
-    """
-    Return what the answer of the solver says about connected points.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The points of the problem.
-    result : Result
-    dimension : int
-    all_listed : bool
-        Whether no hypothesis was left out for their number.
-    measured : numpy.ndarray of bool, shape (n, n), optional
-        Which distances would be known without errors, where the solver has bounds of others: its
-        pieces are rigid only as far as these hold them.
-
-    Returns
-    -------
-    Rigidity
-
-    """
+    """Return what the answer of the solver says about connected points."""
     held = [True] * len(result.pieces)
     if measured is not None:
         pairs = np.ascontiguousarray(np.argwhere(np.triu(measured, 1)))
@@ -139,21 +113,7 @@ def rigidity_of(
 
 
 def missing_ranges(n_first: int, n_second: int, n_shared: int, dimension: int) -> int:
-    """
-    Return how many ranges between two rigid pieces are missing, so that they cannot move.
-
-    Parameters
-    ----------
-    n_first, n_second, n_shared : int
-        The numbers of their points, and of those that they share.
-    dimension : int
-
-    Returns
-    -------
-    int
-        With so many there are finitely many placements of one against the other.
-
-    """
+    """Return how many ranges between two rigid pieces are missing, so that they cannot move."""
     n_all = n_first + n_second - n_shared
     apart = _freedoms(n_first, dimension) + _freedoms(n_second, dimension)
     return apart - _freedoms(n_shared, dimension) - _freedoms(n_all, dimension)

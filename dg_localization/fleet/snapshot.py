@@ -10,10 +10,11 @@ its stamp: what counts is the angle between two rays, and rays of one image turn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 import math
+from types import MappingProxyType
 from typing import TypeAlias
 
 from dg_localization.fleet.bodies import AnchorGeometry
@@ -108,13 +109,7 @@ class Snapshot:
         """
         Return what is left where what some points measured of each other does not count.
 
-        Parameters
-        ----------
-        forgotten : mapping of (str, str) to tuple of (float, float)
-            Spans of observations of the window.
-        left_out : collection of (str, str)
-            Points, in either order, whose links do not count at the moment.
-
+        In the window that is what is forgotten, at the moment the links between points left out.
         """
 
         def counts(key: LinkKey) -> bool:
@@ -139,19 +134,17 @@ class Snapshot:
 
 def take_snapshot(
     store: MeasurementStore,
-    anchors: AnchorGeometry,
-    mounts: MountGeometry,
+    bodies: tuple[AnchorGeometry, MountGeometry],
     now_s: float,
-    forgotten: Spans,
-    left_out: Mapping[Ends, float],
-    tighten_seconds: float = math.inf,
-    number: int = 0,
+    forgotten: Spans = MappingProxyType({}),
+    left_out: Mapping[Ends, float] = MappingProxyType({}),
 ) -> Snapshot:
     """
     Return what the measurements of `store` say at `now_s`; see `Memory.view`.
 
     Readings up to the stamps in `left_out` do not count.
     """
+    anchors, mounts = bodies
     config, odometry = store.config_for_clocks(), store.odometry_readings()
     robot_of = {point: config.robot_of(point) for point in config.points}
     motion = Motion(
@@ -175,10 +168,10 @@ def take_snapshot(
 
     distances, rays, links = [], [], []
     all_young = store.young_readings(now_s)
-    young = {
-        key: [r for r in readings if r.stamp_s > _left_out_until_s(left_out, key.ends)]
-        for key, readings in all_young.items()
-    }
+    young = {}
+    for key, readings in all_young.items():
+        until_s = max(left_out.get(ends, -math.inf) for ends in (key.ends, key.ends[::-1]))
+        young[key] = [reading for reading in readings if reading.stamp_s > until_s]
     for key, readings in young.items():
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
@@ -207,28 +200,14 @@ def take_snapshot(
         tuple(links),
         store.memory.view(now_s, forgotten),
         mounts,
-        _detections(rays, young),
-        tighten_seconds,
-        number,
-        tuple(store.warnings(now_s)),
-    )
-
-
-def _left_out_until_s(stamps_s: Mapping[Ends, float], ends: Ends) -> float:
-    """Return up to when readings of two points, in either order, do not count."""
-    return max(stamps_s.get(ends, -math.inf), stamps_s.get(ends[::-1], -math.inf))
-
-
-def _detections(
-    rays: Iterable[RayReading],
-    young: Mapping[LinkKey, Sequence[DistanceReading | RayReading]],
-) -> frozenset[Ends]:
-    """Return the observers and targets of rays that were measured together with a range."""
-    return frozenset(
-        ray.key.ends
-        for ray in rays
-        for reading in young.get(ray.key._replace(kind=LinkKind.RANGE), ())
-        if reading.stamp_s == ray.stamp_s
+        # The observers and targets of rays that were measured together with a range.
+        frozenset(
+            ray.key.ends
+            for ray in rays
+            for reading in young.get(ray.key._replace(kind=LinkKind.RANGE), ())
+            if reading.stamp_s == ray.stamp_s
+        ),
+        warnings=tuple(store.warnings(now_s)),
     )
 
 

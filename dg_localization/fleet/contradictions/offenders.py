@@ -62,18 +62,7 @@ class Record:
     def add(
         self, stamp_s: float, sensors: Sequence[Suspect], in_window: Sequence[Suspect] = ()
     ) -> None:
-        """
-        Note whom an estimate made suspect.
-
-        Parameters
-        ----------
-        stamp_s : float
-        sensors : sequence of Suspect
-            By a contradiction of the moment.
-        in_window : sequence of Suspect
-            Observations of the window, which count once however long they are remembered.
-
-        """
+        """Note whom an estimate made suspect."""
         if self._entries and stamp_s < self._entries[-1][0]:
             # Time has jumped back: what was noted is of another time.
             self._entries.clear()

@@ -69,19 +69,7 @@ class StuckWatch:
         return self._movable[key]
 
     def add(self, key: LinkKey, value: tuple[float, ...], stamp_s: float, newest: Poses) -> None:
-        """
-        Note a reading.
-
-        Parameters
-        ----------
-        key : LinkKey
-        value : tuple of float
-            As it was read.
-        stamp_s : float
-        newest : mapping of str to OdometryReading
-            The newest odometry of those of the `movable` robots that have some.
-
-        """
+        """Note a reading."""
         before = self._repetitions.get(key)
         if before is not None and before.newest_s == stamp_s:
             return

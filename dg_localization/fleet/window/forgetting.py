@@ -157,13 +157,9 @@ class Doubts:
 
     def contradicted(self, pair: Pair, now_s: float) -> float:
         """
-        Note that what a pair observed contradicts itself.
+        Note that what a pair observed contradicts itself, and return when it agreed last.
 
-        Returns
-        -------
-        float
-            When it agreed last; -inf where it never did, or where all is to be forgotten.
-
+        That is -inf where it never did, or where all is to be forgotten.
         """
         agreed_s = self._agreed_s.get(pair, math.inf)
         doubt = self._doubts.get(pair)
@@ -187,15 +183,7 @@ class Doubts:
         """
         Return whether a pair that does not contradict itself is in no doubt, and note it.
 
-        Parameters
-        ----------
-        pair : (int, int)
-        stamps_s : numpy.ndarray
-            Of its observations.
-        now_s : float
-        complete : bool
-            Whether there was time to try all of them.
-
+        `stamps_s` are the times of its observations; `complete` says that all were tried.
         """
         doubt = self._doubts.get(pair)
         if doubt is not None:

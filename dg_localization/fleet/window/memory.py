@@ -176,16 +176,7 @@ class Memory:
         self._newest_s = -math.inf
 
     def view(self, now_s: float, forgotten: Spans) -> Window:
-        """
-        Return what is remembered at a time.
-
-        Parameters
-        ----------
-        now_s : float
-        forgotten : mapping of (str, str) to tuple of (float, float)
-            Spans of observations that do not count.
-
-        """
+        """Return what is remembered at a time."""
         if self._memory_s <= 0.0:
             return NO_WINDOW
         found = {}

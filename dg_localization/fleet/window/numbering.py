@@ -35,19 +35,6 @@ def matches(
     robots can have moved. Of these, positions that differ least go together, in the frame of the
     anchors. Any other frame moves with the fleet: there the shapes are compared, and a mirror
     image is another shape.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Of now.
-    before_s : float
-    before, now : sequence of Framed
-
-    Returns
-    -------
-    dict of int to int
-        From an index into `now` to one into `before`; no two to the same.
-
     """
     if not before or not now:
         return {}

@@ -89,21 +89,7 @@ class CarriedPlacements:
         self._seen: dict[FixedFrame, tuple[Interval, Interval]] = {}
 
     def around(self, placement: Placement, frame: FixedFrame) -> PoseBounds | None:
-        """
-        Return what a placement of now has in common with all that it can go on from.
-
-        Parameters
-        ----------
-        placement : Placement
-        frame : FixedFrame
-            Of its coordinates.
-
-        Returns
-        -------
-        PoseBounds or None
-            None where it cannot go on from any.
-
-        """
+        """Return what a placement shares with all that it can go on from; None if with none."""
         own = PoseBounds(placement.enclosure_m, heading_arcs(placement))
         if not self._seen_in(frame):
             return own
@@ -154,20 +140,7 @@ def heading_arcs(placement: Placement) -> FloatArray:
 
 
 def intersect_arcs(first: FloatArray, second: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """
-    Return what pairs of arcs have in common: the narrower one where that may be two arcs.
-
-    Parameters
-    ----------
-    first, second : numpy.ndarray, shape (..., 2)
-
-    Returns
-    -------
-    arcs : numpy.ndarray, shape (..., 2)
-    met : numpy.ndarray of bool, shape (...)
-        Where they have anything in common.
-
-    """
+    """Return what pairs of arcs (..., 2) share, the narrower where that may be two, and where."""
     first, second = np.broadcast_arrays(first, second)
     widths = first[..., 1] - first[..., 0], second[..., 1] - second[..., 0]
     turns = np.round((first.sum(axis=-1) - second.sum(axis=-1)) / (2.0 * TURN)) * TURN
