@@ -40,8 +40,6 @@ from dg_localization.ros.interface.markers import (  # noqa: E402
 )
 from dg_localization.ros.interface.outputs import estimate_messages  # noqa: E402
 from dg_localization.ros.interface.poses import (  # noqa: E402
-    CovarianceKind,
-    PoseCovariance,
     feasible_poses,
     frame_id,  # noqa: E402
     unique_pose,
@@ -165,17 +163,16 @@ def estimated_covariances():
 
 def test_covariance_of_an_estimate_is_that_of_the_fit_with_a_floor():
     made = estimate(placement(covariances=estimated_covariances()))
-    by_estimate = PoseCovariance(CovarianceKind.ESTIMATE, floor_m=0.05)
-    pose = unique_pose(made, 0, 'map', by_estimate)
+    pose = unique_pose(made, 0, 'map', 0.05)
     assert np.diag(pose.covariance) == pytest.approx([0.04, 0.0025, 1e-6, 1e-6, 1e-6, 0.02])
     assert pose.covariance[0, 5] == pose.covariance[5, 0] == 0.01
     assert np.linalg.eigvalsh(pose.covariance).min() > 0.0
     # The heading of the other robot is not known.
-    pose = unique_pose(made, 1, 'map', by_estimate)
+    pose = unique_pose(made, 1, 'map', 0.05)
     assert pose.covariance[5, 5] == 1e6 and pose.covariance[0, 5] == 0.0
     # An estimate of somebody else, without covariances, has its bounds.
-    bounds = unique_pose(estimate(placement()), 0, 'map')
-    pose = unique_pose(estimate(placement()), 0, 'map', by_estimate)
+    bounds = unique_pose(made, 0, 'map', None)
+    pose = unique_pose(estimate(placement()), 0, 'map', 0.05)
     assert (pose.covariance == bounds.covariance).all()
 
 

@@ -14,13 +14,10 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 from nav_msgs.msg import Odometry  # noqa: E402
 
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement  # noqa: E402
+from dg_localization.fleet.rotations import rotation_of_quaternion  # noqa: E402
+from dg_localization.fleet.vocabulary import OdometryReading as Pose  # noqa: E402
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
-from dg_localization.ros.interface.transforms import (  # noqa: E402
-    MOST_GAP_S,
-    OdometryPoses,
-    RigidPose,
-    transforms,
-)
+from dg_localization.ros.interface.transforms import transforms  # noqa: E402
 from msg_adapters import Level, OdometryReading, adapter_for  # noqa: E402
 from msg_adapters.transforms import transforms_from_message, transforms_to_cdr  # noqa: E402
 
@@ -32,16 +29,21 @@ def yaw_xyzw(yaw_rad):
     return np.array([0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad)])
 
 
-def reading(x, y, yaw_rad, frame_id='a/odom', child_frame_id='a/base_link'):
-    return OdometryReading(0.0, np.array([x, y, 0.0]), yaw_xyzw(yaw_rad), frame_id, child_frame_id)
-
-
-def odometry_of(*poses, **frames):
+def odometry_of(*poses, frame='a/odom', xyzw=None, z=0.0):
     """Return odometry with poses of (stamp, x, y, yaw)."""
-    kept = OdometryPoses()
-    for stamp_s, *pose in poses:
-        kept.keep(reading(*pose, **frames), stamp_s)
-    return kept
+    return tuple(
+        Pose(
+            stamp_s,
+            np.array([x, y, z]),
+            rotation_of_quaternion(yaw_xyzw(yaw_rad) if xyzw is None else xyzw),
+            frame,
+        )
+        for stamp_s, x, y, yaw_rad in poses
+    )
+
+
+def at_rest(**frames):
+    return odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), **frames)
 
 
 def estimate(frame=ANCHORED, n_hypotheses=1, yaws_rad=(0.5 * math.pi, 0.0), known=(True, True)):
@@ -69,8 +71,14 @@ def children(found):
     return {entry.child_frame_id for entry in found}
 
 
+def found_of(made, odometry=(), body='a/base_link', fixed_frame='map', **others):
+    """Return the transforms of an estimate with odometry of robot a."""
+    tracks = {'a': odometry} if odometry else {}
+    return transforms(made, fixed_frame, {**tracks, **others}, {'a': body})
+
+
 def test_without_odometry_the_body_is_placed():
-    found = transforms(estimate(), 'hall', {})
+    found = found_of(estimate(), fixed_frame='hall')
     assert children(found) == {'a/base_link', 'b/base_link'}
     a = found[0]
     assert (a.stamp_s, a.frame_id) == (STAMP_S, 'hall')
@@ -78,26 +86,20 @@ def test_without_odometry_the_body_is_placed():
     assert a.rotation_xyzw == pytest.approx(yaw_xyzw(0.5 * math.pi))
 
 
-def test_with_odometry_its_frame_is_placed_such_that_the_body_is_where_it_is():
-    # The body is at (1, 0), turned by 90 degrees, in the odometry frame; and so in the map: the
-    # frames are parallel, and 2 m and 4 m apart.
-    odometry = odometry_of((99.9, 1.0, 0.0, 0.5 * math.pi), (100.1, 1.0, 0.0, 0.5 * math.pi))
-    found = transforms(estimate(), 'map', {'a': odometry})
-    assert children(found) == {'a/odom', 'b/base_link'}
-    assert found[0].translation_m == pytest.approx([2.0, 4.0, 0.0])
-    assert np.abs(found[0].rotation_xyzw) == pytest.approx([0.0, 0.0, 0.0, 1.0])
-
-
 def test_a_chain_of_transforms_ends_at_the_body():
+    """Between the poses of odometry, and a little beyond them."""
     rng = np.random.default_rng(1)
-    for _ in range(50):
+    for fraction in (0.0, 0.25, 0.5, 1.0, 1.5):
         x, y, yaw, turned = rng.uniform(-3.0, 3.0, 4)
-        odometry = odometry_of((STAMP_S - 0.1, x, y, yaw), (STAMP_S, x + 0.1, y, yaw + 0.2))
-        (found, _) = transforms(estimate(yaws_rad=(turned, 0.0)), 'map', {'a': odometry})
-        to_odometry = RigidPose(found.translation_m, found.rotation_xyzw)
-        body = to_odometry.times(odometry.at(STAMP_S))
-        assert body.position_m == pytest.approx([3.0, 4.0, 0.0])
-        assert abs(body.xyzw @ yaw_xyzw(turned)) == pytest.approx(1.0)
+        start_s = STAMP_S - 0.2 * fraction
+        poses = (start_s, x, y, yaw), (start_s + 0.2, x + 0.1, y, yaw + 0.2)
+        (found, _) = found_of(estimate(yaws_rad=(turned, 0.0)), odometry_of(*poses))
+        assert found.child_frame_id == 'a/odom'
+        rotation = rotation_of_quaternion(found.rotation_xyzw)
+        body_m = found.translation_m + rotation @ [x + 0.1 * fraction, y, 0.0]
+        assert body_m == pytest.approx([3.0, 4.0, 0.0])
+        body = rotation @ rotation_of_quaternion(yaw_xyzw(yaw + 0.2 * fraction))
+        assert body == pytest.approx(rotation_of_quaternion(yaw_xyzw(turned)))
 
 
 @pytest.mark.parametrize(
@@ -112,104 +114,56 @@ def test_a_chain_of_transforms_ends_at_the_body():
     ids=['body frame', 'shape', 'no frame', 'none', 'ambiguous'],
 )
 def test_silence_unless_one_hypothesis_is_left_in_the_frame_of_the_anchors(changes):
-    assert transforms(estimate(**changes), 'map', {}) == ()
-
-
-def test_a_robot_without_heading_has_no_transform():
-    found = transforms(estimate(known=(False, True)), 'map', {})
-    assert children(found) == {'b/base_link'}
-
-
-def test_odometry_that_does_not_reach_the_estimate_gives_silence_and_not_another_child():
-    for stamps_s in ((10.0, 10.1), (99.0, 99.1), (100.1, 100.2), (STAMP_S,)):
-        odometry = odometry_of(*((stamp_s, 0.0, 0.0, 0.0) for stamp_s in stamps_s))
-        assert children(transforms(estimate(), 'map', {'a': odometry})) == {'b/base_link'}
-
-
-def test_odometry_without_a_frame_names_the_body_alone():
-    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), frame_id='', child_frame_id='a_body')
-    found = transforms(estimate(), 'map', {'a': odometry})
-    assert children(found) == {'a_body', 'b/base_link'}
-    nameless = odometry_of((99.9, 0.0, 0.0, 0.0), frame_id='', child_frame_id='')
-    assert children(transforms(estimate(), 'map', {'a': nameless})) == {
-        'a/base_link',
-        'b/base_link',
-    }
-
-
-@pytest.mark.parametrize('frames', [('map', 'a_body'), ('', 'map')])
-def test_no_frame_is_placed_in_itself(frames):
-    names = dict(zip(('frame_id', 'child_frame_id'), frames, strict=True))
-    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), **names)
-    assert children(transforms(estimate(), 'map', {'a': odometry})) == {'b/base_link'}
-
-
-def test_a_frame_that_two_robots_call_their_own_is_left_out():
-    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), (100.1, 0.0, 0.0, 0.0), frame_id='odom')
-    for known in ((True, True), (True, False), (False, True)):
-        # That one of them has no place now does not make it that of the other.
-        assert transforms(estimate(known=known), 'map', {'a': odometry, 'b': odometry}) == ()
-
-
-def test_a_robot_whose_odometry_is_awaited_has_no_transform():
-    """Its driver places the body in a frame of which nothing is known yet."""
-    found = transforms(estimate(), 'map', {}, awaited={'a'})
-    assert children(found) == {'b/base_link'}
-
-
-def test_in_the_plane_a_ramp_does_not_tilt_the_odometry_frame():
-    pitch_rad = 0.2
-    tilted = np.array([0.0, math.sin(0.5 * pitch_rad), 0.0, math.cos(0.5 * pitch_rad)])
-    odometry = OdometryPoses()
-    for stamp_s in (99.9, 100.1):
-        pose = OdometryReading(0.0, np.array([10.0, 0.0, 1.0]), tilted, 'a/odom', 'a/base_link')
-        odometry.keep(pose, stamp_s)
-    found = transforms(estimate(yaws_rad=(0.0, 0.0)), 'map', {'a': odometry})
-    assert found[0].translation_m == pytest.approx([-7.0, 4.0, 0.0])
-    assert np.abs(found[0].rotation_xyzw) == pytest.approx([0.0, 0.0, 0.0, 1.0])
-
-
-@pytest.mark.parametrize('name', ['x' * 400, 'two\nlines'])
-def test_names_that_cannot_be_published_are_none(name):
-    odometry = odometry_of((99.9, 0.0, 0.0, 0.0), frame_id=name, child_frame_id=name)
-    assert children(transforms(estimate(), 'map', {'a': odometry})) == {
-        'a/base_link',
-        'b/base_link',
-    }
+    assert found_of(estimate(**changes)) == ()
 
 
 @pytest.mark.parametrize(
-    ('stamp_s', 'x', 'yaw_rad'),
-    [(0.0, 1.0, 3.0), (0.1, 1.5, 3.1), (0.2, 2.0, 3.2), (0.3, 2.5, 3.3), (0.5, None, None)],
+    'stamps_s', [(10.0, 10.1), (99.0, 99.1), (100.1, 100.2), (STAMP_S,), (99.7, 100.3)]
 )
-def test_odometry_is_read_between_its_poses_and_a_little_beyond(stamp_s, x, yaw_rad):
-    pose = odometry_of((0.0, 1.0, 0.0, 3.0), (0.2, 2.0, 0.0, 3.2)).at(stamp_s)
-    if x is None:
-        assert pose is None
-        return
-    assert pose.position_m == pytest.approx([x, 0.0, 0.0])
-    assert abs(pose.xyzw @ yaw_xyzw(yaw_rad)) == pytest.approx(1.0)
+def test_odometry_that_does_not_reach_the_estimate_gives_silence_and_not_another_child(stamps_s):
+    odometry = odometry_of(*((stamp_s, 0.0, 0.0, 0.0) for stamp_s in stamps_s))
+    assert children(found_of(estimate(), odometry)) == {'b/base_link'}
 
 
-def test_odometry_of_one_pose_with_gaps_or_from_before_is_not_guessed():
-    assert odometry_of((1.0, 0.0, 0.0, 0.0)).at(1.0) is None
-    sparse = odometry_of((1.0, 0.0, 0.0, 0.0), (1.1 + MOST_GAP_S, 1.0, 0.0, 0.0))
-    assert sparse.at(1.2) is None
-    assert odometry_of((1.0, 0.0, 0.0, 0.0), (1.1, 0.0, 0.0, 0.0)).at(0.9) is None
+@pytest.mark.parametrize(
+    ('frame', 'body', 'child'),
+    [
+        ('', 'a_body', {'a_body'}),
+        ('', '', {'a/base_link'}),
+        # No frame is placed in itself.
+        ('map', 'a_body', set()),
+        ('', 'map', set()),
+    ],
+)
+def test_odometry_without_a_frame_names_the_body_alone(frame, body, child):
+    found = found_of(estimate(), at_rest(frame=frame), body)
+    assert children(found) == {*child, 'b/base_link'}
 
 
-def test_nothing_lies_between_poses_in_different_frames():
-    poses = odometry_of((1.0, 10.0, 0.0, 0.0), (1.1, 10.0, 0.0, 0.0))
-    poses.keep(reading(0.0, 0.0, 0.0, frame_id='a/odom2'), 1.2)
-    assert poses.at(1.15) is None
-    poses.keep(reading(1.0, 0.0, 0.0, frame_id='a/odom2'), 1.3)
-    assert poses.at(1.25).position_m == pytest.approx([0.5, 0.0, 0.0])
+@pytest.mark.parametrize('known', [(True, True), (True, False), (False, True)])
+def test_a_frame_that_two_robots_call_their_own_is_left_out(known):
+    """That one of them has no place now does not make it that of the other."""
+    odometry = at_rest(frame='odom')
+    assert found_of(estimate(known=known), odometry, b=odometry) == ()
+
+
+def test_a_robot_whose_odometry_is_awaited_or_whose_heading_is_unknown_has_no_transform():
+    assert children(transforms(estimate(), 'map', {}, {}, awaited={'a'})) == {'b/base_link'}
+    assert children(found_of(estimate(known=(False, True)))) == {'b/base_link'}
+
+
+def test_in_the_plane_a_ramp_does_not_tilt_the_odometry_frame():
+    tilted = np.array([0.0, math.sin(0.1), 0.0, math.cos(0.1)])
+    poses = (99.9, 10.0, 0.0, 0.0), (100.1, 10.0, 0.0, 0.0)
+    found = found_of(estimate(yaws_rad=(0.0, 0.0)), odometry_of(*poses, xyzw=tilted, z=1.0))
+    assert found[0].translation_m == pytest.approx([-7.0, 4.0, 0.0])
+    assert np.abs(found[0].rotation_xyzw) == pytest.approx([0.0, 0.0, 0.0, 1.0])
 
 
 def test_the_bytes_are_those_of_a_transform_message():
     typesys = pytest.importorskip('rosbags.typesys', reason='rosbags is not installed')
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    found = transforms(estimate(), 'map', {})
+    found = found_of(estimate())
     message = store.deserialize_cdr(transforms_to_cdr(found), 'tf2_msgs/msg/TFMessage')
     for ours, theirs in zip(found, transforms_from_message(message), strict=True):
         for name, value in vars(ours).items():

@@ -200,7 +200,7 @@ class BagLocalizer:
         self.snapshot = snapshot
         settings = self._task.settings
         for name, message in estimate_messages(
-            estimate, settings.fixed_frame, settings.lifetime_s, settings.covariance
+            estimate, settings.fixed_frame, settings.lifetime_s, settings.least_deviation_m
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
         diagnostics = self._diagnose(estimate, in_seconds(time_ns))

@@ -52,7 +52,6 @@ def _fleet_status(report: Report) -> Status:
     values = {'inputs': str(len(inputs)), 'inputs_in_use': str(delivering)}
     if report.rate_hz is not None:
         values['rate_hz'] = f'{report.rate_hz:.2f}'
-    values['frame_changes'] = str(report.frame_changes)
     if report.estimate is not None:
         values.update(_estimate_values(report.estimate))
     values.update({name: f'{seconds:.4f}' for name, seconds in report.seconds.items()})
@@ -156,6 +155,7 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         'hypotheses_published': str(len(placements)),
         'hypotheses_proved': str(len(proved)),
         'frame': str(estimate.frame) if estimate.frame else '',
+        'frame_changes': str(estimate.frame_changes),
         'hypothesis_numbers': ' '.join(str(placement.number) for placement in placements),
         'proved_numbers': ' '.join(str(placement.number) for placement in proved),
     }

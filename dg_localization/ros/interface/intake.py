@@ -33,7 +33,6 @@ from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.poses import usable_frame_id
 from dg_localization.ros.interface.report import NONE_MALFORMED, Malformed, shortened
-from dg_localization.ros.interface.transforms import OdometryPoses
 from msg_adapters import (
     BearingReading,
     CameraReading,
@@ -46,8 +45,16 @@ from msg_adapters import (
     adapter_for,
 )
 
-PlainReading = RangeReading | BearingReading | OdometryReading | ElevationReading | PeersReading
-Reading = PlainReading | IdentifiedReading | PixelReading | CameraReading
+Reading = (
+    RangeReading
+    | BearingReading
+    | OdometryReading
+    | ElevationReading
+    | PeersReading
+    | IdentifiedReading
+    | PixelReading
+    | CameraReading
+)
 
 # A message of one reading has some 100 bytes, one of odometry some 700. Decoding takes time that
 # grows with the length: this much takes a few milliseconds in the worst case.
@@ -86,8 +93,8 @@ class Intake:
     ----------
     malformed : dict of str to Malformed
         By topic, the messages that could not be read.
-    odometry : dict of str to OdometryPoses
-        By robot, the newest odometry that was taken.
+    bodies : dict of str to str
+        By robot, the name of its body frame in its odometry.
 
     """
 
@@ -98,8 +105,7 @@ class Intake:
         ids: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._localizer = localizer
-        self._points = frozenset(localizer.config.points)
-        self._identities = Identities(ids, self._points)
+        self._identities = Identities(ids, localizer.config.points)
         self._cameras = Cameras()
         self._use_header_stamp = use_header_stamp
         self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
@@ -108,7 +114,7 @@ class Intake:
         self._bounds: dict[Link, SensorBounds] = {}
         self._counts: deque[tuple[float, dict[LinkKey, tuple[int, int]]]] = deque()
         self.malformed: dict[str, Malformed] = {}
-        self.odometry: dict[str, OdometryPoses] = {}
+        self.bodies: dict[str, str] = {}
 
     def take(
         self, link: Link, data: bytes, now_s: float, arrived_s: float | None = None
@@ -178,47 +184,69 @@ class Intake:
 
     def _add(self, link: Link, reading: Reading, stamp_s: float, now_s: float) -> Rejection | None:
         """Give a reading to the localizer, or keep the matrix of a camera."""
+        localizer, key, bounds = self._localizer, link.key, self._bounds_of(link)
         match reading:
+            case RangeReading():
+                return localizer.add_range(
+                    *key.ends,
+                    reading.range_m,
+                    stamp_s,
+                    now_s,
+                    min_range_m=reading.min_range_m,
+                    max_range_m=reading.max_range_m,
+                    variance_m2=reading.variance_m2,
+                    bounds=bounds,
+                )
+            case BearingReading():
+                return localizer.add_bearing(*key.ends, reading.ray_xyz, stamp_s, now_s, bounds)
+            case ElevationReading():
+                return localizer.add_elevation(key.observer, reading.elevation_m, stamp_s, now_s)
+            case OdometryReading():
+                self.bodies[key.observer] = usable_frame_id(str(reading.child_frame_id))
+                return localizer.add_odometry(
+                    key.observer,
+                    reading.position_xyz,
+                    reading.orientation_xyzw,
+                    stamp_s,
+                    now_s,
+                    frame=usable_frame_id(reading.frame_id),
+                )
             case CameraReading():
-                self._cameras.keep(link.key, reading, now_s)
+                self._cameras.keep(key, reading, now_s)
                 return None
             case PixelReading():
-                return self._add_identified(
-                    link, self._cameras.rays(link, reading), stamp_s, now_s
-                )
-            case IdentifiedReading():
-                return self._add_identified(link, reading, stamp_s, now_s)
-            case PeersReading():
-                reading = replace(reading, rays_xyz=link.turned(reading.rays_xyz))
-        rejection = add_reading(
-            self._localizer, link.key, reading, stamp_s, now_s, self._bounds_of(link)
-        )
-        if isinstance(reading, OdometryReading) and rejection is None:
-            robot = link.key.observer
-            poses = self.odometry.setdefault(robot, OdometryPoses())
-            poses.keep(reading, stamp_s, self._localizer.odometry_restarted_s(robot))
-        return rejection
+                reading = self._cameras.rays(link, reading)
+        observer, rows = self._targets(link, reading)
+        kept, names = [row for row, _ in rows], [name for _, name in rows]
+        rays_xyz = link.turned(reading.rays_xyz[kept])
+        # All rows before the first: a message that cannot be read must not be taken in part.
+        readings = list(_named_readings(names, reading.ranges_m[kept], rays_xyz))
+        rejections = localizer.add_peers(observer, readings, stamp_s, now_s, bounds)
+        return next(iter(rejections), None)
 
-    def _add_identified(
-        self, link: Link, reading: IdentifiedReading, stamp_s: float, now_s: float
-    ) -> Rejection | None:
-        """Give ranges and rays to the localizer under the names that their ids stand for."""
+    def _targets(
+        self, link: Link, reading: PeersReading | IdentifiedReading
+    ) -> tuple[str, list[tuple[int, str]]]:
+        """Return who measured, and the row and the name of everyone who was measured."""
+        if isinstance(reading, PeersReading):
+            rows = list(enumerate(map(self._name_of, reading.peers.tolist())))
+            if not len(rows) == len(reading.ranges_m) == len(reading.rays_xyz):
+                raise ValueError('peers, ranges and rays must be as many')
+            return link.key.observer, rows
         observer = self._identities.observer(link, reading.observer_id)
         rows = list(self._identities.targets(reading))
-        names = [name for _, name in rows]
-        n_known = sum(name in self._points for name in names)
+        n_known = sum(name in self._localizer.config.points for _, name in rows)
         if n_known > self._most_rows:
             raise ValueError(
                 f'{n_known} robots and anchors were measured, for this fleet at most '
                 f'{self._most_rows} are read'
             )
-        kept = [row for row, _ in rows]
-        rays_xyz = link.turned(reading.rays_xyz[kept])
-        # All rows before the first: a message that cannot be read must not be taken in part.
-        readings = list(_named_readings(names, reading.ranges_m[kept], rays_xyz))
-        bounds = self._bounds_of(link)
-        rejections = self._localizer.add_peers(observer, readings, stamp_s, now_s, bounds)
-        return next(iter(rejections), None)
+        return observer, rows
+
+    def _name_of(self, peer: int) -> str:
+        """Return the name of a peer, one for all strangers: every name is kept."""
+        points = self._localizer.config.points
+        return points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
 
     def _bounds_of(self, link: Link) -> SensorBounds:
         """Return the error bounds of what a link measures."""
@@ -233,10 +261,9 @@ class Intake:
         self._bounds.clear()
 
     def forget(self) -> None:
-        """Forget what could not be read, and odometry; the matrix of a camera stays."""
+        """Forget what could not be read; the matrix of a camera stays."""
         self._counts.clear()
         self.malformed.clear()
-        self.odometry.clear()
 
     def rejecting(self, now_s: float) -> dict[LinkKey, str]:
         """Return the inputs that have rejected most of their readings lately, and why."""
@@ -282,83 +309,6 @@ def _deserialized(data: bytes, message_class: type) -> Any:
             'sensor_msgs/msg/Range without variance, as ROS 2 published it before Iron: update '
             'the driver, or convert the messages'
         ) from None
-
-
-def add_reading(
-    localizer: Localizer,
-    key: LinkKey,
-    reading: PlainReading,
-    stamp_s: float,
-    now_s: float,
-    bounds: SensorBounds | None = None,
-) -> Rejection | None:
-    """
-    Give one reading to a localizer.
-
-    Parameters
-    ----------
-    localizer : Localizer
-    key : LinkKey
-        Who measured whom; the reading itself does not contain it.
-    reading : RangeReading, BearingReading, OdometryReading, ElevationReading or PeersReading
-    stamp_s : float
-        When it was measured; the reading's own stamp may be useless.
-    now_s : float
-        The time now, on the same clock.
-    bounds : SensorBounds, optional
-        Of the errors of ranges and rays; those of the settings by default.
-
-    Returns
-    -------
-    Rejection or None
-        Why it was not taken; for peers, the first rejection.
-
-    """
-    match reading:
-        case RangeReading():
-            return localizer.add_range(
-                key.observer,
-                key.target,
-                reading.range_m,
-                stamp_s,
-                now_s,
-                min_range_m=reading.min_range_m,
-                max_range_m=reading.max_range_m,
-                variance_m2=reading.variance_m2,
-                bounds=bounds,
-            )
-        case BearingReading():
-            return localizer.add_bearing(
-                key.observer, key.target, reading.ray_xyz, stamp_s, now_s, bounds
-            )
-        case OdometryReading():
-            return localizer.add_odometry(
-                key.observer,
-                reading.position_xyz,
-                reading.orientation_xyzw,
-                stamp_s,
-                now_s,
-                frame=usable_frame_id(reading.frame_id),
-            )
-        case ElevationReading():
-            return localizer.add_elevation(key.observer, reading.elevation_m, stamp_s, now_s)
-        case PeersReading():
-            # All rows before the first: a message that cannot be read must not be taken in part.
-            readings = list(_peer_readings(reading, localizer.config.points))
-            rejections = localizer.add_peers(key.observer, readings, stamp_s, now_s, bounds)
-            return next(iter(rejections), None)
-
-
-def _peer_readings(
-    peers: PeersReading, points: Sequence[str]
-) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
-    """Yield the name of each peer with its range, and with its ray, where there is one."""
-    # One name for all strangers: a message may hold any number, and every name is kept.
-    names = [
-        points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
-        for peer in peers.peers.tolist()
-    ]
-    return _named_readings(names, peers.ranges_m, peers.rays_xyz)
 
 
 def _named_readings(

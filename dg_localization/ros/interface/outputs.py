@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from importlib import import_module
 import re
 import time
 from typing import Any, NamedTuple
@@ -21,9 +22,9 @@ from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
 from dg_localization.ros.interface.markers import scene
+from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.poses import (
-    DEFAULT_COVARIANCE,
-    PoseCovariance,
+    LEAST_DEVIATION_M,
     feasible_poses,
     frame_id,
     unique_pose,
@@ -39,6 +40,8 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+# As tf2 publishes and listens.
+DYNAMIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 # Longest wait for subscribers, at the end of the node.
 ACKNOWLEDGE_S = 1.0
@@ -55,6 +58,19 @@ class Output(NamedTuple):
 
 
 DIAGNOSTICS = Output('/diagnostics', DiagnosticArray, RELIABLE)
+TRANSFORM_TOPIC = '/tf'
+
+
+def transform_output() -> Output:
+    """Return the topic of transforms; raise `WrongParameterError` without its package."""
+    try:
+        message_class: type = import_module('tf2_msgs.msg').TFMessage
+    except ImportError as error:
+        raise WrongParameterError(
+            "parameter 'publish_tf': true needs the ROS package tf2_msgs, which cannot be "
+            f'imported ({error}); install it (apt install ros-jazzy-tf2-msgs) or leave it at false'
+        ) from None
+    return Output(TRANSFORM_TOPIC, message_class, DYNAMIC)
 
 
 def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
@@ -71,7 +87,7 @@ def estimate_messages(
     estimate: Estimate,
     fixed_frame: str,
     lifetime_s: float,
-    covariance: PoseCovariance = DEFAULT_COVARIANCE,
+    least_deviation_m: float | None = LEAST_DEVIATION_M,
 ) -> Iterator[tuple[str, bytes]]:
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
@@ -87,8 +103,8 @@ def estimate_messages(
         Name of the frame of the anchors.
     lifetime_s : float
         How long viewers show the markers.
-    covariance : PoseCovariance, optional
-        How the covariances of poses are made.
+    least_deviation_m : float, optional
+        As for `unique_pose`.
 
     """
     name = frame_id(estimate.frame, fixed_frame)
@@ -105,7 +121,7 @@ def estimate_messages(
         )
         yield f'~/{robot}/feasible_poses', pose_array_to_cdr(poses)
     for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, name, covariance)
+        pose = unique_pose(estimate, row, name, least_deviation_m)
         if pose is not None:
             yield f'~/{robot}/pose', uncertain_pose_to_cdr(pose)
     yield '~/markers', marker_scene_to_cdr(scene(estimate, name, lifetime_s))
@@ -121,25 +137,22 @@ def _publisher(node: LifecycleNode, output: Output) -> Publisher:
 
 class EstimatePublishers:
     """
-    The publishers of estimates.
+    The publishers of estimates and of their transforms.
 
     Parameters
     ----------
     node : LifecycleNode
         The node they belong to.
-    robots : tuple of str
-        The fleet; every estimate must have these, in this order.
+    outputs : iterable of Output
 
     """
 
-    def __init__(self, node: LifecycleNode, robots: tuple[str, ...]) -> None:
+    def __init__(self, node: LifecycleNode, outputs: Iterable[Output]) -> None:
         self._node = node
-        self._publishers = {
-            output.name: _publisher(node, output) for output in estimate_outputs(robots)
-        }
+        self._publishers = {output.name: _publisher(node, output) for output in outputs}
 
     def publish(self, messages: Iterable[tuple[str, bytes]]) -> None:
-        """Publish what `estimate_messages` made of an estimate."""
+        """Publish serialized messages, each with the name of its topic."""
         for name, message in messages:
             self._publishers[name].publish(message)
 

@@ -3,9 +3,6 @@
 
 """An estimate as poses, in the values that the message adapters take, and the names of frames."""
 
-from dataclasses import dataclass
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,36 +19,7 @@ UNKNOWN_VARIANCE_RAD2 = 1e6
 # The robot that the frame is attached to has no error there. Filters take a variance of zero for
 # certainty, and some cannot invert it: a millimeter and a milliradian are certain enough.
 LEAST_VARIANCE = 1e-6
-
-
-class CovarianceKind(StrEnum):
-    """What the covariance of a pose is made from."""
-
-    ENCLOSURE = 'enclosure'
-    """The bounds: no coordinate of a distribution inside has a larger variance about the pose."""
-
-    ESTIMATE = 'estimate'
-    """Least squares, for readings whose errors are independent and anywhere in their bounds."""
-
-
-@dataclass(frozen=True)
-class PoseCovariance:
-    """
-    How covariances are made.
-
-    Attributes
-    ----------
-    kind : CovarianceKind
-    floor_m : float
-        Least standard deviation of a coordinate of an estimate.
-
-    """
-
-    kind: CovarianceKind = CovarianceKind.ESTIMATE
-    floor_m: float = 0.05
-
-
-DEFAULT_COVARIANCE = PoseCovariance()
+LEAST_DEVIATION_M = 0.05
 
 
 def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
@@ -75,7 +43,10 @@ def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
 
 
 def unique_pose(
-    estimate: Estimate, robot: int, frame_id: str, covariance: PoseCovariance = DEFAULT_COVARIANCE
+    estimate: Estimate,
+    robot: int,
+    frame_id: str,
+    least_deviation_m: float | None = LEAST_DEVIATION_M,
 ) -> UncertainPose | None:
     """
     Return the pose of a robot while exactly one hypothesis is left, else None.
@@ -90,7 +61,10 @@ def unique_pose(
         Row of the robot.
     frame_id : str
         Name of the fixed frame.
-    covariance : PoseCovariance, optional
+    least_deviation_m : float or None
+        Least standard deviation of a coordinate, with the covariance of least squares, for
+        readings whose errors are independent and anywhere in their bounds. None for the
+        covariance that the bounds allow, which an estimate without least squares has, too.
 
     Returns
     -------
@@ -106,12 +80,12 @@ def unique_pose(
         return None
     known = bool(placement.heading_known[robot])
     matrix = _enclosing(placement, robot)
-    if covariance.kind is CovarianceKind.ESTIMATE and placement.covariances is not None:
+    if least_deviation_m is not None and placement.covariances is not None:
         estimated = np.array(placement.covariances[robot])
         if np.isfinite(estimated).all():
             coordinates = list(range(placement.positions_m.shape[1]))
             variances = estimated.diagonal()[coordinates]
-            estimated[coordinates, coordinates] = np.maximum(variances, covariance.floor_m**2)
+            estimated[coordinates, coordinates] = np.maximum(variances, least_deviation_m**2)
             matrix = estimated
     turns = slice(5, 6) if placement.positions_m.shape[1] == 2 else slice(3, 6)
     if not known:

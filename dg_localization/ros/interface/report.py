@@ -76,8 +76,6 @@ class Report:
         How often it has been localized lately; None while that is not known.
     localized_width_m : float
         A fleet with a wider enclosure is not called localized.
-    frame_changes : int
-        How often the frame of the answers has changed since the start or the last reset.
     seconds : mapping of str to float
         What the parts of the last answer took.
 
@@ -99,7 +97,6 @@ class Report:
     wanted_rate_hz: float = 0.0
     rate_hz: float | None = None
     localized_width_m: float = math.inf
-    frame_changes: int = 0
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property

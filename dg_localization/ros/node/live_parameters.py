@@ -10,6 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from dg_localization.ros.interface.outputs import transform_output
 from dg_localization.ros.interface.parameters.settings import (
     Settings,
     changed_values,
@@ -18,7 +19,6 @@ from dg_localization.ros.interface.parameters.settings import (
     without_fleet_changes,
 )
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from dg_localization.ros.node.transforms import transform_message_class
 
 
 class LiveParameters:
@@ -85,6 +85,6 @@ class LiveParameters:
             changes = {}
         wanted = changed_values(self._wanted, changes)
         if settings_from(wanted, self._node.resolve_topic_name).publish_tf:
-            transform_message_class()
+            transform_output()
         present = without_fleet_changes(self._present, wanted)
         return wanted, present, settings_from(present, self._node.resolve_topic_name)

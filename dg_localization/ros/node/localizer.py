@@ -9,9 +9,11 @@ are taken on the executor's thread; the newest snapshot of them is answered on a
 """
 
 from collections.abc import Callable, Iterator
+import math
 from threading import Event
 import time
 import traceback
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -31,20 +33,24 @@ from dg_localization.ros.interface.diagnostics import Report, shortened, statuse
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
+    TRANSFORM_TOPIC,
     DiagnosticsPublisher,
     EstimatePublishers,
     estimate_messages,
+    estimate_outputs,
+    transform_output,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
+from dg_localization.ros.interface.transforms import Tracks, transforms
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.lifecycle import ManagedNode
 from dg_localization.ros.node.live_parameters import LiveParameters
-from dg_localization.ros.node.transforms import TransformPublisher, transform_message_class
 from dg_localization.ros.node.worker import EstimateWorker, Watchdog, longest_estimate_s
 from dg_localization.ros.spinning import STEADY, at_most_every
 from msg_adapters import Diagnostics
+from msg_adapters.transforms import transforms_to_cdr
 
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
@@ -57,10 +63,11 @@ LONGEST_REST_S = 0.01
 
 
 class Answer(NamedTuple):
-    """An estimate, the serialized messages of it by topic, and how long both took."""
+    """An estimate, its serialized messages, the odometry that it is to, and how long it took."""
 
     estimate: Estimate
     messages: tuple[tuple[str, bytes], ...]
+    odometry: Tracks = MappingProxyType({})
     estimate_s: float = 0.0
     messages_s: float = 0.0
 
@@ -100,14 +107,14 @@ class LocalizerNode(ManagedNode):
         self._make_localizer = make_localizer
         self._adopt(declare_settings(self))
         if self.settings.publish_tf:
-            transform_message_class()
-        self._failure, self._frame_changes = '', 0
+            transform_output()
+        self._failure = ''
+        self._transforms_s = -math.inf
         self._intake_s = 0.0
         self._seconds: dict[str, float] = {}
         self._has_namesake = False
         self._is_due = False
         self._inputs: Inputs | None = None
-        self._transforms: TransformPublisher | None = None
         self._is_simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = NodeTime(self._clock_s, self._is_simulated)
         self._diagnostics = DiagnosticsPublisher(self)
@@ -125,12 +132,11 @@ class LocalizerNode(ManagedNode):
         settings = self._live.at_configure()
         if settings is not None:
             self._adopt(settings)
-        self._outputs = EstimatePublishers(self, self.settings.fleet.robots)
-        made.callback(self._outputs.destroy)
+        outputs = [*estimate_outputs(self.settings.fleet.robots)]
         if self.settings.publish_tf:
-            fixed_frame = self.settings.fixed_frame
-            self._transforms = TransformPublisher(self, fixed_frame, self._intake.odometry)
-            made.callback(self._transforms.destroy)
+            outputs.append(transform_output())
+        self._outputs = EstimatePublishers(self, outputs)
+        made.callback(self._outputs.destroy)
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
         is_warm = self._make_wake_up(self._on_warm)
@@ -220,12 +226,14 @@ class LocalizerNode(ManagedNode):
         ended_s = time.perf_counter()
         answer = self._with_messages(estimate)
         return answer._replace(
-            estimate_s=ended_s - began_s, messages_s=time.perf_counter() - ended_s
+            odometry=snapshot.motion.odometry,
+            estimate_s=ended_s - began_s,
+            messages_s=time.perf_counter() - ended_s,
         )
 
     def _with_messages(self, estimate: Estimate) -> Answer:
         given = self.settings
-        how = given.fixed_frame, given.lifetime_s, given.covariance
+        how = given.fixed_frame, given.lifetime_s, given.least_deviation_m
         return Answer(estimate, tuple(estimate_messages(estimate, *how)))
 
     def _on_warm(self) -> None:
@@ -262,7 +270,6 @@ class LocalizerNode(ManagedNode):
     def _publish(self, answer: Answer) -> None:
         self._estimate = answer.estimate
         if answer.estimate.frame_change:
-            self._frame_changes += 1
             self.get_logger().warning(
                 answer.estimate.frame_change, **at_most_every(REPEATED_WARNING_S)
             )
@@ -275,11 +282,21 @@ class LocalizerNode(ManagedNode):
             'publish_s': answer.messages_s + time.perf_counter() - began_s,
         }
         self._intake_s = 0.0
-        if self._transforms is not None:
-            links = self._inputs.links if self._inputs is not None else ()
-            awaited = {link.key.observer for link in links if link.key.kind is LinkKind.ODOMETRY}
-            self._transforms.publish(answer.estimate, awaited)
+        # tf2 warns of transforms that repeat a time, and does not take them.
+        if self.settings.publish_tf and answer.estimate.stamp_s != self._transforms_s:
+            self._publish_transforms(answer.estimate, answer.odometry)
         self._diagnostics.publish_change(self._diagnose())
+
+    def _publish_transforms(self, estimate: Estimate, odometry: Tracks) -> None:
+        """Publish where the robots are, if that is known; silence says that it is not."""
+        links = self._inputs.links if self._inputs is not None else ()
+        awaited = {link.key.observer for link in links if link.key.kind is LinkKind.ODOMETRY}
+        found = transforms(
+            estimate, self.settings.fixed_frame, odometry, self._intake.bodies, awaited
+        )
+        if found:
+            self._transforms_s = estimate.stamp_s
+            self._outputs.publish([(TRANSFORM_TOPIC, transforms_to_cdr(found))])
 
     def _fail(self, reason: str) -> None:
         """Take back the last answer because of a defect."""
@@ -331,7 +348,6 @@ class LocalizerNode(ManagedNode):
             malformed=self._intake.malformed,
             wrong_types=self._inputs.wrong_types if self._inputs else {},
             rejecting=self._intake.rejecting(now_s),
-            frame_changes=self._frame_changes,
             seconds=self._seconds,
         )
         return Diagnostics(now_s, statuses(report))
@@ -365,7 +381,7 @@ class LocalizerNode(ManagedNode):
         self._localizer.reset()
         self._rate.clear()
         self._intake.forget()
-        self._failure, self._frame_changes = '', 0
+        self._failure = ''
         text = f'{reason}: all measurements are forgotten'
         self.get_logger().info(text, **at_most_every(1.0))
         self._publish(self._no_estimate(reason))

@@ -6,7 +6,7 @@
 from dg_localization.fleet import SuspectKind
 from dg_localization.fleet.config import LEAST_MEMORY_S
 from dg_localization.ros.interface.parameters.spec import Section, Spec
-from dg_localization.ros.interface.poses import CovarianceKind
+from dg_localization.ros.interface.poses import LEAST_DEVIATION_M
 
 FLEET = Section(
     'Fleet',
@@ -72,10 +72,13 @@ ANSWERS = Section(
             "typical error, without a guarantee. 'enclosure' takes the largest variance that "
             'the bounds allow. The guaranteed bounds are in the diagnostics and the markers '
             'in any case.',
-            choices=tuple(CovarianceKind),
+            choices=('estimate', 'enclosure'),
         ),
         'covariance_floor': Spec(
-            0.05, "least standard deviation of a coordinate with covariance 'estimate'", 'm', 0.0
+            LEAST_DEVIATION_M,
+            "least standard deviation of a coordinate with covariance 'estimate'",
+            'm',
+            0.0,
         ),
     },
 )

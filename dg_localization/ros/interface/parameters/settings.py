@@ -44,7 +44,7 @@ from dg_localization.ros.interface.parameters.table import (
     named_specs,
     takes_effect_at_once,
 )
-from dg_localization.ros.interface.poses import CovarianceKind, PoseCovariance, check_frame_id
+from dg_localization.ros.interface.poses import check_frame_id
 from dg_localization.solver.options import SolverOptions
 
 # An answer counts as new for so many periods, and at least for so long.
@@ -90,8 +90,8 @@ class Settings:
         The names that ids in messages stand for.
     localized_width_m : float
         A fleet with a wider enclosure is not called localized.
-    covariance : PoseCovariance
-        How the covariances of poses are made.
+    least_deviation_m : float or None
+        Least standard deviation of a coordinate; None for covariances of the bounds.
 
     """
 
@@ -105,7 +105,7 @@ class Settings:
     publish_tf: bool
     ids: Mapping[str, str]
     localized_width_m: float
-    covariance: PoseCovariance
+    least_deviation_m: float | None
 
     @property
     def lifetime_s(self) -> float:
@@ -221,8 +221,8 @@ def settings_from(
         'templates': templates_from(values, resolve, fleet.points),
         'use_header_stamp': values['stamp_source'] == 'header',
         'ids': ids_from(values, fleet.points),
-        'covariance': PoseCovariance(
-            CovarianceKind(values['covariance']), values['covariance_floor']
+        'least_deviation_m': (
+            values['covariance_floor'] if values['covariance'] == 'estimate' else None
         ),
     }
     return Settings(**stated)
