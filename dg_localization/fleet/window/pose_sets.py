@@ -77,15 +77,17 @@ class PoseSets:
         Links that are not replaced go well with the distances of all anchors. Without any a few
         anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
         """
-        anchors = snapshot.anchors
-        used = anchors.boxes.keys() if {*snapshot.keys} - replaced else anchors.spanning
+        boxes = snapshot.anchors.boxes
+        used = [*(boxes if {*snapshot.keys} - replaced else snapshot.anchors.spanning)]
         for robot, cover in self.covers.items():
-            for anchor in used:
-                bounds_m2 = _squared_distance_m2(cover, anchors.boxes[anchor])
-                yield (robot, anchor, *bounds_m2), (WORLD, robot) in self.loose
+            is_loose = (WORLD, robot) in self.loose
+            bounds_m2 = _squared_distances_m2(cover, [boxes[anchor] for anchor in used])
+            for anchor, near_m2, far_m2 in zip(used, *bounds_m2, strict=True):
+                yield (robot, anchor, near_m2, far_m2), is_loose
+        origin = Interval.point(np.zeros(snapshot.config.dimension))
         for pair, cover in self.relative.items():
-            origin = Interval.point(np.zeros(snapshot.config.dimension))
-            yield (*pair, *_squared_distance_m2(cover, origin)), pair in self.loose
+            (near_m2,), (far_m2,) = _squared_distances_m2(cover, [origin])
+            yield (*pair, near_m2, far_m2), pair in self.loose
 
 
 NO_POSE_SETS = PoseSets()
@@ -293,17 +295,20 @@ def _unless_contradicted(
         place = anchors.boxes.get(config.points.index(other))
         near_m2, far_m2 = squared_distance(distance.lower_m, distance.upper_m)
         if place is not None and near_m2 <= far_m2:
-            lower_m2, upper_m2 = _squared_distance_m2(cover, place)
+            (lower_m2,), (upper_m2,) = _squared_distances_m2(cover, [place])
             if upper_m2 < near_m2 or far_m2 < lower_m2:
                 return _Contradiction(snapshot.stamp_s)
     return cover, fixed
 
 
-def _squared_distance_m2(cover: Cover, place: Interval) -> tuple[float, float]:
-    """Return bounds of the squared distance of all poses of a cover from a place, shape (q,)."""
-    q = place.lower.size
-    squared = squared_norm(Interval(cover.boxes[:, 0, :q], cover.boxes[:, 1, :q]) - place)
-    return max(0.0, float(squared.lower.min())), float(squared.upper.max())
+def _squared_distances_m2(cover: Cover, places: list[Interval]) -> tuple[list[float], list[float]]:
+    """Return bounds of the squared distances of all poses of a cover from places, each (q,)."""
+    there = Interval.stack(places, axis=0)
+    q = there.lower.shape[1]
+    boxes = Interval(cover.boxes[:, 0, :q], cover.boxes[:, 1, :q])
+    squared = squared_norm(boxes[:, None] - there[None])
+    near_m2, far_m2 = squared.lower.min(axis=0), squared.upper.max(axis=0)
+    return np.maximum(near_m2, 0.0).tolist(), far_m2.tolist()
 
 
 def _what_contradicts(
