@@ -13,7 +13,7 @@ the start that does.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from types import MappingProxyType
 from typing import NamedTuple
@@ -21,10 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms, matrix_at
-from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, eliminate
+from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
 from dg_localization.fleet.best_point.past import Past
-from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, Term, Terms
+from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, UNIFORM, Term, Terms
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.fleet.rotations import rotations_about_z
 from dg_localization.interval.arrays import Interval
@@ -45,9 +44,6 @@ MOST_EFFORT = 50_000_000
 
 LEAST_SHARE = 0.999
 """The result of a further start counts when its cost is below this share of the others'."""
-
-UNIFORM = 3.0
-"""The square of a half width over the variance of an error that is anywhere within it."""
 
 LEAST_WIDTH_M = 1e-9
 """What the enclosure leaves less of is given by the frame, but for rounding."""
@@ -73,8 +69,8 @@ class BestPoint:
         Of the bodies that turn, from body to fixed frame.
     covariances : numpy.ndarray, shape (n, 6, 6)
         Of each position (m) and of a small rotation about the axes of the fixed frame (rad), for
-        readings whose errors are independent and anywhere in their bounds; those of one target
-        within a few seconds of the past count as one. Zero for what the frame fixes, and for
+        errors that are anywhere in their bounds. Those of readings of the moment are independent
+        of each other; `Past.spread` says so of the past. Zero for what the frame fixes, and for
         rotations that are not fitted; NaN where nothing was fitted.
     cost : float
         The mean square of the residuals that the fit leaves, in half widths; infinite where
@@ -128,7 +124,7 @@ class BestPointFinder:
         ]
         sights = Terms.joined([self._terms, Terms.of(to_sensors)])
         turns = (sights.kinds == RAY) & ~np.isin(sights.bodies[:, 0], list(held))
-        self._sights = sights.chosen(turns)
+        self._sights = Terms(*(column[turns] for column in sights))
         self.turning = frozenset(self._sights.bodies[:, 0].tolist())
         self._effort = 0
 
@@ -155,34 +151,30 @@ class BestPointFinder:
             for other_m in _further_starts(start_m, enclosure):
                 other = fit_terms(self._terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
-        information, terms = fit.matrix, self._terms
+        spread, terms = None, self._terms
         if past is not None:
             terms = past.terms
-            bodies = self._with_past(past, fit, bodies, yaws_rad)
-            rough = fit_terms(terms, bodies)
-            bodies = replace(bodies, positions_m=rough.positions_m, rotations=rough.rotations)
-            fit = fit_terms(terms, bodies, robust=True)
-            information = matrix_at(terms.counted_once(), fit)
+            bodies = self._with_past(past, fit.bodies, yaws_rad)
+            fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
+            spread = past.spread(fit)
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
-        covariances = _covariances(fit, bodies, information, n_points)
+        covariances = _covariances(fit, spread, n_points)
         cost = fit.cost / max(1, len(terms.kinds))
-        return BestPoint(positions_m, proved, fit.rotations[:n_points], covariances, cost)
+        return BestPoint(positions_m, proved, fit.bodies.rotations[:n_points], covariances, cost)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
         """Return the positions of a fit, with the sensors where their bodies have them."""
-        positions_m = fit.positions_m[: len(enclosure.lower)].copy()
+        positions_m = fit.bodies.positions_m[: len(enclosure.lower)].copy()
         for row, body, arm_m in self._sensors:
-            positions_m[row] = positions_m[body] + fit.rotations[body] @ arm_m
+            positions_m[row] = positions_m[body] + fit.bodies.rotations[body] @ arm_m
         positions_m = positions_m[:, : enclosure.lower.shape[1]]
         return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
 
-    def _with_past(
-        self, past: Past, fit: Fit, bodies: Bodies, yaws_rad: Mapping[int, float]
-    ) -> Bodies:
+    def _with_past(self, past: Past, bodies: Bodies, yaws_rad: Mapping[int, float]) -> Bodies:
         """Return where a fit with what is remembered starts: at that of the moment."""
-        positions_m, rotations = fit.positions_m.copy(), fit.rotations.copy()
+        positions_m, rotations = bodies.positions_m.copy(), bodies.rotations.copy()
         free = bodies.free.copy()
         for row in {*past.rows.tolist()} - {*self._held}:
             free[row, 5] = True
@@ -270,22 +262,33 @@ def _agreeing(
     return start_m + share * (best_m - start_m), True
 
 
-def _covariances(fit: Fit, bodies: Bodies, information: FloatArray, n_points: int) -> FloatArray:
-    """Return the covariance of each point: of its position, and of its rotation."""
-    sides_m = np.maximum(bodies.upper_m - fit.positions_m, fit.positions_m - bodies.lower_m)
+def _covariances(fit: Fit, spread: FloatArray | None, n_points: int) -> FloatArray:
+    """
+    Return the covariance of each point: of its position, and of its rotation.
+
+    `spread` are the products of the gradients that errors make, where these depend on each other.
+    Those of independent ones are the matrix of the fit.
+    """
+    bodies = fit.bodies
+    sides_m = np.maximum(bodies.upper_m - bodies.positions_m, bodies.positions_m - bodies.lower_m)
     turns = np.full(sides_m.shape, np.pi / np.sqrt(UNIFORM))
     widths = np.concatenate([sides_m, turns], axis=1)
     # The enclosure counts as one more reading, so that nothing is wider than it.
     variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
-    equations = UNIFORM * information + np.diag(1.0 / variances)
+    equations = UNIFORM * fit.matrix + np.diag(1.0 / variances)
     size = int(bodies.free[:n_points].sum())
-    eliminate(equations, size)
+    # What was before now is eliminated.
+    before = -np.linalg.solve(equations[size:, size:], equations[size:, :size])
+    inverse = _inverse(
+        equations[:size, :size] + equations[:size, size:] @ before, variances[:size]
+    )
+    if spread is not None:
+        gain = inverse @ np.hstack([np.eye(size), before.T])
+        inverse = inverse + gain @ (UNIFORM * (spread - fit.matrix)) @ gain.T
     everything = np.zeros((size + 1, size + 1))
-    inverse = _inverse(equations[:size, :size], variances[:size])
     everything[:size, :size] = 0.5 * (inverse + inverse.T)
-    # The last row stands for what is left out.
-    columns = fit.columns[:n_points]
-    rows = np.where(columns == LEFT_OUT, size, columns)
+    # The last row, -1, stands for what is left out.
+    rows = fit.columns[:n_points]
     return np.asarray(everything[rows[:, :, None], rows[:, None, :]])
 
 

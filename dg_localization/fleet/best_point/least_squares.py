@@ -1,22 +1,37 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Least squares within bounds: a start, what may change, and what the fit makes of it."""
+"""
+Least squares within bounds: Levenberg-Marquardt steps, projected on a box.
+
+Every step that is taken lowers the cost and stays in the box. Nothing is rounded outward: the
+result is an estimate.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.descent import descend
-from dg_localization.fleet.best_point.normal_equations import LEFT_OUT, normal_equations
-from dg_localization.fleet.best_point.terms import Terms
+from dg_localization.fleet.best_point.normal_equations import (
+    LEFT_OUT,
+    SHORTEST_M,
+    normal_equations,
+)
+from dg_localization.fleet.best_point.terms import RANGE, RAY, Terms
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+
+MOST_STEPS = 30
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e6
+LEAST_GAIN = 1e-6
+"""A step that lowers the cost by less than this fraction is the last."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +57,26 @@ class Bodies:
     upper_m: FloatArray
     free: BoolArray
 
+    def moved(self, step: FloatArray) -> Bodies:
+        """Return the bodies after a step of what is free, as far as the bounds let them go."""
+        moves = np.zeros(self.free.shape)
+        moves[self.free] = step
+        positions_m = np.clip(self.positions_m + moves[:, :3], self.lower_m, self.upper_m)
+        positions_m = np.where(self.free[:, :3], positions_m, self.positions_m)
+        rotations = self.rotations
+        if self.free[:, 3:].any():
+            rotations = _small_rotations(moves[:, 3:]) @ rotations
+        return replace(self, positions_m=positions_m, rotations=rotations)
+
+    def is_pushed_out(self, gradient: FloatArray) -> BoolArray:
+        """Return which of what is free is at a bound, where a descent would leave it."""
+        pulls = np.zeros(self.free.shape)
+        pulls[self.free] = gradient
+        pushed = np.zeros(self.free.shape, dtype=bool)
+        pushed[:, :3] = (self.positions_m <= self.lower_m) & (pulls[:, :3] > 0.0)
+        pushed[:, :3] |= (self.positions_m >= self.upper_m) & (pulls[:, :3] < 0.0)
+        return pushed[self.free]
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -50,8 +85,8 @@ class Fit:
 
     Parameters
     ----------
-    positions_m : numpy.ndarray, shape (n, 3)
-    rotations : numpy.ndarray, shape (n, 3, 3)
+    bodies : Bodies
+        Where they are now.
     cost : float
         Sum of the squared residuals, in half widths; less for those that are robust.
     columns : numpy.ndarray of int, shape (n, 6)
@@ -61,8 +96,7 @@ class Fit:
 
     """
 
-    positions_m: FloatArray
-    rotations: FloatArray
+    bodies: Bodies
     cost: float
     columns: IntArray
     matrix: FloatArray
@@ -71,16 +105,66 @@ class Fit:
 def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
     """Lower the sum of squared residuals from a start, within bounds."""
     columns = np.full(start.free.shape, LEFT_OUT, dtype=np.int64)
-    size = int(start.free.sum())
-    columns[start.free] = np.arange(size)
-    placed = start.positions_m, start.rotations, start.lower_m, start.upper_m
-    cost, positions_m, rotations, matrix = descend(*terms, robust, *placed, columns, size)
-    return Fit(positions_m, rotations, float(cost), columns, matrix)
+    columns[start.free] = np.arange(size := int(start.free.sum()))
+
+    def examined(bodies: Bodies) -> tuple[float, FloatArray, FloatArray]:
+        matrix, vector = np.empty((size, size)), np.empty(size)
+        placed = bodies.positions_m, bodies.rotations, columns
+        return normal_equations(*terms, robust, *placed, matrix, vector), matrix, vector
+
+    best, damping = start, FIRST_DAMPING
+    cost, matrix, vector = examined(start)
+    for _ in range(MOST_STEPS if size else 0):
+        held = best.is_pushed_out(vector)
+        # What no term depends on gets a diagonal all the same, and does not move.
+        diagonal = np.diag(matrix)
+        damped = matrix + np.diag(damping * diagonal + 1e-12 * max(1e-288, diagonal.max()))
+        damped[held], damped[:, held] = 0.0, 0.0
+        damped[held, held] = 1.0
+        try:
+            step = np.linalg.solve(damped, np.where(held, 0.0, -vector))
+        except np.linalg.LinAlgError:
+            break
+        trial = best.moved(np.asarray(step, dtype=float))
+        trial_cost, *equations = examined(trial)
+        if trial_cost < cost:
+            gain, cost, best, (matrix, vector) = cost - trial_cost, trial_cost, trial, equations
+            damping = max(0.1 * damping, LEAST_DAMPING)
+            if gain <= LEAST_GAIN * cost:
+                break
+        elif (damping := 10.0 * damping) > MOST_DAMPING:
+            break
+    return Fit(best, float(cost), columns, matrix)
 
 
-def matrix_at(terms: Terms, fit: Fit) -> FloatArray:
-    """Return the matrix of the normal equations of other terms at the result of a fit."""
+def _small_rotations(turns_rad: FloatArray) -> FloatArray:
+    """Return rotations about the axes of the fixed frame, shape (n, 3, 3) (Rodrigues)."""
+    angles_rad = np.linalg.norm(turns_rad, axis=1)[:, None, None]
+    x, y, z = (turns_rad / np.maximum(angles_rad[:, 0], 1e-300)).T
+    cross = np.zeros((len(turns_rad), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross -= np.swapaxes(cross, 1, 2)
+    turned = np.sin(angles_rad) * cross + (1.0 - np.cos(angles_rad)) * (cross @ cross)
+    return np.asarray(np.eye(3) + turned)
+
+
+def equations_at(terms: Terms, fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations of other terms at the result of a fit: matrix and vector."""
     matrix, vector = np.empty_like(fit.matrix), np.empty(len(fit.matrix))
-    placed = fit.positions_m, fit.rotations, fit.columns
-    normal_equations(*terms, True, *placed, matrix, vector)
-    return matrix
+    placed = fit.bodies.positions_m, fit.bodies.rotations, fit.columns
+    normal_equations(*terms, False, *placed, matrix, vector)
+    return matrix, vector
+
+
+def residuals_of(terms: Terms, fit: Fit) -> FloatArray:
+    """Return by how many half widths ranges and rays in the plane are off a fit; others: 0."""
+    rotations = fit.bodies.rotations[terms.bodies]
+    arms_m = np.einsum('mbij,mbj->mbi', rotations, terms.arms_m)
+    lines_m = np.diff(fit.bodies.positions_m[terms.bodies] + arms_m, axis=1)[:, 0]
+    lengths_m = np.maximum(np.linalg.norm(lines_m, axis=1), SHORTEST_M)
+    sights = np.einsum('mij,mj->mi', rotations[:, 0], terms.values)
+    rays = lines_m / lengths_m[:, None]
+    to_left = sights[:, 0] * rays[:, 1] > sights[:, 1] * rays[:, 0]
+    turned = np.where(to_left, 1.0, -1.0) * np.linalg.norm(rays - sights, axis=1)
+    off = np.where(terms.kinds == RANGE, lengths_m - terms.values[:, 0], turned)
+    return np.where(np.isin(terms.kinds, (RANGE, RAY)), terms.weights * off, 0.0)

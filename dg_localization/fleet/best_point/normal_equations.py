@@ -99,17 +99,16 @@ def normal_equations(
         length = max(length, SHORTEST_M)
         # The residual, and its derivative with respect to the line from end to end.
         n_rows = 3
-        if kind == PLACE:
-            for axis in range(3):
-                residual[axis] = weight * (positions_m[first, axis] - values[term, axis])
-        elif kind == RANGE:
+        if kind == RANGE:
             n_rows = 1
             residual[0] = weight * (length - values[term, 0])
             for axis in range(3):
                 change[0, axis] = weight * line[axis] / length
-        elif kind == STEP:
+        elif kind in (PLACE, STEP):
             for row in range(3):
                 residual[row] = weight * line[row]
+                if kind == PLACE:
+                    residual[row] = weight * (values[term, row] - positions_m[first, row])
                 for axis in range(3):
                     change[row, axis] = weight if row == axis else 0.0
         elif kind == TURN:
@@ -128,14 +127,8 @@ def normal_equations(
         for row in range(n_rows):
             for axis in range(3):
                 a, b = (axis + 1) % 3, (axis + 2) % 3
-                if kind == PLACE:
-                    slopes[row, axis] = weight if row == axis else 0.0
-                    slopes[row, axis + 3] = 0.0
-                    slopes[row, axis + 6] = 0.0
-                    slopes[row, axis + 9] = 0.0
-                    continue
                 slopes[row, axis] = -change[row, axis]
-                slopes[row, axis + 6] = change[row, axis]
+                slopes[row, axis + 6] = 0.0 if kind == PLACE else change[row, axis]
                 # A rotation about an axis moves an arm r by the vector product of the two.
                 slopes[row, axis + 3] = arms[0, b] * change[row, a] - arms[0, a] * change[row, b]
                 slopes[row, axis + 9] = arms[1, a] * change[row, b] - arms[1, b] * change[row, a]
@@ -172,18 +165,3 @@ def normal_equations(
                 for row in range(n_rows):
                     matrix[column, other] += slopes[row, i] * slopes[row, j]
     return total
-
-
-@kernel(borrows=True)
-def eliminate(matrix: FloatArray, size: int) -> None:
-    """
-    Leave in the first rows and columns of a positive definite matrix its Schur complement.
-
-    The inverse of that is the first block of the inverse of the whole.
-    """
-    for last in range(len(matrix) - 1, size - 1, -1):
-        for i in range(last):
-            share = matrix[i, last] / matrix[last, last]
-            if share != 0.0:
-                for j in range(last):
-                    matrix[i, j] -= share * matrix[last, j]

@@ -13,13 +13,14 @@ error of the odometry is shared by all that came before it.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.best_point.least_squares import Fit, equations_at, residuals_of
 from dg_localization.fleet.best_point.stated_way import StatedWay, directions, packed
 from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, Terms
 from dg_localization.fleet.constraints.constrain import Constraints
@@ -65,6 +66,8 @@ class Past:
         By row, the poses of robots now that lay what they saw of landmarks on the map.
     ends : frozenset of (str, str)
         Whose measurements the terms contain.
+    ways : tuple of list of Terms
+        For each robot, its terms, and what they were if its odometry erred all along.
 
     """
 
@@ -73,6 +76,25 @@ class Past:
     poses: FloatArray
     guesses: Mapping[int, FloatArray]
     ends: frozenset[Ends]
+    ways: tuple[list[Terms], ...]
+
+    def spread(self, fit: Fit) -> FloatArray:
+        """
+        Return the products of the gradients that errors of the terms make at a robust fit.
+
+        Errors of readings are independent of each other, but for those of one target in a while.
+        What odometry does wrong it may do all along, so that its gradients add up first.
+        """
+        residuals = residuals_of(self.terms, fit)
+        shares = np.sqrt(self.terms.common_errors(residuals)) / np.hypot(1.0, residuals)
+        spread, _ = equations_at(self.terms._replace(weights=shares * self.terms.weights), fit)
+        for stated, *erring in self.ways:
+            weights = stated.weights / np.hypot(1.0, residuals_of(stated, fit))
+            _, balance = equations_at(stated._replace(weights=weights), fit)
+            for terms in erring:
+                _, pull = equations_at(terms._replace(weights=weights), fit)
+                spread += np.outer(pull - balance, pull - balance)
+        return spread
 
 
 def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -> Past | None:
@@ -114,15 +136,18 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     count = max(1, min(math.ceil(span_s / SPACING_S), MOST_POSES // len(known)))
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
-    terms = _packed_readings(table, known)
+    ways_terms = []
     for way in known:
-        terms += way.steps()
+        mine = table[(table[:, :2] == way.row).any(axis=1)]
+        others = [one for one in known if one is not way]
+        ways_terms.append([_terms(mine, [one, *others], [one]) for one in (way, *way.erring())])
     return Past(
-        Terms.joined(terms),
+        _terms(table, known, known),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         guesses,
         frozenset(pair for pair, moved in ends.items() if moved.isdisjoint(left_out)),
+        tuple(ways_terms),
     )
 
 
@@ -173,6 +198,12 @@ def _bearing_rad(seen: Observation) -> float:
     if seen.direction is None or seen.half_width_rad >= math.pi:
         return math.nan
     return math.atan2(*seen.direction[1::-1])
+
+
+def _terms(table: FloatArray, ways: Sequence[StatedWay], moving: Sequence[StatedWay]) -> Terms:
+    """Return the readings of a table, and the odometry of those that move."""
+    steps = [part for way in moving for part in way.steps()]
+    return Terms.joined([*_packed_readings(table, ways), *steps])
 
 
 def _packed_readings(table: FloatArray, ways: Collection[StatedWay]) -> list[Terms]:

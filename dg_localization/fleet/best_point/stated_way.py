@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator
+import copy
 import math
 
 import numpy as np
@@ -49,12 +50,12 @@ class StatedWay:
         yaws_rad = np.unwrap(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
         self._columns = (*positions_m.T, yaws_rad)
         steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
-        self._way_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-        self._turned_rad = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(yaws_rad)))])
+        turns_rad = np.abs(np.diff(yaws_rad))
+        self._sums = [np.append(0.0, np.cumsum(steps)) for steps in (steps_m, turns_rad)]
         stamps_s = np.array([reading.stamp_s for reading in track[first:]])
         steps_s = np.diff(stamps_s)
         silent_s = np.where(steps_s > self._error.max_gap_s, steps_s, 0.0)
-        self._sampled_s = stamps_s, np.concatenate([[0.0], np.cumsum(silent_s)])
+        self._sampled_s = stamps_s, np.append(0.0, np.cumsum(silent_s))
         self.place_bodies(row + 1, 1)
 
     def place_bodies(self, first_past: int, count: int) -> None:
@@ -75,7 +76,7 @@ class StatedWay:
         nearest = np.clip(nearest, 0, len(self.times_s) - 1)
         unknown = self._unknown_motion(stamps_s, self.times_s[nearest])
         poses = seen_from(self._stated[nearest], self._poses(stamps_s))
-        return self._bodies[nearest], poses, np.stack(unknown, axis=-1)
+        return self._bodies[nearest], poses, unknown.T
 
     def poses_now(self, stamps_s: FloatArray) -> FloatArray:
         """Return the poses at some times, seen from that of now, shape (m, 3)."""
@@ -85,48 +86,55 @@ class StatedWay:
         """Yield the terms that odometry makes of the bodies."""
         bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
         between = seen_from(self._stated[:-1], self._stated[1:])
-        errors_m, errors_rad = self._errors(self.times_s[1:], self.times_s[:-1])
+        error, times_s = self._error, self.times_s
+        driven = [-np.diff(np.interp(times_s, self._stamps_s, sums)) for sums in self._sums]
+        rates = [
+            [error.translation_per_m, error.translation_per_rad],
+            [error.rotation_per_m, error.rotation_per_rad],
+        ]
+        errors = rates @ np.array(driven) + self._unknown_motion(times_s[1:], times_s[:-1])
+        errors += np.array([[error.constant_m], [error.constant_rad]])
+        errors_m, errors_rad = np.maximum(errors, STEP_ERROR)
         ends = np.zeros((len(bodies), 2, 3))
         ends[:, 0, :2] = between[:, :2]
         nothing = np.zeros((len(bodies), 3))
-        yield packed(STEP, bodies, ends, nothing, np.maximum(errors_m, STEP_ERROR))
+        yield packed(STEP, bodies, ends, nothing, errors_m)
         axes = directions(between[:, 2])
-        errors_rad = np.maximum(errors_rad, STEP_ERROR)
         yield packed(TURN, bodies, np.zeros((len(bodies), 2, 3)), axes, errors_rad)
+
+    def erring(self) -> Iterator[StatedWay]:
+        """Yield ways whose odometry errs as far as its bounds allow all along, for one reason."""
+        error, (x_m, y_m, yaws_rad) = self._error, self._columns
+        places_m = x_m + 1j * y_m
+        yield self._changed((1.0 + error.translation_per_m) * places_m, yaws_rad)
+        for turns_rad in (error.rotation_per_rad * yaws_rad, error.rotation_per_m * self._sums[0]):
+            steps_m = np.diff(places_m) * np.exp(0.5j * (turns_rad[1:] + turns_rad[:-1]))
+            yield self._changed(np.append(0.0, np.cumsum(steps_m)), yaws_rad + turns_rad)
+        yield self._changed(places_m, yaws_rad, error.latency_s)
+
+    def _changed(
+        self, places_m: NDArray[np.complex128], yaws_rad: FloatArray, late_s: float = 0.0
+    ) -> StatedWay:
+        """Return this way with other stated poses, which are late."""
+        changed = copy.copy(self)
+        changed._columns = (places_m.real, places_m.imag, yaws_rad)
+        changed._stamps_s = self._stamps_s + late_s
+        changed._stated = changed._poses(self.times_s)
+        return changed
 
     def _poses(self, times_s: FloatArray) -> FloatArray:
         """Return x, y and yaw at some times, shape (m, 3); the first and the last one beyond."""
         return np.stack([np.interp(times_s, self._stamps_s, c) for c in self._columns], axis=-1)
 
-    def _errors(self, before_s: FloatArray, after_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the greatest errors between some times, in m and in rad."""
-        error = self._error
-        ways, turns = (
-            np.interp(after_s, self._stamps_s, sums) - np.interp(before_s, self._stamps_s, sums)
-            for sums in (self._way_m, self._turned_rad)
-        )
-        unknown_m, unknown_rad = self._unknown_motion(before_s, after_s)
-        of_way_m = error.translation_per_m * ways + error.translation_per_rad * turns
-        of_way_rad = error.rotation_per_m * ways + error.rotation_per_rad * turns
-        return (
-            of_way_m + error.constant_m + unknown_m,
-            of_way_rad + error.constant_rad + unknown_rad,
-        )
-
-    def _unknown_motion(
-        self, first_s: FloatArray, second_s: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _unknown_motion(self, first_s: FloatArray, second_s: FloatArray) -> FloatArray:
         """
-        Return what the stated motion between times leaves open, as half widths in m and rad.
+        Return what the stated motion between times leaves open, in m and rad, shape (2, m).
 
         That is how far the robot can have gone while odometry was silent. It is as likely as not
-        that it went on at full speed, so that half width counts as a deviation. Stamps that are
-        late misplace what was done at either end; most of it was done at both.
+        that it went on at full speed, so that half width counts as a deviation.
         """
         silent_s = np.abs(self._silent_s(second_s) - self._silent_s(first_s))
-        late_s = np.minimum(self._error.latency_s, np.abs(second_s - first_s))
-        open_s = math.sqrt(3.0) * silent_s + late_s
-        return self._limits[0] * open_s, self._limits[1] * open_s
+        return np.multiply.outer(self._limits, math.sqrt(3.0) * silent_s)
 
     def _silent_s(self, times_s: FloatArray) -> FloatArray:
         """Return for how long odometry was silent up to some times, after its last message too."""

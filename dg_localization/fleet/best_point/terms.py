@@ -36,6 +36,10 @@ LEAST_HALF_WIDTH = 1e-6
 """A reading without error would outweigh all others beyond the digits of a number."""
 
 
+UNIFORM = 3.0
+"""The square of a half width over the variance of an error that is anywhere within it."""
+
+
 class Term(NamedTuple):
     """
     A likeliest reading between two bodies.
@@ -96,21 +100,20 @@ class Terms(NamedTuple):
         """Return the terms of all parts."""
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
-    def chosen(self, rows: IntArray | NDArray[np.bool_]) -> Terms:
-        """Return some of the terms."""
-        return Terms(
-            self.kinds[rows],
-            self.bodies[rows],
-            self.arms_m[rows],
-            self.values[rows],
-            self.weights[rows],
-        )
+    def common_errors(self, residuals: FloatArray) -> FloatArray:
+        """
+        Return how much less the readings of one target in a while tell than independent ones.
 
-    def counted_once(self) -> Terms:
-        """Return the terms so that those of one kind and of the same bodies weigh as one."""
+        What they do not scatter, of the variance that their bounds allow, they may have in common.
+        """
         keys = np.column_stack([self.kinds, self.bodies])
         _, groups, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-        return self._replace(weights=self.weights / np.sqrt(counts[groups.ravel()]))
+        groups, residuals = groups.ravel(), np.clip(residuals, -1.0, 1.0)
+        scatter = (residuals - (np.bincount(groups, residuals) / counts)[groups]) ** 2
+        # One more reading that does not scatter stands for what is known before.
+        repeats = 1.0 + np.bincount(self.kinds, 1.0 - 1.0 / counts[groups])
+        common = np.maximum(0.0, 1.0 - UNIFORM * np.bincount(self.kinds, scatter) / repeats)
+        return 1.0 + common[self.kinds] * (counts[groups] - 1.0)
 
 
 def terms_of(

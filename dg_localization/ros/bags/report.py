@@ -280,9 +280,9 @@ def truth_parts(truth: Tree) -> Iterator[str | Table]:
     )
     if stated := truth['consistency']:
         yield (
-            f'{100.0 * stated["beyond_3_deviations"]:.1f} % of the coordinates are off by more '
-            'than three of their stated deviations; the median NEES per coordinate is '
-            f'{stated["median_nees"]:.2f}.'
+            f'{100.0 * stated["beyond_3_deviations"]:.1f} % of the coordinates, and of the '
+            'headings in the plane, are off by more than three of their stated deviations; '
+            f'the median NEES per coordinate is {stated["median_nees"]:.2f}.'
         )
     rows = []
     for robot, kinds in truth['errors'].items():

@@ -106,6 +106,11 @@ class TruthTally:
             return
         dimension = self._truth.fleet.dimension
         off_m = placement.positions_m - truth.positions_m
+        turned_rad = truth.heading_errors_rad(placement)
+        yaw_rad = np.sqrt(placement.covariances[:, 5, 5]) if dimension == 2 else np.zeros(1)
+        known = np.isfinite(turned_rad) & (yaw_rad > 0.0)
+        self._beyond += int(np.count_nonzero(known & (turned_rad > 3.0 * yaw_rad)))
+        self._n_deviations += int(np.count_nonzero(known))
         for error_m, covariance in zip(off_m, placement.covariances, strict=True):
             stated = covariance[:dimension, :dimension]
             variances = np.diag(stated)
