@@ -146,32 +146,12 @@ def test_range_limits_and_variance_of_zero_are_not_given():
     assert reading.stamp_s == 0.0
 
 
-def test_range_with_a_far_limit_only_keeps_both():
-    reading = adapter_for(RANGE).from_message(
-        adapter_for(RANGE).message_class()(range=2.0, max_range=8.0)
-    )
-    assert (reading.min_range_m, reading.max_range_m) == (0.0, 8.0)
-
-
 def test_range_of_a_recording_without_variance():
     stamp = SimpleNamespace(sec=1, nanosec=500_000_000)
     message = SimpleNamespace(
         header=SimpleNamespace(stamp=stamp, frame_id=''), range=3.0, min_range=0.0, max_range=0.0
     )
     assert adapter_for(RANGE).from_message(message) == RangeReading(1.5, 3.0)
-
-
-def test_zero_ray_and_zero_quaternion_are_passed_on_for_the_fleet_to_judge():
-    bearing = adapter_for(BEARING)
-    assert not bearing.from_message(bearing.message_class()()).ray_xyz.any()
-    odometry = adapter_for(ODOMETRY)
-    message = odometry.to_message(OdometryReading(1.0, np.zeros(3), np.zeros(4)))
-    assert not odometry.from_message(message).orientation_xyzw.any()
-
-
-def test_marker_scene_begins_with_delete_all_even_when_empty():
-    message = adapter_for(MARKERS).to_message(MarkerScene(1.0, 'map'))
-    assert [marker.action for marker in message.markers] == [message.markers[0].DELETEALL]
 
 
 def test_marker_array_of_another_node_is_refused():

@@ -55,16 +55,6 @@ def test_topic_is_understood(topic, type_name, key):
         ('/ns/a/range/b', RANGE),
         ('/rosout', 'rcl_interfaces/msg/Log'),
     ],
-    ids=[
-        'type',
-        'itself',
-        'another fleet',
-        'another odometry',
-        'other peers',
-        'deeper',
-        'prefix',
-        'any',
-    ],
 )
 def test_topic_is_none_of_ours(topic, type_name):
     assert found((topic, type_name)) == {}

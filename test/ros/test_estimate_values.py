@@ -118,18 +118,10 @@ def status(part, made, **changes):
 
 def test_poses_come_placement_by_placement_in_robot_order():
     poses = feasible_poses(estimate(placement(), placement(1.0)), 'map')
-    assert poses.positions_m.tolist() == [
-        [0.0, 0.0, 0.0],
-        [3.0, 1.0, 0.0],
-        [0.0, 0.0, 0.0],
-        [4.0, 1.0, 0.0],
-    ]
+    assert poses.positions_m[:, :2].tolist() == [[0.0, 0.0], [3.0, 1.0], [0.0, 0.0], [4.0, 1.0]]
+    # An unknown heading is no rotation at all.
+    assert poses.orientations_xyzw[:2].tolist() == [[0.0, 0.0, 0.6, 0.8], [0.0] * 4]
     assert (poses.stamp_s, poses.frame_id) == (12.5, 'map')
-
-
-def test_unknown_heading_is_no_rotation_at_all():
-    poses = feasible_poses(estimate(placement()), 'map')
-    assert poses.orientations_xyzw.tolist() == [[0.0, 0.0, 0.6, 0.8], [0.0] * 4]
 
 
 def test_array_of_one_robot_leaves_unknown_positions_out_and_that_of_the_fleet_does_not():
@@ -141,18 +133,6 @@ def test_array_of_one_robot_leaves_unknown_positions_out_and_that_of_the_fleet_d
     )
     assert (len(fleet), len(a), len(b)) == (4, 2, 1)
     assert math.isnan(fleet[3].position.x) and b[0].position.x == 3.0
-
-
-def test_only_so_many_placements_are_drawn():
-    drawn = scene(estimate(*[placement(k) for k in range(MOST_DRAWN + 9)]), 'map', 1.0).markers
-    (robots,) = [marker for marker in drawn if marker.namespace == 'robots']
-    assert len(robots.points_m) == 2 * MOST_DRAWN
-
-
-def test_covariance_holds_the_squares_of_the_farthest_sides():
-    pose = unique_pose(estimate(placement()), 0, 'map')
-    assert np.diag(pose.covariance) == pytest.approx([0.04, 0.04, 1e-6, 1e-6, 1e-6, 0.01])
-    assert np.count_nonzero(pose.covariance) == 6
 
 
 def estimated_covariances():
@@ -186,13 +166,14 @@ def test_robot_that_the_frame_is_attached_to_is_not_certain_to_a_filter():
     assert np.diag(pose.covariance).tolist() == [1e-6] * 6
 
 
-def test_unknown_heading_has_no_weight_in_a_filter():
+def test_covariance_holds_the_squares_of_the_farthest_sides():
+    pose = unique_pose(estimate(placement()), 0, 'map')
+    assert np.diag(pose.covariance) == pytest.approx([0.04, 0.04, 1e-6, 1e-6, 1e-6, 0.01])
+    assert np.count_nonzero(pose.covariance) == 6
+    # An unknown heading has no weight in a filter.
     pose = unique_pose(estimate(placement()), 1, 'map')
     assert pose.orientation_xyzw.tolist() == [0.0, 0.0, 0.0, 1.0]
     assert pose.covariance[5, 5] == 1e6
-
-
-def test_space_has_six_variances():
     pose = unique_pose(estimate(placement(dimension=3)), 0, 'map')
     assert np.diag(pose.covariance) == pytest.approx([0.04] * 3 + [0.01] * 3)
 
@@ -210,6 +191,18 @@ def test_space_has_six_variances():
 )
 def test_there_is_a_pose_only_while_one_hypothesis_is_left(made):
     assert unique_pose(made, 1, 'map') is None
+
+
+def test_landmarks_are_drawn_and_named_and_not_too_many_placements():
+    made = estimate(
+        *[placement(k, landmarks_m=np.array([[9.0, 9.0]])) for k in range(MOST_DRAWN + 9)],
+        landmarks=('beacon',),
+    )
+    markers = scene(made, 'map', 1.0).markers
+    (robots,) = [marker for marker in markers if marker.namespace == 'robots']
+    assert len(robots.points_m) == 3 * MOST_DRAWN
+    assert robots.points_m[2].tolist() == [9.0, 9.0, 0.0]
+    assert 'beacon' in [marker.text for marker in markers]
 
 
 def test_scene_has_a_namespace_for_each_thing():
@@ -250,14 +243,6 @@ def test_a_robot_that_sees_itself_is_an_input_that_is_rejected():
     assert found.level is Level.WARN
     assert "'a/cam' and 'a' are both on robot 'a'" in found.message
     assert found.values['rejected_same_robot'] == '1'
-
-
-def test_landmarks_are_drawn_and_named():
-    made = estimate(placement(landmarks_m=np.array([[9.0, 9.0]])), landmarks=('beacon',))
-    markers = scene(made, 'map', 1.0).markers
-    (robots,) = [marker for marker in markers if marker.namespace == 'robots']
-    assert robots.points_m[2].tolist() == [9.0, 9.0, 0.0]
-    assert 'beacon' in [marker.text for marker in markers]
 
 
 def test_what_is_not_known_is_not_drawn():
@@ -429,25 +414,50 @@ def test_robot_status(made, level, text):
     assert found.level is level and text in found.message
 
 
+SILENT = Link('/uwb', 'sensor_msgs/msg/Range', AB, explicit=True)
+MALFORMED = {'malformed': {'/a/range/b': Malformed(3, 'too short', 12.0)}}
+
+
 @pytest.mark.parametrize(
-    'state, level, text',
+    'state, changes, level, text',
     [
-        (input_state(), Level.OK, 'in use'),
-        (input_state(in_use=False), Level.WARN, 'stale'),
-        (input_state(restart='started anew: by a jump'), Level.WARN, 'started anew: by a jump'),
-        (input_state(in_use=False, accepted=0, last_reason_text='is NaN'), Level.WARN, 'is NaN'),
+        (input_state(), {}, Level.OK, 'in use'),
+        (input_state(in_use=False), {}, Level.WARN, 'stale'),
+        (input_state(restart='started anew: by a jump'), {}, Level.WARN, 'anew: by a jump'),
+        (input_state(in_use=False, accepted=0, last_reason_text='NaN'), {}, Level.WARN, 'NaN'),
+        (None, {'links': (SILENT,)}, Level.WARN, 'nothing received'),
+        (None, MALFORMED, Level.WARN, 'malformed: too short'),
+        (input_state(in_use=False, age_s=5.0), MALFORMED, Level.WARN, 'malformed: too short'),
+        (input_state(in_use=False, age_s=0.5), MALFORMED, Level.WARN, 'stale'),
+        (input_state(), {'rejecting': {AB: 'rejects 9 of 10'}}, Level.WARN, 'rejects 9 of 10'),
     ],
 )
-def test_input_status(state, level, text):
-    found = status('input range a->b', estimate(), inputs={AB: state})
+def test_input_status(state, changes, level, text):
+    inputs = {} if state is None else {AB: state}
+    found = status('input range a->b', estimate(), inputs=inputs, **changes)
     assert found.level is level and text in found.message
 
 
-def test_silent_input_of_a_template_needs_no_status_an_explicit_one_does():
+def test_only_inputs_that_are_named_or_were_heard_have_a_status():
     assert status('input range a->b', estimate(), inputs={}) is None
-    explicit = Link('/uwb', 'sensor_msgs/msg/Range', AB, explicit=True)
-    found = status('input range a->b', estimate(), inputs={}, links=(explicit,))
-    assert (found.level, found.message) == (Level.WARN, 'nothing received')
+    rejected = {RejectionReason.NAN: 2, RejectionReason.TOO_OLD: 3}
+    state = input_state(rejected=rejected, last_reason_text='too old')
+    changes = {'inputs': {AB: state}, 'rejecting': {AB: 'rejects 5 of 10'}, **MALFORMED}
+    values = status('input range a->b', estimate(), **changes).values
+    assert (values['rejected'], values['rejected_too_old']) == ('5', '3')
+    assert (values['malformed'], values['last_malformed']) == ('3', 'too short')
+    assert 'rejects 5 of 10' in status('fleet', estimate(placement()), **changes).message
+    # Two topics of one link have names of their own.
+    links = tuple(Link(topic, 'sensor_msgs/msg/Range', AB, True) for topic in ('/x', '/y'))
+    assert status('input range a->b by /y', None, links=links).values['topic'] == '/y'
+
+
+@pytest.mark.parametrize(('explicit', 'level'), [(False, Level.OK), (True, Level.WARN)])
+def test_a_camera_that_sees_nothing_is_no_warning(explicit, level):
+    ray = LinkKey(LinkKind.BEARING, 'a', 'b')
+    inputs = {ray: input_state(key=ray, in_use=False)}
+    links = (Link('/a/bearing/b', 'geometry_msgs/msg/Vector3Stamped', ray, explicit),)
+    assert status('input bearing a->b', estimate(), links=links, inputs=inputs).level is level
 
 
 def test_peers_have_a_status_together_and_one_each():
@@ -469,15 +479,6 @@ def test_peers_have_a_status_together_and_one_each():
     assert (values['inputs'], values['inputs_in_use']) == ('2', '1')
 
 
-def test_pair_with_a_topic_of_its_own_is_none_of_the_peers():
-    links = (
-        Link('/a/range/b', 'sensor_msgs/msg/Range', AB),
-        Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),
-    )
-    assert status('input peers a', estimate(), links=links) is None
-    assert status('input range a->b', estimate(), links=links).values['topic'] == '/a/range/b'
-
-
 def test_malformed_peers_are_counted_once():
     changes = {
         'links': (Link('/a/peers', 'sensor_msgs/msg/PointCloud2', PEERS),),
@@ -486,37 +487,6 @@ def test_malformed_peers_are_counted_once():
     assert status('input peers a', None, **changes).message == 'malformed: no peer'
     assert status('input peers a', None, **changes).values['malformed'] == '2'
     assert 'malformed' not in status('input range a->b', None, **changes).values
-
-
-def test_malformed_messages_are_counted_and_named():
-    malformed = {'/a/range/b': Malformed(2, 'no reading')}
-    found = status('input range a->b', None, inputs={}, malformed=malformed)
-    assert (found.level, found.message) == (Level.WARN, 'malformed: no reading')
-    assert (found.values['malformed'], found.values['last_malformed']) == ('2', 'no reading')
-
-
-def test_an_input_that_hears_only_malformed_messages_now_says_so():
-    silent = input_state(in_use=False, age_s=5.0)
-    for last_s, text in ((12.0, 'malformed: too short'), (7.0, 'stale: nothing acceptable')):
-        malformed = {'/a/range/b': Malformed(3, 'too short', last_s)}
-        found = status('input range a->b', estimate(), inputs={AB: silent}, malformed=malformed)
-        assert found.level is Level.WARN and found.message.startswith(text)
-
-
-def test_an_input_that_rejects_most_readings_is_a_warning_with_the_cause():
-    rejecting = {AB: 'rejects 9 of 10 readings: stamp 3 s is in the future'}
-    for part in ('input range a->b', 'fleet'):
-        found = status(part, estimate(placement()), rejecting=rejecting)
-        assert found.level is Level.WARN and 'in the future' in found.message
-
-
-def test_a_camera_that_sees_nothing_is_no_warning():
-    ray = LinkKey(LinkKind.BEARING, 'a', 'b')
-    state = input_state(key=ray, in_use=False)
-    for explicit, level in ((False, Level.OK), (True, Level.WARN)):
-        links = (Link('/a/bearing/b', 'geometry_msgs/msg/Vector3Stamped', ray, explicit),)
-        found = status('input bearing a->b', estimate(), links=links, inputs={ray: state})
-        assert found.level is level
 
 
 def test_a_robot_is_told_its_typical_and_its_guaranteed_error_and_whom_it_hears():
@@ -528,11 +498,6 @@ def test_a_robot_is_told_its_typical_and_its_guaranteed_error_and_whom_it_hears(
     assert status('robot b', estimate(fitted, links=links)).message == (
         'localized: within 0.20 m (typical), within 0.28 m (guaranteed), 1 of 2 neighbours heard'
     )
-
-
-def test_two_topics_of_one_link_have_names_of_their_own():
-    links = tuple(Link(topic, 'sensor_msgs/msg/Range', AB, True) for topic in ('/x', '/y'))
-    assert status('input range a->b by /y', None, links=links).values['topic'] == '/y'
 
 
 def test_frames_are_named_after_what_they_are_tied_to():

@@ -48,21 +48,11 @@ def test_the_screen_has_the_fleet_each_robot_bad_inputs_and_what_to_do():
     assert any(line.strip() == 'at 1 2 m' for line in lines)
     assert 'input range b->c: stale' in lines
     assert not any('a->b' in line for line in lines)
-    assert lines[-2:] == ['next: range a - d would fix the hinge at b', 'next: drive c']
-
-
-def test_lines_fit_the_terminal():
     assert max(map(len, screen('localizer', FLEET, 0.5, 40))) <= 40
-
-
-def test_old_diagnostics_are_called_old():
     assert 'SILENT for 7 s' in next(screen('localizer', FLEET, 7.0))
-
-
-def test_a_localizer_that_was_never_heard_is_named():
-    assert list(screen('localizer', (), 60.0)) == [
-        'localizer: no diagnostics received; is it running, in this namespace and domain?'
-    ]
+    (line,) = screen('localizer', (), 60.0)
+    assert line.startswith('localizer: no diagnostics received; is it running')
+    assert lines[-2:] == ['next: range a - d would fix the hinge at b', 'next: drive c']
 
 
 def test_the_node_shows_its_localizer_and_no_other():

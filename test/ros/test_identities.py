@@ -303,19 +303,6 @@ def test_ids_of_robots_and_anchors_are_accepted():
     }
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        '/range sensor_msgs/msg/Range * b',
-        f'/info {CAMERA_INFO} *',
-        '/odom nav_msgs/msg/Odometry *',
-    ],
-)
-def test_other_links_need_their_observer(text):
-    with pytest.raises(ValueError, match='needs the name of its observer'):
-        parse_link(text)
-
-
 def test_types_of_packages_that_are_missing_are_named():
     with pytest.raises(ValueError, match='install the ROS package apriltag_msgs'):
         parse_link('/tags apriltag_msgs/msg/AprilTagDetectionArray a')

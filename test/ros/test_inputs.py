@@ -16,11 +16,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from sensor_msgs.msg import CameraInfo, Range  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template, parse_link  # noqa: E402
+from dg_localization.ros.interface.links import Template, parse_link  # noqa: E402
 from dg_localization.ros.node.inputs import (  # noqa: E402
     POLL_PERIOD_S,
-    QUEUE_DEPTH,
     SENSOR_DATA,
     Inputs,
 )
@@ -133,15 +131,6 @@ def test_a_topic_that_raises_does_not_keep_the_others_from_their_turn(node):
     with pytest.raises(ValueError, match='wrong'):
         inputs._poll()
     assert taken == dict.fromkeys(TOPICS[1:], 1)
-    inputs.destroy()
-
-
-def test_a_topic_of_all_robots_has_a_queue_for_each(node):
-    link = Link('/ranges', 'sensor_msgs/msg/Range', LinkKey(LinkKind.PEERS, ANY_OBSERVER, ''))
-    settings = SimpleNamespace(templates=(), links=(link,), fleet=SETTINGS.fleet)
-    inputs = Inputs(node, settings, lambda *_: None)
-    (subscription,) = (each for each in node.subscriptions if each.topic_name == '/ranges')
-    assert subscription.qos_profile.depth == QUEUE_DEPTH * len(POINTS)
     inputs.destroy()
 
 

@@ -245,13 +245,6 @@ def test_an_input_that_rejects_most_of_its_readings_lately_is_named_with_the_cau
     assert 'is negative' in found[RANGES.key]
 
 
-@pytest.mark.parametrize('length', [0, 1, 3, 4, 5, 20, 31])
-def test_bytes_that_are_no_message_are_counted(localizer, length):
-    data = serialize_message(Range(range=3.0))[:length]
-    assert take(localizer, RANGES, data).count == 1
-    assert taken(localizer) == {}
-
-
 @pytest.mark.parametrize(
     'answer, wanted',
     [

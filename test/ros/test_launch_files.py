@@ -40,24 +40,17 @@ def launch(monkeypatch):
     return lambda name, **arguments: launched(LAUNCH / f'{name}.launch.py', **arguments)
 
 
-def test_there_is_a_file_for_each_use():
-    assert {name_of(path) for path in FILES} == set(REQUIRED)
-
-
 @pytest.mark.parametrize('name', REQUIRED)
 def test_every_file_starts_executables_that_there_are(launch, name):
+    assert {name_of(path) for path in FILES} == set(REQUIRED)
+    closed = launch(name, **REQUIRED[name]).processes
     processes = launch(name, **REQUIRED[name], rviz='true').processes
+    assert len(closed) == len(processes) - 1
     own = [process for process in processes if process.package == 'dg_localization']
     assert {process.executable for process in own} <= set(EXECUTABLES)
     assert [p.executable for p in processes if p not in own] == ['rviz2']
     (localizer,) = [process for process in own if process.executable == 'localizer']
     assert localizer.files == 2 * [localizer.files[0]]
-
-
-@pytest.mark.parametrize('name', REQUIRED)
-def test_rviz_stays_closed_unless_asked_for(launch, name):
-    processes = launch(name, **REQUIRED[name]).processes
-    assert 'rviz2' not in [process.executable for process in processes]
 
 
 @pytest.mark.parametrize(
@@ -85,11 +78,6 @@ def test_only_the_recording_brings_its_own_time_and_ends_all(launch):
         assert [p.executable for p in processes.values() if p.ends_all] == (
             ['replay'] if name == 'bag' else []
         )
-
-
-def test_the_simulation_has_the_time_of_the_machine(launch):
-    processes = {p.executable: p for p in launch('simulation', use_sim_time='true').processes}
-    assert processes['localizer'].parameters['use_sim_time'] is False
 
 
 @pytest.mark.parametrize('name', REQUIRED)

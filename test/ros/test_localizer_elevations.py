@@ -7,11 +7,9 @@ import math
 
 from heard_poses import assert_holds, half_widths_of, pose_from_message
 import numpy as np
-import pytest
 
 from dg_localization.fleet import ElevationErrorModel
 from dg_localization.ros.interface.parameters.settings import check_values, settings_from
-from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from msg_adapters import Level
 
 BEACONS = {'beacon_1': (0.0, 0.0), 'beacon_2': (6.0, 0.0), 'beacon_3': (0.0, 6.0)}
@@ -53,27 +51,6 @@ def test_a_link_has_error_bounds_of_its_own_which_are_not_those_of_ranges():
     assert found.fleet.links == ()
     # Readings of a robot without a stated elevation are counted and rejected.
     assert settings(links=[f'{LINK} robot_2 max_error=1.0']).fleet.point_elevation_error == {}
-
-
-@pytest.mark.parametrize(
-    ('given', 'message'),
-    [
-        ({'links': [f'{LINK} robot_1 min_error=0.6']}, "the bounds of '/baro' are not allowed"),
-        ({'links': [f'{LINK} robot_1 sigma_factor=3.0']}, 'an elevation link allows min_error'),
-        ({'links': [f'{LINK} robot_1 robot_2']}, 'takes no target'),
-        ({'elevation.min_error': 0.6}, 'must be at most elevation.max_error'),
-        ({'elevation.topic': '{robot}/depth'}, 'it must hold {observer} once'),
-    ],
-)
-def test_wrong_parameters_are_refused(given, message):
-    with pytest.raises(WrongParameterError, match=message.replace('{', r'\{')):
-        settings(**given)
-
-
-def test_readings_without_a_stated_elevation_are_refused():
-    given = {'robots': ['robot_1'], 'elevation.topic': '{observer}/depth'}
-    with pytest.raises(WrongParameterError, match="is not allowed without 'elevations.names'"):
-        settings_from(check_values(given))
 
 
 def test_a_robot_in_the_air_is_found_by_its_altimeter(bench, make_node):

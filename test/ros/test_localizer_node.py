@@ -17,7 +17,6 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from dg_localization.fleet import Localizer
-from dg_localization.ros.node.worker import MOST_STUCK
 from msg_adapters import Adapter, Level, RangeReading, adapter_for, register
 
 DEADLINE_S = 60.0
@@ -48,13 +47,6 @@ def test_managed_node_waits_to_be_told(bench, make_node):
     assert bench.state() == 'finalized'
     bench.until_status('fleet', Level.WARN, 'the node is finalized')
     assert not bench.heard.fleet[-1].poses
-
-
-def test_transition_that_is_not_possible_is_refused(bench, make_node):
-    make_node(autostart=False)
-    request = ChangeState.Request()
-    request.transition.label = 'no_such_transition'
-    assert not bench.call('/localizer/change_state', ChangeState, request).success
 
 
 @pytest.mark.parametrize('autostart', [True, False])
@@ -141,12 +133,6 @@ def test_answer_that_ends_after_the_clock_went_back_is_not_published(bench, make
     assert all(not array.poses for array in bench.heard.fleet)
 
 
-def test_stamps_of_arrival_serve_sources_without_headers(bench, make_node):
-    make_node(stamp_source='receive')
-    bench.play_triangle(stamp_s=0.0)
-    bench.until_placements(2)
-
-
 def test_anchors_give_the_frame_and_rule_out_the_mirror_image(bench, make_node):
     make_node(
         robots=['robot_1'],
@@ -167,14 +153,6 @@ def test_anchors_give_the_frame_and_rule_out_the_mirror_image(bench, make_node):
     assert pose.pose.pose.position.x == pytest.approx(3.0, abs=0.5)
     assert pose.pose.pose.position.y == pytest.approx(4.0, abs=0.5)
     assert pose.pose.covariance[35] == 1e6  # an unknown heading
-
-
-def test_explicit_link_is_warned_about_while_it_is_silent(bench, make_node):
-    make_node(links=['/uwb/a sensor_msgs/msg/Range robot_1 robot_2'])
-    bench.until_status('input range robot_1->robot_2', Level.WARN, 'nothing received')
-    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0, topic='/uwb/a'))
-    values = bench.until_count('input range robot_1->robot_2', 'accepted')
-    assert values['topic'] == '/uwb/a'
 
 
 @pytest.fixture
@@ -282,25 +260,6 @@ def test_no_clock_that_is_set_back_stops_the_answers(make_node, use_sim_time):
     # The answers follow a simulated time, and nothing else does.
     assert clocks.count(ClockType.ROS_TIME) == use_sim_time
     assert clocks.count(ClockType.STEADY_TIME) == len(clocks) - use_sim_time
-
-
-def test_what_does_not_help_any_more_is_said(bench, make_node):
-    hang = Event()
-
-    class Hanging(Localizer):
-        def estimate(self, snapshot, cancel=None):
-            hang.wait(DEADLINE_S)
-            return super().estimate(snapshot)
-
-    node = make_node(make_localizer=Hanging, rate=20.0)
-    for _ in range(MOST_STUCK):
-        bench.until(lambda: node._worker.busy, 'an estimate')
-        node._give_up_estimate()
-        bench.until_status('fleet', Level.ERROR, 'the solver is started anew')
-    bench.until(lambda: node._worker.busy, 'an estimate')
-    node._give_up_estimate()
-    bench.until_status('fleet', Level.ERROR, 'the node must be started anew')
-    hang.set()
 
 
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):

@@ -75,7 +75,3 @@ def test_module_that_cannot_be_imported_is_refused(tmp_path, monkeypatch, text, 
         (tmp_path / f'{name}.py').write_text(text)
     with pytest.raises(WrongParameterError, match=f"'adapter_modules': .*{wanted}"):
         settings_from(check_values({'robots': ['a'], 'adapter_modules': [name]}))
-
-
-def test_empty_names_are_passed_over():
-    assert settings_from(check_values({'robots': ['a'], 'adapter_modules': ['']})).links == ()

@@ -192,6 +192,17 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
         ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a finite number'),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=-9'], "'/t' .*range.min_error: "),
         ('links', ['/t sensor_msgs/msg/Range a a'], "'a' cannot measure itself"),
+        ('links', ['/t sensor_msgs/msg/Range * b'], 'needs the name of its observer'),
+        ('links', ['/t nav_msgs/msg/Odometry *'], 'needs the name of its observer'),
+        (
+            'links',
+            ['/t geometry_msgs/msg/PointStamped a x=1'],
+            'an elevation link allows min_error',
+        ),
+        ('links', ['/t geometry_msgs/msg/PointStamped a b'], 'takes no target'),
+        ('elevation.min_error', 0.6, 'must be at most elevation.max_error'),
+        ('elevation.topic', '{robot}/depth', 'it must hold {observer} once'),
+        ('elevation.topic', '{observer}/depth', "is not allowed without 'elevations.names'"),
         ('links', ['/t sensor_msgs/msg/PointCloud2 *'], 'do not say who measured; name the obs'),
         (
             'links',
@@ -237,8 +248,10 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
     ],
 )
 def test_wrong_value_is_refused_by_name_with_the_allowed_values(name, value, wanted):
+    elevated = {'elevations.names': ['a'], 'elevations.a': [0.0, 1.0]}
+    others = elevated if '{robot}' in str(value) and name == 'elevation.topic' else {}
     with pytest.raises(WrongParameterError, match=wanted):
-        settings(**{name: value})
+        settings(**{**others, name: value})
 
 
 def test_integers_are_taken_for_numbers_as_people_write_them():

@@ -160,18 +160,16 @@ def test_no_clock_that_is_set_back_stops_the_robots_or_turns_them_back(context, 
         ('speed', 'fast', 'a number'),
         ('cameras', 1, 'true or false'),
         ('seed', -1, '>= 0'),
+        ('ranges', False, "and 'cameras' are both false; one of them must be true"),
         ('camera', False, "is unknown; did you mean 'cameras'"),
     ],
 )
 def test_a_wrong_parameter_is_refused_with_the_allowed_values(context, name, value, allowed):
+    given = [Parameter(name, value=value)]
+    if name == 'ranges':
+        given.append(Parameter('cameras', value=False))
     with pytest.raises(WrongParameterError, match=f'{name}.*{allowed}'):
-        FleetSimulator(context=context, parameter_overrides=[Parameter(name, value=value)])
-
-
-def test_ranges_and_cameras_cannot_both_be_switched_off(context):
-    off = [Parameter('ranges', value=False), Parameter('cameras', value=False)]
-    with pytest.raises(WrongParameterError, match='one of them must be true'):
-        FleetSimulator(context=context, parameter_overrides=off)
+        FleetSimulator(context=context, parameter_overrides=given)
 
 
 def simulated(**values):
@@ -194,19 +192,6 @@ def test_parameters_choose_what_is_measured():
         for landmark in simulation.LANDMARKS_M
     }
     assert simulated(landmarks=True) == ranges | both_ways | of_landmarks
-
-
-def test_peers_name_landmarks_after_the_robots():
-    fleet = SimulatedFleet({**DEFAULTS, 'landmarks': True, 'peers': True})
-    points = [*simulation.ROBOTS, *simulation.LANDMARKS_M]
-    reading = peers_from_message(dict(fleet.measurements(0.0, 1.0))['robot_6/peers'])
-    state = fleet.motion.state(0.0)
-    # Of the robots the last one sees two, and ranges nobody.
-    assert {'beacon_1', 'beacon_2', 'beacon_3'} <= {points[peer] for peer in reading.peers}
-    for peer, range_m in zip(reading.peers, reading.ranges_m, strict=True):
-        if points[peer] in simulation.LANDMARKS_M:
-            place = np.array(simulation.LANDMARKS_M[points[peer]])
-            assert range_m == pytest.approx(np.linalg.norm(place - state.positions_m[5]), rel=0.03)
 
 
 def test_the_file_of_landmarks_is_that_of_the_simulation():

@@ -217,6 +217,20 @@ def make_anchored_node(make_node, **parameters):
     )
 
 
+def send_odometry(bench, x, y, stamp_s=None):
+    """Send odometry of robot_1 whose axes are those of its body."""
+    pose = np.array([x, y, 0.0]), yaw_xyzw(0.0), 'robot_1/odom', 'robot_1/base'
+    moved = OdometryReading(bench.now_s() if stamp_s is None else stamp_s, *pose)
+    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
+    bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+
+
+def place_of_odometry(x, y):
+    """Return where a frame is in which robot_1 is at (x, y)."""
+    c, s = math.cos(YAW_RAD), math.sin(YAW_RAD)
+    return PLACE - np.array([[c, -s], [s, c]]) @ [x, y]
+
+
 def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_node, heard):
     make_anchored_node(make_node, publish_tf=True)
     bench.repeat(lambda: send_anchored_robot(bench))
@@ -235,30 +249,22 @@ def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_
 
 def test_the_node_places_the_odometry_frame(bench, make_node, heard):
     make_anchored_node(make_node, publish_tf=True)
-    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
 
     def send():
         send_anchored_robot(bench)
-        moved = OdometryReading(
-            bench.now_s(), np.array([1.0, 2.0, 0.0]), yaw_xyzw(0.0), 'robot_1/odom', 'robot_1/base'
-        )
-        bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+        send_odometry(bench, 1.0, 2.0)
 
     bench.repeat(send)
     bench.until(
         lambda: heard and heard[-1][0].child_frame_id == 'robot_1/odom', 'the odometry frame'
     )
     entry = heard[-1][0]
-    turn = np.array(
-        [[math.cos(YAW_RAD), -math.sin(YAW_RAD)], [math.sin(YAW_RAD), math.cos(YAW_RAD)]]
-    )
-    assert entry.translation_m[:2] == pytest.approx(PLACE - turn @ [1.0, 2.0], abs=0.6)
+    assert entry.translation_m[:2] == pytest.approx(place_of_odometry(1.0, 2.0), abs=0.6)
 
 
 def test_no_time_has_two_transforms(bench, make_node, heard):
     """Answers that come more often than the odometry are for the same time."""
     make_anchored_node(make_node, publish_tf=True, rate=25.0)
-    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
     sent_s = []
 
     def send():
@@ -266,9 +272,7 @@ def test_no_time_has_two_transforms(bench, make_node, heard):
         now_s = bench.now_s()
         if not sent_s or now_s - sent_s[-1] >= 0.1:
             sent_s.append(now_s)
-            pose = np.zeros(3), yaw_xyzw(0.0)
-            moved = OdometryReading(now_s, *pose, 'robot_1/odom', 'robot_1/base')
-            bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+            send_odometry(bench, 0.0, 0.0, now_s)
 
     bench.repeat(send)
     bench.until(lambda: len(heard) > 10, 'transforms')
@@ -282,23 +286,17 @@ def test_nothing_lies_between_the_poses_before_and_after_a_restart_of_odometry(
     """A driver that starts anew counts from another place, under the same name of the frame."""
     # Without memory answers are for now, and so between two poses, or beyond the last one.
     make_anchored_node(make_node, publish_tf=True, rate=50.0, memory__seconds=0.0)
-    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
     n_sent = [0]
 
     def send():
         send_anchored_robot(bench)
         n_sent[0] += 1
         # The robot stands still; every half second its odometry starts anew.
-        place = np.array([50.0 if n_sent[0] // 5 % 2 else 1.0, 2.0, 0.0])
-        moved = OdometryReading(bench.now_s(), place, yaw_xyzw(0.0), 'robot_1/odom', 'robot_1')
-        bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
+        send_odometry(bench, 50.0 if n_sent[0] // 5 % 2 else 1.0, 2.0)
 
     bench.repeat(send)
     bench.until(lambda: n_sent[0] > 40 and len(heard) > 40, 'transforms')
-    turn = np.array(
-        [[math.cos(YAW_RAD), -math.sin(YAW_RAD)], [math.sin(YAW_RAD), math.cos(YAW_RAD)]]
-    )
-    true_places = [PLACE - turn @ [x, 2.0] for x in (1.0, 50.0)]
+    true_places = [place_of_odometry(x, 2.0) for x in (1.0, 50.0)]
     for (entry,) in heard:
         off_m = min(np.linalg.norm(entry.translation_m[:2] - true) for true in true_places)
         # A heading error of 0.1 rad is 5 m at the end of 50 m.

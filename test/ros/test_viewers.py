@@ -131,40 +131,6 @@ def test_the_simulation_is_shown_in_the_frame_of_its_markers(paper_fleet):
     assert frame.startswith(parameters['reference_robot'] + '/')
 
 
-@pytest.mark.parametrize('cameras', [False, True], ids=['ranges', 'cameras'])
-def test_markers_can_be_seen(paper_fleet, tmp_path, cameras):
-    pytest.importorskip('matplotlib', reason='matplotlib is not installed')
-    from marker_picture import BACKGROUND, draw
-    from matplotlib import image
-    from matplotlib.colors import to_rgb
-
-    array = markers_of(estimate_of(paper_fleet, cameras))
-    path = tmp_path / 'markers.png'
-    half_width_m = 9.0
-    draw(array, path, half_width_m)
-    pixels = image.imread(path)[:, :, :3]
-    is_drawn = np.abs(pixels - to_rgb(BACKGROUND)).max(axis=2) > 0.2
-    # Enough of it to be seen, and not so much that nothing can be told apart.
-    assert 0.01 < is_drawn.mean() < 0.4
-    size = len(pixels)
-
-    def around(point, half_width):
-        """Return the pixels around a place, shape (k, 3)."""
-        column = round((point.x + half_width_m) / (2.0 * half_width_m) * size)
-        row = round((half_width_m - point.y) / (2.0 * half_width_m) * size)
-        rows, columns = (slice(at - half_width, at + half_width + 1) for at in (row, column))
-        return pixels[rows, columns].reshape(-1, 3)
-
-    (robots,) = [marker for marker in array.markers if marker.ns == 'robots']
-    for point in robots.points:
-        assert (np.abs(around(point, 1) - to_rgb(BACKGROUND)).max(axis=1) > 0.3).all()
-    names = [marker for marker in array.markers if marker.ns == 'names']
-    assert {marker.text for marker in names} == set(paper_fleet.robots)
-    for marker in names:
-        # Some of it is white, and no robot of its own is behind it.
-        assert (around(marker.pose.position, 12).min(axis=1) > 0.9).any()
-
-
 def test_a_name_is_not_drawn_over_its_robot_nor_twice_at_the_same_place(paper_fleet):
     array = markers_of(estimate_of(paper_fleet, False))
     (robots,) = [marker for marker in array.markers if marker.ns == 'robots']
