@@ -50,15 +50,6 @@ def test_a_chirality_needs_a_sign_that_is_certain(second, signs):
     assert all(chirality.points == (0, 1, 2) for chirality in constraints.chiralities)
 
 
-def test_rays_of_one_image_do_not_widen_against_each_other():
-    localizer = make(max_age_s=5.0)
-    localizer.add_bearing('a', 'b', ray(0.0), NOW_S - 4.0, NOW_S)
-    localizer.add_bearing('a', 'c', ray(0.3), NOW_S - 4.0, NOW_S)
-    assert len(constrain(localizer.snapshot(NOW_S)).chiralities) == 1
-    localizer.add_bearing('a', 'c', ray(0.3), NOW_S, NOW_S)
-    assert len(constrain(localizer.snapshot(NOW_S)).chiralities) == 0
-
-
 def test_odometry_turns_a_ray_instead_of_widening_it():
     localizer = make(max_age_s=5.0)
     localizer.add_bearing('a', 'b', ray(0.0), NOW_S - 1.0, NOW_S)

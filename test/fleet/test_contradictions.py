@@ -164,21 +164,6 @@ def test_without_a_budget_there_is_no_explanation():
     assert 'budget' in estimate.reason
 
 
-@pytest.mark.parametrize('max_outliers', [0, 1])
-def test_the_same_measurements_give_the_same_answer(max_outliers):
-    estimates = []
-    for _ in range(2):
-        localizer = make_localizer(max_outliers=max_outliers)
-        feed(localizer, wrong={('a', 'b')})
-        estimates.append(localizer.step(NOW_S))
-    first, second = estimates
-    assert (first.reason, first.conflicts) == (second.reason, second.conflicts)
-    assert first.n_hypotheses == second.n_hypotheses
-    for ours, theirs in zip(first.placements, second.placements, strict=True):
-        assert np.array_equal(ours.positions_m, theirs.positions_m)
-        assert np.array_equal(ours.enclosure_m, theirs.enclosure_m)
-
-
 @pytest.mark.parametrize('dimension', [2, 3])
 def test_a_correction_may_cut_the_reference_robot_off(dimension):
     # Either range of the reference robot may be wrong, and one of them is all that holds it.

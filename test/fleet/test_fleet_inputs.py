@@ -365,12 +365,6 @@ def test_a_position_that_its_scale_makes_infinite_is_no_odometry(config):
     assert localizer.add_odometry('a', [1e307, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S) is None
 
 
-def test_odometry_never_says_more_than_the_speed_limit(localizer):
-    drive(localizer, 'a', [0.0, 0.04, 0.08, 0.12, 0.16], start_s=NOW_S - 0.8, step_s=0.1)
-    localizer.add_range('a', 'c', 3.0, NOW_S - 0.1, NOW_S)
-    assert link(localizer).upper_m == pytest.approx(3.05)
-
-
 def test_odometry_that_starts_again_says_nothing_about_before(localizer):
     # It goes back to where it was when the range was measured, but the robot does not.
     drive(localizer, 'a', [0.0, 0.04, 0.08, 0.0, 0.0])

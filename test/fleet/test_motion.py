@@ -108,15 +108,6 @@ def test_the_constant_errors_of_poses_turn_with_the_track():
     assert 0.1 < abs(place) <= motion.displacement_m('a', 1.0, 1.0 + count) < 0.3
 
 
-def test_a_body_that_turns_left_sees_a_fixed_direction_turn_right():
-    c, s = np.cos(0.3), np.sin(0.3)
-    left = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    readings = [OdometryReading(1.0, np.zeros(3), np.eye(3))]
-    readings += [OdometryReading(2.0, np.zeros(3), left)]
-    rotation, _ = motion_of(*readings).turn('a', 1.0, 2.0)
-    assert rotation @ [1.0, 0.0, 0.0] == pytest.approx([c, -s, 0.0])
-
-
 @pytest.mark.parametrize('pitch_rad', [0.0, 0.3, 0.6])
 def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
     """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""

@@ -19,6 +19,7 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
+from dg_localization.fleet.rotations import rotation_of_quaternion
 
 NOW_S = 10.0
 RANGE_ERROR = 0.02
@@ -87,23 +88,12 @@ class Truth:
             if not ((low <= self.points[robot]).all() and (self.points[robot] <= high).all()):
                 return False
             if placement.heading_known[row]:
-                found = matrix(placement.orientations_xyzw[row])[: self.dimension]
+                found = rotation_of_quaternion(placement.orientations_xyzw[row])[: self.dimension]
                 found = found[:, : self.dimension]
                 cosine = (np.trace(found.T @ frame) - self.dimension + 2.0) / 2.0
                 if math.acos(np.clip(cosine, -1.0, 1.0)) > placement.heading_half_width_rad[row]:
                     return False
         return True
-
-
-def matrix(quaternion):
-    x, y, z, w = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 @pytest.mark.parametrize('dimension', [2, 3])
@@ -150,7 +140,7 @@ def test_a_camera_on_an_arm_sees_from_there_and_along_its_own_axes():
     )
     for anchor in anchors:
         truth.range_between(localizer, 'r0/left', anchor)
-        truth.look(localizer, 'r0/right', anchor, camera=matrix(quarter))
+        truth.look(localizer, 'r0/right', anchor, camera=rotation_of_quaternion(quarter))
     (placement,) = localizer.step(NOW_S).placements
     assert truth.holds(placement)
     assert placement.heading_half_width_rad[0] < 0.1
@@ -168,23 +158,6 @@ def test_a_camera_at_the_origin_of_its_robot_has_an_answer(dimension):
         truth.range_between(localizer, 'r0', anchor)
     (placement,) = localizer.step(NOW_S).placements
     assert truth.holds(placement)
-
-
-def test_an_old_range_of_a_sensor_is_widened_by_the_turn_of_its_robot():
-    config = FleetConfig(
-        ['r', 's'],
-        mounts={'r': {'far': (3.0, 4.0)}},
-        max_speed_m_s=0.1,
-        max_turn_rate_rad_s=0.5,
-        max_age_s=2.0,
-    )
-    localizer = Localizer(config)
-    for point in ('r', 'r/far'):
-        localizer.add_range(point, 's', 10.0, NOW_S, NOW_S)
-    links = {link.key.observer: link for link in localizer.snapshot(NOW_S + 1.0).links}
-    # Two robots at 0.1 m/s, and 5 m that turn by 0.5 rad.
-    assert links['r'].upper_m == pytest.approx(10.3 + 0.2)
-    assert links['r/far'].upper_m == pytest.approx(10.3 + 0.2 + 2.5)
 
 
 @pytest.mark.parametrize('odometry', [False, True])

@@ -158,22 +158,6 @@ def test_drift_at_its_bound_is_inside_where_samples_are_missing(seed, worst):
         )
 
 
-def test_heading_error_counts_by_the_distance_and_not_by_the_way():
-    # Many laps on a small circle: the way is long, but no turn ever swings far.
-    count, radius_m = 2000, 0.5
-    angles = np.linspace(0.0, 20.0 * math.pi, count)
-    positions = np.stack([radius_m * np.sin(angles), radius_m * (1 - np.cos(angles))], axis=-1)
-    track = np.hstack([positions, np.zeros((count, 1))]), angles
-    poses = path_of(np.arange(count), track, OdometryErrorModel(rotation_per_m=0.01)).past_poses(
-        [0.0], count - 1.0
-    )
-    way_m = radius_m * angles[-1]
-    turn_rad = 0.01 * way_m
-    half_m = 0.5 * (poses.position_m.upper - poses.position_m.lower)[0]
-    assert np.all(half_m[:2] < 1.7 * radius_m * turn_rad)
-    assert poses.yaw_rad.upper[0] == pytest.approx(-angles[-1] % (2 * math.pi) + turn_rad, abs=0.1)
-
-
 def spin(count, turn_rad, error):
     """
     Turn on the spot by the odometry; return the true positions, the stated and the true yaws.

@@ -3,13 +3,9 @@
 
 """Simulated odometry drifts, and keeps the bounds that are stated for it."""
 
-import math
-
 import numpy as np
 import pytest
 
-from dg_localization.fleet.odometry import MotionLimits, OdometryPath
-from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion, Path, rotation
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 
@@ -21,14 +17,6 @@ ERRORS = [
     OdometryErrors(1.0, 0.5, 0.5, 1.0),
     OdometryErrors(0.0, 0.0, 0.1, 0.0),
 ]
-
-BOUNDS = {
-    'translation_per_m': 0.1,
-    'translation_per_rad': 0.02,
-    'rotation_per_m': 0.05,
-    'rotation_per_rad': 0.1,
-}
-LIMITS = MotionLimits(speed_m_s=0.2, turn_rate_rad_s=0.4)
 
 
 def record(errors, seed, seconds=20.0, path=Path.LOOPS, speed=0.2):
@@ -76,30 +64,3 @@ def test_every_step_keeps_its_bounds_of_truth_and_of_reading(errors, path):
         used_rad.append(error_rad.max() / max(bound_rad.max(), 1e-300))
     if errors == OdometryErrors():  # the bounds are used
         assert max(used_m) > 0.6 and max(used_rad) > 0.6
-
-
-@pytest.mark.parametrize('latency_s', [0.0, 0.3])
-@pytest.mark.parametrize('seed', range(3))
-def test_the_bounded_path_of_the_localizer_holds_the_true_one(seed, latency_s):
-    terms = {**BOUNDS, 'latency_s': latency_s}
-    stamps, positions, yaws, motion = record(OdometryErrors(**terms), seed)
-    now_s = stamps[-1] - latency_s
-    times = np.linspace(1.0, now_s, 40)
-    end = motion.state(now_s)
-    for robot in range(len(ROBOTS)):
-        flat = np.column_stack([positions[robot], np.zeros(len(stamps))])
-        turns = np.zeros((len(stamps), 3, 3))
-        turns[:, :2, :2] = [rotation(yaw) for yaw in yaws[robot]]
-        turns[:, 2, 2] = 1.0
-        track = OdometryPath(stamps, flat, turns, OdometryErrorModel(**terms), LIMITS)
-        past = track.past_poses(times, now_s)
-        for row, time_s in enumerate(times):
-            then = motion.state(time_s)
-            gap = then.positions_m[robot] - end.positions_m[robot]
-            place = gap @ rotation(end.yaws_rad[robot])
-            assert np.all(past.position_m.lower[row, :2] <= place)
-            assert np.all(place <= past.position_m.upper[row, :2])
-            turn = then.yaws_rad[robot] - end.yaws_rad[robot]
-            middle = (past.yaw_rad.lower[row] + past.yaw_rad.upper[row]) / 2.0
-            half = (past.yaw_rad.upper[row] - past.yaw_rad.lower[row]) / 2.0
-            assert abs(math.remainder(turn - middle, 2.0 * math.pi)) <= half + 1e-12

@@ -9,7 +9,6 @@ import json
 import numpy as np
 import pytest
 
-from dg_localization.fleet import FleetConfig, Localizer
 from dg_localization.simulation.moving_fleet import (
     LANDMARKS_M,
     ROBOTS,
@@ -79,20 +78,6 @@ def test_small_bounds_hold_in_single_precision(error):
             towards = state.positions_m[target] - state.positions_m[observer]
             turn_rad = np.arctan2(seen[0] * towards[1] - seen[1] * towards[0], seen @ towards)
             assert abs(turn_rad) <= error
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_cameras_leave_one_of_the_eight_placements_all_the_time(seed):
-    motion, sensors = FleetMotion(speed_m_s=0.5, seed=seed), FleetSensors(seed=seed)
-    for time_s in (0.0, 40.0, 150.0):
-        state = motion.state(time_s)
-        localizer = Localizer(FleetConfig(robots=ROBOTS))
-        for reading in sensors.ranges(state):
-            localizer.add_range(reading.observer, reading.target, reading.range_m, 1.0, 1.0)
-        assert localizer.step(1.0).n_hypotheses == 16  # eight and their mirror images
-        for reading in sensors.bearings(state):
-            localizer.add_bearing(reading.observer, reading.target, reading.ray, 1.0, 1.0)
-        assert localizer.step(1.0).n_hypotheses == 1
 
 
 def test_loops_turn_every_robot_around_within_the_speed():

@@ -140,14 +140,6 @@ def test_coordinates_do_not_jump_when_the_bearings_stop():
         last = estimate
 
 
-def test_two_robots_may_use_one_name():
-    fleet = Circling(reference_robot='robot_2')
-    fleet.names = dict.fromkeys(ROBOTS, 'odom')
-    *_, estimate = fleet.drive(1.0)
-    assert str(estimate.frame) == 'odometry frame odom of robot_2'
-    assert fleet.holds(estimate.placements[0])
-
-
 def test_the_frame_does_not_come_and_go_with_the_odometry():
     fleet = Circling(max_age_s=0.3)
     assert [e.frame.kind for e in fleet.drive(1.0)] == ['odometry', 'odometry']
@@ -198,16 +190,6 @@ def test_odometry_that_starts_anew_has_another_frame():
     assert estimates[-1].placements[0].positions_m[0] == pytest.approx(
         fleet.truth()[0][0] + fleet.shift_m, abs=0.2
     )
-
-
-def test_odometry_of_another_frame_is_not_compared_with_that_before():
-    localizer = Localizer(FleetConfig(robots=('a', 'b'), max_speed_m_s=1.0))
-    for step, frame in enumerate(['odom', 'odom', 'map']):
-        stamp_s = START_S + 0.1 * step
-        localizer.add_odometry('a', [0.0, 0.0, 0.0], unturned(0.0), stamp_s, stamp_s, frame)
-    localizer.add_range('a', 'b', 3.0, START_S, stamp_s)
-    track = localizer.snapshot(stamp_s).motion.odometry['a']
-    assert [(reading.frame, reading.restarted_s) for reading in track] == [('map', stamp_s)]
 
 
 @pytest.mark.parametrize(('tilt_rad', 'kind'), [(0.15, 'odometry'), (0.25, 'heading')])

@@ -10,7 +10,6 @@ import pytest
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RejectionReason
 
 START_S = 100.0
-STILL = (0.0, 0.0, 0.0, 1.0)
 
 
 def watched(value_of, motion, count=30, **settings):
@@ -74,14 +73,6 @@ def test_the_sensor_the_value_and_the_time_are_named():
 def test_what_is_stuck(value_of, motion, count, stuck):
     _, state = watched(value_of, motion, count)
     assert bool(state.stuck) == stuck
-
-
-def test_repeats_of_one_message_are_no_readings():
-    localizer = Localizer(FleetConfig(('a', 'b'), stuck_readings=10))
-    for step in range(20):
-        localizer.add_odometry('b', [0.1 * step, 0.0, 0.0], STILL, START_S + 0.01 * step, START_S)
-        localizer.add_range('a', 'b', 3.0, START_S, START_S)
-    assert not any(state.stuck for state in localizer.input_states(START_S))
 
 
 def test_stuck_readings_are_dropped_only_if_wanted():
