@@ -10,8 +10,7 @@ at one time, an `Estimate` is the answer to it.
 
 from dg_localization.fleet.checks import ConfigError
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.contradictions.offenders import Offender
-from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
+from dg_localization.fleet.contradictions.suspects import Offender, Suspect, SuspectKind
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.odometry_error import OdometryErrorModel

@@ -13,8 +13,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.contradictions.offenders import Offender
-from dg_localization.fleet.contradictions.suspects import Suspect
+from dg_localization.fleet.contradictions.suspects import Offender, Suspect
 from dg_localization.fleet.rotations import quaternion_of_yaw, yaw_of
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten

@@ -27,12 +27,10 @@ from dg_localization.fleet.contradictions.explanation import (
     links_of_conflicts,
     not_searched,
     reason_of,
+    suspects_in_window,
     suspects_of,
 )
 from dg_localization.fleet.contradictions.suspects import Lineup, Suspects
-from dg_localization.fleet.contradictions.window_suspects import (
-    suspects_in_window,
-)
 from dg_localization.fleet.estimate import Estimate, Group
 from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import Plans, plan_frames

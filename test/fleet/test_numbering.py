@@ -10,7 +10,7 @@ import pytest
 
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.estimate import FixedFrame, FrameKind
-from dg_localization.fleet.window.numbering import Framed, matches
+from dg_localization.fleet.window.follow import Framed, matches
 
 STAMP_S = 10.0
 
