@@ -103,12 +103,6 @@ def cosine_and_sine(angle_rad: Interval) -> Interval:
     return cosine(Interval.stack([angle_rad, angle_rad - _QUARTER_TURN], axis=0))
 
 
-def cosine_bounds(low_rad: float, high_rad: float) -> tuple[float, float]:
-    """Bound the cosine of one angle between two others, as floats; see `cosine`."""
-    result = cosine(Interval.between(low_rad, high_rad))
-    return float(result.lower), float(result.upper)
-
-
 def sine_bounds(low_rad: float, high_rad: float) -> tuple[float, float]:
     """Bound the sine of one angle between two others, as floats; see `cosine`."""
     result = sine(Interval.between(low_rad, high_rad))

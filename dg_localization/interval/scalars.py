@@ -12,11 +12,9 @@ high one never -inf but in the empty set; signed zeros are equal.
 
 Each operation contains the standard's tightest interval and exceeds it by at most two units in the
 last place at either end, zero by the least positive number, and an end near the least normal
-number by three of those. Division by an interval with zero
-inside gives the hull of its two half-lines, where the standard's two-output division would give
-them apart; `reverse_square` is sqrRev with its second argument. Decorations, NaI and mid-rad forms
-do not exist here: arguments outside the domain of a function are ignored, and a caller that needs
-to know inspects the operands.
+number by three of those. `reverse_square` is sqrRev with its second argument. Decorations, NaI and
+mid-rad forms do not exist here: arguments outside the domain of a function are ignored, and a
+caller that needs to know inspects the operands. Nothing divides intervals.
 """
 
 from __future__ import annotations
@@ -78,38 +76,6 @@ def mul(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float
         _times(a_high, b_high),
     )
     return down(min(corners)), up(max(corners))
-
-
-@kernel
-def _divide_by_positive(
-    a_low: float, a_high: float, b_low: float, b_high: float
-) -> tuple[float, float]:
-    """Bound x / y for y > 0, where `b_low` may be zero; each end of x has its end of y."""
-    low = -math.inf
-    high = math.inf
-    if a_low >= 0.0:
-        low = a_low / b_high
-    elif b_low > 0.0:
-        low = a_low / b_low
-    if a_high <= 0.0:
-        high = a_high / b_high
-    elif b_low > 0.0:
-        high = a_high / b_low
-    return down(low), up(high)
-
-
-@kernel
-def div(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
-    """Bound x / y over the y that are not zero."""
-    if a_low > a_high or b_low > b_high or (b_low == 0.0 and b_high == 0.0):
-        return math.inf, -math.inf
-    if a_low == 0.0 and a_high == 0.0:
-        return 0.0, 0.0
-    if b_low >= 0.0:
-        return _divide_by_positive(a_low, a_high, b_low, b_high)
-    if b_high <= 0.0:
-        return _divide_by_positive(-a_high, -a_low, -b_high, -b_low)
-    return -math.inf, math.inf
 
 
 @kernel

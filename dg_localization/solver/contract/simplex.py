@@ -12,8 +12,7 @@ bounded on both sides, so any choice of them is dual feasible: there is no first
 exchange improves the bound, and the method may stop after any of them. The pair that leaves its
 bounds farthest, as a displacement along its gradient, is exchanged next; steepest edges would
 take hardly fewer exchanges and cost more than they save. Nothing here is rounded outward, because
-any multipliers give a bound (`linearization`). A pair may have several gradients, each a measured
-pair of its own.
+any multipliers give a bound (`linearization`).
 """
 
 from __future__ import annotations

@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from dg_localization.interval.arrays import Interval, determinant, squared_norm, total_up, up
 from dg_localization.interval.kernels import WORK_PER_LOOK, look_after
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.place.gradients import Gradients
 from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
 
@@ -97,25 +96,31 @@ def _newton(
     positions: FloatArray, pairs: IntArray, targets: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return coordinates that meet targets in m^2 up to rounding, and a right inverse there."""
-    moved, gradients = positions, None
+    moved = positions
+    first, second = pairs.T
+    number = np.arange(len(pairs))
     for _ in range(NEWTON_STEPS):
-        differences = moved[pairs[:, 0]] - moved[pairs[:, 1]]
+        look_after(len(pairs) ** 3 // 3)
+        differences = moved[first] - moved[second]
         squared = (differences**2).sum(axis=1)
         weights = 1.0 / np.sqrt(squared)
         if not np.isfinite(weights).all():
             return None
-        gradients = Gradients(pairs, differences * weights[:, None], len(moved))
-        if not gradients.are_independent:
+        rows = np.zeros((len(pairs), *positions.shape))
+        rows[number, first], rows[number, second] = differences, -differences
+        rows = rows.reshape(len(pairs), -1) * weights[:, None]
+        try:
+            along = np.linalg.solve(rows @ rows.T, 0.5 * (targets - squared) * weights)
+        except np.linalg.LinAlgError:
             return None
-        step = gradients.least_displacements(0.5 * (targets - squared) * weights)
+        step = (along @ rows).reshape(positions.shape)
         moved = moved + step
         if not np.isfinite(moved).all():
             return None
         if np.abs(step).max() <= np.finfo(float).eps * np.abs(moved).max():
             break
-    assert gradients is not None
-    inverse = gradients.right_inverse()
-    return (moved, inverse) if np.isfinite(inverse).all() else None
+    look_after(positions.size * len(pairs) ** 2)
+    return moved, np.linalg.solve(rows @ rows.T, rows).T
 
 
 def _radii(
