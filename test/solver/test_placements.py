@@ -12,7 +12,8 @@ import pytest
 from solver_cases import bounds, box_of, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint
-from dg_localization.solver.place.hypotheses import components, place_everywhere
+from dg_localization.solver.box import components
+from dg_localization.solver.place.hypotheses import place_everywhere
 from dg_localization.solver.place.placements import MOST_STEPS, place
 from dg_localization.solver.place.proofs import agrees, chirality_signs
 
@@ -124,4 +125,4 @@ def test_boxes_that_touch_are_one_component():
     boxes = np.zeros((5, 2, 2, 2))
     for box, ends in zip(boxes, intervals, strict=True):
         box[:, 0, 1] = box[:, 1, 0] = ends
-    assert components(boxes).tolist() == [0, 1, 2, 0, 1]
+    assert components(boxes.reshape(len(boxes), 2, -1)).tolist() == [0, 1, 2, 0, 1]

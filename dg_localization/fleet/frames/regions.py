@@ -17,9 +17,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.frames.enclosure import SWEEPS
 from dg_localization.interval.arrays import Interval, determinant
+from dg_localization.solver.box import component_hulls
 from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
 
 FloatArray = NDArray[np.float64]
@@ -62,15 +62,13 @@ def _parts_of_point(
     if not bounded[row] or _is_in_general_position(region, row, others[bounded[others]]):
         return [region]
     cells = _cells_of_point(region, lower, upper, row)
-    below = np.all(cells[:, None, 0] <= cells[None, :, 1], axis=-1)
-    clusters = components_of(np.logical_and(below, below.T))
-    if len(clusters) < 2:
+    hulls, _ = component_hulls(cells)
+    if len(hulls) < 2:
         return [region]
     parts = []
-    for cluster in clusters:
+    for hull in hulls:
         low, high = np.array(region.lower), np.array(region.upper)
-        cluster_cells = cells[list(cluster)]
-        low[row], high[row] = cluster_cells[:, 0].min(axis=0), cluster_cells[:, 1].max(axis=0)
+        low[row], high[row] = hull
         if contract_coordinate_boxes(low, high, lower, upper, SWEEPS):
             parts.append(Interval(low, high))
     return parts

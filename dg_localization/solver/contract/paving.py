@@ -11,13 +11,11 @@ regions that do not touch: trilateration from q points leaves two, from more mos
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.scalars import add, square, sub
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, narrow
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, component_hulls, narrow
 from dg_localization.solver.contract.coordinate_boxes import contracted_side
 
 LEAST_SHRINK = 0.9
@@ -91,50 +89,6 @@ def _leaves(
     return stack[:n_leaves].copy()
 
 
-@kernel
-def _regions(leaves: FloatArray) -> FloatArray:
-    """Return the hulls of the connected components of some boxes, shape (k, 2, q)."""
-    count, _, dimension = leaves.shape
-    label = np.full(count, -1)
-    queue = np.empty(count, dtype=np.int64)
-    hulls = np.empty((count, 2, dimension))
-    n_regions = 0
-    for seed in range(count):
-        if label[seed] >= 0:
-            continue
-        label[seed] = n_regions
-        hulls[n_regions] = leaves[seed]
-        queue[0] = seed
-        head, tail = 0, 1
-        while head < tail:
-            member = queue[head]
-            head += 1
-            for axis in range(dimension):
-                hulls[n_regions, LOWER, axis] = min(
-                    hulls[n_regions, LOWER, axis], leaves[member, LOWER, axis]
-                )
-                hulls[n_regions, UPPER, axis] = max(
-                    hulls[n_regions, UPPER, axis], leaves[member, UPPER, axis]
-                )
-            for other in range(seed + 1, count):
-                if label[other] >= 0:
-                    continue
-                touch = True
-                for axis in range(dimension):
-                    if (
-                        leaves[member, LOWER, axis] > leaves[other, UPPER, axis]
-                        or leaves[other, LOWER, axis] > leaves[member, UPPER, axis]
-                    ):
-                        touch = False
-                if touch:
-                    label[other] = n_regions
-                    queue[tail] = other
-                    tail += 1
-        n_regions += 1
-    return hulls[:n_regions].copy()
-
-
-@kernel
 def regions_of_point(
     enclosure: FloatArray, lower: FloatArray, upper: FloatArray, least_ratio: float
 ) -> FloatArray:
@@ -145,11 +99,11 @@ def regions_of_point(
     low[1:], high[1:] = enclosure[:, LOWER], enclosure[:, UPPER]
     all_lower, all_upper = np.zeros(count + 1), np.zeros(count + 1)
     all_lower[1:], all_upper[1:] = lower, upper
-    side_m = 0.0
-    for j in range(count):
-        long_m = math.sqrt(upper[j])
-        side_m = max(side_m, least_ratio * long_m, long_m - math.sqrt(lower[j]))
-    return _regions(_leaves(low, high, all_lower, all_upper, side_m))
+    long_m = np.sqrt(upper)
+    side_m = max(
+        (least_ratio * long_m).max(initial=0.0), (long_m - np.sqrt(lower)).max(initial=0.0)
+    )
+    return component_hulls(_leaves(low, high, all_lower, all_upper, side_m))[0]
 
 
 @kernel

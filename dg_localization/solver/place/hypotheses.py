@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel, until
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
+from dg_localization.interval.kernels import until
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, component_hulls, sub_box
 from dg_localization.solver.place.existence import has_exact_pairs, settled
 from dg_localization.solver.place.placements import MOST_STEPS, place, scaled, sought
 from dg_localization.solver.place.proofs import with_known_chirality
@@ -39,44 +39,6 @@ def never() -> bool:
     return False
 
 
-@kernel(borrows=True)
-def _touch(first: FloatArray, second: FloatArray) -> bool:
-    """Return whether two boxes have a point in common."""
-    n_points = first.shape[1]
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            if first[LOWER, i, j] > second[UPPER, i, j]:
-                return False
-            if second[LOWER, i, j] > first[UPPER, i, j]:
-                return False
-    return True
-
-
-@kernel
-def components(bounds: FloatArray) -> IntArray:
-    """Return the connected component of each box, numbered in the order of their first boxes."""
-    count = len(bounds)
-    label = np.full(count, -1)
-    queue = np.empty(count, dtype=np.int64)
-    n_components = 0
-    for seed in range(count):
-        if label[seed] >= 0:
-            continue
-        label[seed] = n_components
-        queue[0] = seed
-        head, tail = 0, 1
-        while head < tail:
-            member = queue[head]
-            head += 1
-            for other in range(seed + 1, count):
-                if label[other] < 0 and _touch(bounds[member], bounds[other]):
-                    label[other] = n_components
-                    queue[tail] = other
-                    tail += 1
-        n_components += 1
-    return label
-
-
 def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
     """Return a placement for a box, its unconnected parts far enough apart."""
     positions = np.zeros((box.shape[1], dimension))
@@ -97,22 +59,6 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
 def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
     """Return a placement for a box of a problem, with the chirality that is known."""
     return with_known_chirality(problem, place_everywhere(box, problem.dimension))
-
-
-@kernel
-def _hulls(bounds: FloatArray, label: IntArray) -> FloatArray:
-    """Return the hull of every component, its lower and upper bounds."""
-    count, _, n_points, _ = bounds.shape
-    hulls = np.empty((label.max() + 1, 2, n_points, n_points))
-    hulls[:, LOWER] = np.inf
-    hulls[:, UPPER] = -np.inf
-    for x in range(count):
-        hull = hulls[label[x]]
-        for i in range(n_points):
-            for j in range(n_points):
-                hull[LOWER, i, j] = min(hull[LOWER, i, j], bounds[x, LOWER, i, j])
-                hull[UPPER, i, j] = max(hull[UPPER, i, j], bounds[x, UPPER, i, j])
-    return hulls
 
 
 def placement_in(
@@ -226,10 +172,5 @@ def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:
     """Return the hulls of the connected components of a cover, in the order of their first box."""
     if not boxes:
         return []
-    bounds = np.array([box[: UPPER + 1] for box in boxes])
-    label = components(bounds)
-    hulls = _hulls(bounds, label)
-    members: list[list[int]] = [[] for _ in hulls]
-    for index, number in enumerate(label.tolist()):
-        members[number].append(index)
-    return list(zip(hulls, members, strict=True))
+    hulls, members = component_hulls(np.array([box[: UPPER + 1] for box in boxes]))
+    return [(hull, some.tolist()) for hull, some in zip(hulls, members, strict=True)]
