@@ -1,15 +1,19 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The gates notice what is worse, and what is lost."""
+"""The gates notice what is worse, and what is lost; mutations are of code that is there."""
 
 import math
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip('scipy', reason='the benchmarks need scipy')
 
 from benchmarks.gates import NONE, Limit, report  # noqa: E402
+from benchmarks.mutations.table import MUTATIONS  # noqa: E402
+
+REPOSITORY = Path(__file__).parents[1]
 
 LIMITS = {'lost': NONE, 'ms': Limit(times=1.5, more=0.2), 'width': Limit(most=2.25)}
 BEFORE = {'a': {'lost': 0.0, 'ms': 10.0, 'width': 1.9}}
@@ -32,3 +36,11 @@ def test_a_gate_holds_or_is_broken(figures, holds, capsys):
 
 def test_rows_without_an_earlier_state_have_absolute_limits_only():
     assert report('gate', {'b': {'lost': 0.0, 'ms': 99.0, 'width': 2.2}}, LIMITS, BEFORE)
+
+
+def test_every_mutation_is_of_text_that_occurs_once():
+    """Where code moves, the table of what tests notice moves with it."""
+    for mutation in MUTATIONS:
+        assert (REPOSITORY / mutation.path).read_text().count(mutation.old) == 1, mutation.name
+        for test in mutation.tests:
+            assert (REPOSITORY / test.partition('::')[0]).exists(), mutation.name

@@ -457,7 +457,7 @@ SEARCHING = [
         ('test/solver/test_pieces.py',),
         (
             'what was not examined beside patches counts as examined',
-            'n_pending = len(self.pending) + sum(',
+            'n_pending = len(keys) + sum(',
             'n_pending = sum(',
         ),
     ),
@@ -465,16 +465,10 @@ SEARCHING = [
         'solver',
         'assemble/pieces',
         ('test/solver/test_stopped_early.py',),
-        ('the points of pieces that were not begun are left out', 'if left:', 'if not tasks:'),
-    ),
-    *_in(
-        'solver',
-        'assemble/pieces',
-        ('test/solver/test_pieces.py',),
         (
-            'the boxes of a piece that was solved before are not counted',
-            'if known and known.kept and self._budget.keep(len(known.kept)):',
-            'if known and known.kept:',
+            'the points of pieces that were not begun are left out',
+            'if not_begun:',
+            'if not self._solved:',
         ),
     ),
     *_in(
@@ -483,8 +477,8 @@ SEARCHING = [
         ('test/solver/test_stopped_early.py',),
         (
             'points that nothing is known of count as rigid',
-            '_nowhere, flexible=True)',
-            '_nowhere, flexible=False)',
+            'boxes, None, True)',
+            'boxes, None, False)',
         ),
     ),
     *_in(
@@ -573,29 +567,9 @@ FLEET = [
         'frames/finders',
         ('test/fleet/test_window.py',),
         (
-            'a heading that is not fitted has the variance of one that is',
-            'covariances=_with_unfitted(covariances[:n_robots], fitted_yaws_rad, placement),',
-            'covariances=covariances[:n_robots],',
-        ),
-        (
             'a point may be that of another hypothesis',
-            'or not (best.proved or _within(bounds_m2, best.positions_m)):',
-            'and not best.proved:',
-        ),
-    ),
-    *_in(
-        'fleet',
-        'window/meeting',
-        ('test/fleet/test_window.py',),
-        (
-            'mirror images that never come in line are joined',
-            'return bool(_may_be_in_line(least_m, most_m, triples[turned]).all())',
-            'return True',
-        ),
-        (
-            'the covariance of joined hypotheses is that of one',
-            'covariances=_covariances_of_all(placements, best),',
-            '',
+            'not (best.proved or _within(among, best.positions_m))',
+            'False',
         ),
     ),
     *_in(
@@ -654,9 +628,9 @@ FLEET = [
         ('test/fleet/test_mounted_memory.py',),
         (
             'what sensors measure is trusted although readings may be wrong',
-            'return WORLD if robot == name else None\n',
-            'return WORLD if robot == name else None\n'
-            '        if robot != name and config.window_outliers:\n'
+            'return WORLD if robot == point else None\n',
+            'return WORLD if robot == point else None\n'
+            '        if robot != point and config.window_outliers:\n'
             '            return None\n',
         ),
     ),
@@ -789,16 +763,6 @@ FLEET = [
         ),
     ),
     *_in(
-        'ros/interface',
-        'transforms',
-        ('test/ros/test_transforms.py',),
-        (
-            'poses before and after a restart of odometry are joined',
-            'if is_restarted or frames',
-            'if frames',
-        ),
-    ),
-    *_in(
         'ros',
         'interface/parameters/inputs',
         ('test/ros/test_parameters.py',),
@@ -830,7 +794,7 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'constraints/triangulation',
+        'constraints/distances',
         ('test/fleet/test_constraints.py',),
         (
             'the law of sines takes the other angle',
@@ -845,17 +809,17 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'constraints/chirality',
+        'constraints/rays',
         ('test/fleet/test_constraints.py', 'test/fleet/test_spatial_chirality.py'),
         (
             'a sign counts although it is in doubt',
-            '(pairs.half_widths_rad < sizes) & (sizes + pairs.half_widths_rad < math.pi)',
-            'pairs.half_widths_rad < sizes',
+            '(self.half_widths_rad < low) & (high < math.pi)',
+            'self.half_widths_rad < low',
         ),
         (
             'left and right are exchanged',
-            'sign = 1 if pairs.angles_rad[row] > 0.0 else -1',
-            'sign = -1 if pairs.angles_rad[row] > 0.0 else 1',
+            'sign = 1 if self.angles_rad[row] > 0.0 else -1',
+            'sign = -1 if self.angles_rad[row] > 0.0 else 1',
         ),
         (
             'in space the error of the third ray is forgotten',
@@ -870,7 +834,7 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'constraints/angles',
+        'constraints/rays',
         ('test/fleet/test_constraints.py',),
         (
             'an angle is at least what was seen',
@@ -904,8 +868,8 @@ FLEET = [
         ('test/fleet/test_fixed_frame.py', *SOUND),
         (
             'only one box of a hypothesis is enclosed',
-            'images.append((choice, reduce(Interval.hull, enclosures)))',
-            'images.append((choice, enclosures[-1]))',
+            'found.append((image, reduce(Interval.hull, enclosures)))',
+            'found.append((image, enclosures[-1]))',
         ),
     ),
     *_in(
@@ -939,7 +903,7 @@ FLEET = [
         ('test/fleet/test_standing_frame.py',),
         (
             'a frame that was left is taken up again at once',
-            'self._wait_s = WAIT_S',
+            'self._wait_s = HOLD_S',
             'self._wait_s = 0.0',
         ),
     ),
@@ -1193,8 +1157,8 @@ FLEET = [
         ('test/fleet/test_wrong_readings.py',),
         (
             'the first readings of a fleet are trusted where some may be wrong',
-            'return Recollection(snapshot, allowance, replaced=replaced)',
-            'return Recollection(snapshot, allowance)',
+            'return Recollection(snapshot, allowance, pose_sets=pose_sets, replaced=replaced)',
+            'return Recollection(snapshot, allowance, pose_sets=pose_sets)',
         ),
     ),
     *_in(
@@ -1203,8 +1167,8 @@ FLEET = [
         ('test/fleet/test_wrong_readings.py',),
         (
             'the first readings of a pair are trusted where some may be wrong',
-            'if self._pair_of(index[key.observer], index[key.target]) is not None',
-            'if self._pair_of(index[key.observer], index[key.target]) in self._rows',
+            'if self._pair_of(*key.ends) is not None)',
+            'if self._pair_of(*key.ends) in self._rows)',
         ),
     ),
     *_in(
@@ -1214,7 +1178,7 @@ FLEET = [
     ),
     *_in(
         'fleet/window',
-        'narrowing',
+        'recollection',
         ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
         (
             'what rests on all of the memory is carried on',
