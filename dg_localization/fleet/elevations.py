@@ -12,10 +12,8 @@ for as long as it is young, widened by how far the point can have risen or sunk.
 from __future__ import annotations
 
 from bisect import insort
-from dataclasses import dataclass
 import math
-from operator import attrgetter
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from dg_localization.fleet.admission import is_young
 from dg_localization.fleet.config import FleetConfig
@@ -32,8 +30,7 @@ from dg_localization.interval.bounds import (
 Bounds: TypeAlias = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class _Reading:
+class _Reading(NamedTuple):
     """Bounds of the elevation of a point at one time."""
 
     stamp_s: float
@@ -75,7 +72,7 @@ class Elevations:
         if upper_m < known_m[0] or known_m[1] < lower_m:
             readings.clear()
             return known_m
-        insort(readings, _Reading(stamp_s, lower_m, upper_m), key=attrgetter('stamp_s'))
+        insort(readings, _Reading(stamp_s, lower_m, upper_m))
         del readings[: -self._config.max_repeats]
         return None
 
@@ -99,13 +96,9 @@ class Elevations:
             return reading
         in_space_m = reading.lower_m, reading.upper_m
         lower_m, upper_m = distance_in_plane_m(in_space_m, rise_m2)
+        likeliest_m = _likeliest_in_plane_m(reading.likeliest_m, rise_m2)
         return DistanceReading(
-            reading.key,
-            reading.stamp_s,
-            lower_m,
-            upper_m,
-            _likeliest_in_plane_m(reading.likeliest_m, rise_m2),
-            in_space_m,
+            reading.key, reading.stamp_s, lower_m, upper_m, likeliest_m, in_space_m
         )
 
     def squared_rise_m2(self, first: str, second: str, stamp_s: float, now_s: float) -> Bounds:

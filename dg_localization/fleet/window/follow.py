@@ -60,6 +60,10 @@ class Follower:
 
     Attributes
     ----------
+    forgotten : mapping of (str, str) to tuple of (float, float)
+        Spans of observations that are not remembered.
+    left_out : mapping of (str, str) to float
+        Up to when observations do not count as measurements of the moment.
     earlier : EarlierSets
         Pose sets that are carried from estimate to estimate.
 
@@ -75,23 +79,13 @@ class Follower:
         self._numbers = count(1) if numbers is None else numbers
         self._frame = frame
         self._last = _Followed((), 0.0)
-        self._forgotten: Spans = {}
-        self._left_out: Mapping[Ends, float] = {}
+        self.forgotten: Spans = {}
+        self.left_out: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
         self._standing_frame = StandingFrame()
         self._frame_changes = 0
         self._record = Record(memory_s)
         self.earlier = EarlierSets()
-
-    @property
-    def forgotten(self) -> Spans:
-        """Observations that are not remembered."""
-        return self._forgotten
-
-    @property
-    def left_out(self) -> Mapping[Ends, float]:
-        """Up to when observations do not count as measurements of the moment."""
-        return self._left_out
 
     def started_anew(self, memory_s: float | None = None) -> Follower:
         """Return one that knows no hypothesis; numbers are not used again."""
@@ -124,9 +118,9 @@ class Follower:
         oldest_s = snapshot.stamp_s - snapshot.config.memory_s
         if self._last.stamp_s > snapshot.stamp_s:
             # The clock was set back: what is left out is of another time.
-            self._forgotten, self._left_out = {}, {}
-        self._forgotten = also_forgotten(self._forgotten, estimate.forgotten, oldest_s)
-        self._left_out = left_out_until_s(self._left_out, estimate.forgotten)
+            self.forgotten, self.left_out = {}, {}
+        self.forgotten = also_forgotten(self.forgotten, estimate.forgotten, oldest_s)
+        self.left_out = left_out_until_s(self.left_out, estimate.forgotten)
         self.earlier.forget(snapshot.config, estimate.forgotten)
         if estimate.forgotten:
             # What was proved before may rest on what is forgotten.

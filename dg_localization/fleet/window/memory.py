@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from operator import attrgetter
 from types import MappingProxyType
@@ -32,11 +32,6 @@ Span: TypeAlias = tuple[float, float]
 
 Spans: TypeAlias = Mapping[Ends, tuple[Span, ...]]
 """Spans of observations between two points, in either order."""
-
-
-def spans_of(spans: Spans, ends: Ends) -> tuple[Span, ...]:
-    """Return the spans of two points."""
-    return spans.get(ends, ()) + spans.get(ends[::-1], ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,24 +68,14 @@ class Observation:
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
         if isinstance(reading, DistanceReading):
-            return Observation(
-                self.stamp_s,
-                max(self.lower_m, reading.lower_m),
-                min(self.upper_m, reading.upper_m),
-                self.direction,
-                self.half_width_rad,
-                reading.likeliest_m,
-            )
+            lower_m = max(self.lower_m, reading.lower_m)
+            upper_m = min(self.upper_m, reading.upper_m)
+            likeliest_m = reading.likeliest_m
+            return replace(self, lower_m=lower_m, upper_m=upper_m, likeliest_m=likeliest_m)
         if reading.half_width_rad >= self.half_width_rad:
             return self
-        return Observation(
-            self.stamp_s,
-            self.lower_m,
-            self.upper_m,
-            reading.direction,
-            reading.half_width_rad,
-            self.likeliest_m,
-        )
+        half_width_rad = reading.half_width_rad
+        return replace(self, direction=reading.direction, half_width_rad=half_width_rad)
 
 
 @dataclass(frozen=True)
@@ -113,7 +98,7 @@ class Window:
         """Return this without what is forgotten between some points."""
         left = {}
         for ends, seen in self.observations.items():
-            for after_s, until_s in spans_of(forgotten, ends):
+            for after_s, until_s in (*forgotten.get(ends, ()), *forgotten.get(ends[::-1], ())):
                 first = bisect_right(seen, after_s, key=STAMP_S)
                 end = bisect_right(seen, until_s, key=STAMP_S)
                 seen = seen[:first] + seen[end:]
@@ -151,7 +136,8 @@ class Memory:
             return
         if self._newest_s > now_s + self._max_future_s:
             # Time has jumped back: what is kept is of another time.
-            self.clear()
+            self._observations.clear()
+            self._newest_s = -math.inf
         if isinstance(reading, DistanceReading) and reading.lower_m > reading.upper_m:
             return
         self._newest_s = max(self._newest_s, reading.stamp_s)
@@ -169,11 +155,6 @@ class Memory:
             oldest = math.floor((now_s - self._memory_s) / self._slot_s)
             for outdated in [slot for slot in kept if slot < oldest]:
                 del kept[outdated]
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._observations.clear()
-        self._newest_s = -math.inf
 
     def view(self, now_s: float, forgotten: Spans) -> Window:
         """Return what is remembered at a time."""
