@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from msg_adapters.headers import (
     header_to_message,
-    point_to_message,
     stamp_from_message,
     xyz_from_message,
 )
@@ -179,12 +178,22 @@ def detections_2d_from_message(message: Any) -> PixelReading:
 
 def detections_2d_to_message(reading: PixelReading) -> Any:
     """Write a `vision_msgs/Detection2DArray` of boxes without size."""
-    message = new_message(DETECTIONS_2D)
+    return _detections(DETECTIONS_2D, reading, reading.pixels_xy)
+
+
+def _detections(
+    type_name: str, reading: PixelReading | IdentifiedReading, centers: NDArray[np.float64]
+) -> Any:
+    """Write an array of boxes without size, shape (k, 2) or (k, 3)."""
+    message = new_message(type_name)
     message.header = header_to_message(reading.stamp_s, reading.frame_id)
-    for target_id, (x, y) in zip(reading.target_ids, reading.pixels_xy.tolist(), strict=True):
-        detection = new_message('vision_msgs/msg/Detection2D')
-        detection.bbox.center.position.x, detection.bbox.center.position.y = x, y
-        detection.results.append(_result(target_id))
+    for target_id, center in zip(reading.target_ids, centers.tolist(), strict=True):
+        detection = new_message(type_name.removesuffix('Array'))
+        for axis, coordinate in zip('xyz', center, strict=False):
+            setattr(detection.bbox.center.position, axis, coordinate)
+        result = new_message('vision_msgs/msg/ObjectHypothesisWithPose')
+        result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
+        detection.results.append(result)
         message.detections.append(detection)
     return message
 
@@ -207,16 +216,9 @@ def detections_3d_from_message(message: Any) -> IdentifiedReading:
 
 def detections_3d_to_message(reading: IdentifiedReading) -> Any:
     """Write a `vision_msgs/Detection3DArray` of boxes without size, at the ends of the rays."""
-    message = new_message(DETECTIONS_3D)
-    message.header = header_to_message(reading.stamp_s, reading.frame_id)
     is_optical = OPTICAL_SUFFIX in reading.frame_id
     centers = reading.rays_xyz @ FROM_OPTICAL if is_optical else reading.rays_xyz
-    for target_id, center in zip(reading.target_ids, centers, strict=True):
-        detection = new_message('vision_msgs/msg/Detection3D')
-        detection.bbox.center.position = point_to_message(center)
-        detection.results.append(_result(target_id))
-        message.detections.append(detection)
-    return message
+    return _detections(DETECTIONS_3D, reading, centers)
 
 
 def _pixels(
@@ -238,12 +240,6 @@ def _class_of(detection: Any) -> str:
     if any(map(math.isnan, scores)):
         raise ValueError(f'the scores {scores} of a detection are not allowed: NaN is no score')
     return str(detection.results[scores.index(max(scores))].hypothesis.class_id)
-
-
-def _result(target_id: str) -> Any:
-    result = new_message('vision_msgs/msg/ObjectHypothesisWithPose')
-    result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
-    return result
 
 
 register(Adapter(CAMERA_INFO, CameraReading, camera_from_message, camera_to_message))

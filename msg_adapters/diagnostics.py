@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from msg_adapters.cdr import CdrWriter, message_from_cdr
-from msg_adapters.headers import stamp_from_message, write_header
+from msg_adapters.headers import CdrWriter, message_from_cdr, stamp_from_message, write_header
 from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'

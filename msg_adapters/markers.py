@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.cdr import CdrWriter, message_from_cdr
 from msg_adapters.headers import (
+    CdrWriter,
+    message_from_cdr,
     stamp_from_message,
     write_header,
     write_time,

@@ -17,18 +17,8 @@ def claim_domain() -> int:
     """
     Take a free domain of this machine for this process and its children, as ament's tests do.
 
-    Only processes that ask here are seen: a fleet that runs on a domain of its own choice is not.
-
-    Returns
-    -------
-    int
-        The domain, which is set as ROS_DOMAIN_ID. A bound port holds it until the process ends.
-
-    Raises
-    ------
-    RuntimeError
-        If all domains are taken.
-
+    It is set as ROS_DOMAIN_ID, and a bound port holds it until the process ends. A fleet that runs
+    on a domain of its own choice is not seen. RuntimeError is raised when all are taken.
     """
     for domain_id in DOMAIN_IDS:
         claim = socket.socket()

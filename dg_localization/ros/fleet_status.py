@@ -31,21 +31,7 @@ to_statuses = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 def screen(
     node: str, statuses: Sequence[Status], silent_s: float, width: int = 120
 ) -> Iterator[str]:
-    """
-    Yield the lines of a screen.
-
-    Parameters
-    ----------
-    node : str
-        Name of the localizer, with which the names of its statuses begin.
-    statuses : sequence of Status
-        Its newest diagnostics.
-    silent_s : float
-        How long ago they came, in s.
-    width : int, optional
-        Most characters of a line.
-
-    """
+    """Yield the lines of a screen about the localizer `node`, whose diagnostics may be silent."""
     parts = {status.name.removeprefix(f'{node}: '): status for status in statuses}
     fleet = parts.pop('fleet', None)
     if fleet is None:

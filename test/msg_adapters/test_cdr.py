@@ -25,8 +25,8 @@ from msg_adapters import (  # noqa: E402
     UncertainPose,
     adapter_for,
 )
-from msg_adapters.cdr import message_from_cdr  # noqa: E402
 from msg_adapters.diagnostics import diagnostics_to_cdr  # noqa: E402
+from msg_adapters.headers import message_from_cdr  # noqa: E402
 from msg_adapters.markers import marker_scene_to_cdr  # noqa: E402
 from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr  # noqa: E402
 

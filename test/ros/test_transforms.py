@@ -19,7 +19,7 @@ from dg_localization.fleet.vocabulary import OdometryReading as Pose  # noqa: E4
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.transforms import transforms  # noqa: E402
 from msg_adapters import Level, OdometryReading, adapter_for  # noqa: E402
-from msg_adapters.transforms import transforms_from_message, transforms_to_cdr  # noqa: E402
+from msg_adapters.poses import transforms_from_message, transforms_to_cdr  # noqa: E402
 
 STAMP_S = 100.0
 ANCHORED = FixedFrame(FrameKind.ANCHORS, ('p', 'q', 'r'))

@@ -9,10 +9,10 @@ import math
 import numpy as np
 
 from dg_localization.fleet import Estimate, Group, LinkKind, Placement
-from dg_localization.ros.interface.input_status import input_statuses
 from dg_localization.ros.interface.report import (
     Malformed,
     Report,
+    input_statuses,
     listed,
     robots_of,
     shortened,

@@ -51,15 +51,7 @@ class TopicFinder:
         self.passed_over: list[Link] = []
 
     def find(self, topics: Iterable[tuple[str, list[str]]]) -> Iterator[Link]:
-        """
-        Yield the links among topics that were not found before.
-
-        Parameters
-        ----------
-        topics : iterable of (str, list of str)
-            All names and their types, as `rclpy.node.Node.get_topic_names_and_types` gives them.
-
-        """
+        """Yield the links that were not found before among all topics, with their types."""
         self.wrong_types, self.passed_over = {}, []
         for topic, type_names in topics:
             link = self._link_of(topic)

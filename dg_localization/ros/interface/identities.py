@@ -25,22 +25,7 @@ def parse_ids(texts: Iterable[str]) -> dict[str, str]:
     Read a table of ids from its lines: ``ID NAME``, with ``-`` for an id that stands for nobody.
 
     An id with blanks, such as a class of a detector, stands in double quotes:
-    ``"potted plant" -``.
-
-    Parameters
-    ----------
-    texts : iterable of str
-
-    Returns
-    -------
-    dict of str to str
-        The name of each id.
-
-    Raises
-    ------
-    ValueError
-        If a line has not two words, or an id occurs twice; the message quotes it.
-
+    ``"potted plant" -``. A wrong line and an id that occurs twice raise ValueError.
     """
     table: dict[str, str] = {}
     for text in texts:
@@ -75,15 +60,7 @@ class Identities:
         self._strangers: set[str] = set()
 
     def observer(self, link: Link, observer_id: str) -> str:
-        """
-        Return who measured, by the link and by what the message says.
-
-        Raises
-        ------
-        ValueError
-            If neither says who, if the id is in no table, or if the two do not agree.
-
-        """
+        """Return who measured; raise ValueError where link and message do not agree or say who."""
         named = link.key.observer
         if not observer_id:
             if named == ANY_OBSERVER:
@@ -128,15 +105,7 @@ class Cameras:
         self._arrivals: dict[LinkKey, tuple[int, float]] = {}
 
     def keep(self, key: LinkKey, camera: CameraReading, now_s: float) -> None:
-        """
-        Take one camera matrix.
-
-        Raises
-        ------
-        ValueError
-            If there are more cameras than a robot can have.
-
-        """
+        """Keep one camera matrix; raise ValueError if there are more than a robot can have."""
         place = (key.observer, camera.frame_id)
         if place not in self._cameras and len(self._cameras) == MOST_CAMERAS:
             raise ValueError(
@@ -147,15 +116,7 @@ class Cameras:
         self._arrivals[key] = count + 1, now_s
 
     def rays(self, link: Link, reading: PixelReading) -> IdentifiedReading:
-        """
-        Return the rays to pixels that a camera of the observer of a link has seen.
-
-        Raises
-        ------
-        ValueError
-            If the matrix of that camera is not known.
-
-        """
+        """Return the rays to pixels; raise ValueError if the matrix of their camera is unknown."""
         camera = self._cameras.get((link.key.observer, reading.frame_id))
         if camera is None:
             came = [frame for observer, frame in self._cameras if observer == link.key.observer]

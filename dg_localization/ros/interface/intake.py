@@ -120,23 +120,9 @@ class Intake:
         self, link: Link, data: bytes, now_s: float, arrived_s: float | None = None
     ) -> Rejection | None:
         """
-        Take one message; it never raises.
+        Take one serialized message; it never raises.
 
-        Parameters
-        ----------
-        link : Link
-            The input that it arrived on.
-        data : bytes
-            The serialized message.
-        now_s : float
-        arrived_s : float, optional
-            When it arrived; now if it is not given.
-
-        Returns
-        -------
-        Rejection or None
-            Why a message that could be read was not taken.
-
+        Return why a message that could be read was not taken, None where it was or could not be.
         """
         try:
             reading = self._read(link, data)

@@ -128,15 +128,7 @@ class Link:
         return self.overrides.get(STAMP_OFFSET, 0.0)
 
     def bounds_within(self, of_all: SensorBounds) -> SensorBounds:
-        """
-        Return the error bounds of what the link measures.
-
-        Parameters
-        ----------
-        of_all : SensorBounds
-            Those of the fleet, which stand where the link states none.
-
-        """
+        """Return the error bounds of the link, those of the fleet where it states none."""
         half_width_rad = self.overrides.get('half_width', of_all.bearing_half_width_rad)
         return SensorBounds(self.range_error_within(of_all.range_error), half_width_rad)
 
@@ -163,22 +155,8 @@ def parse_link(text: str) -> Link:
 
     Odometry, elevations, peers and cameras have no target; the observer of peers is ``*`` where
     their messages say who measured. For example
-    ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``.
-
-    Parameters
-    ----------
-    text : str
-        The string, with blanks between the parts.
-
-    Returns
-    -------
-    Link
-
-    Raises
-    ------
-    ValueError
-        If a part is missing or wrong; the message says which and what would be right.
-
+    ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``. ValueError
+    says which part is missing or wrong, and what would be right.
     """
     words = text.split()
     names = [word for word in words if '=' not in word]
@@ -276,15 +254,7 @@ class Template:
         return re.sub(r'{\w+}', '{}', self.text)
 
     def check(self) -> None:
-        """
-        Check the text.
-
-        Raises
-        ------
-        ValueError
-            If it is neither empty nor holds each of `fields`, or makes no topic names.
-
-        """
+        """Raise ValueError unless the text is empty or holds each of `fields` once."""
         if not self.text:
             return
         try:
@@ -298,20 +268,7 @@ class Template:
         check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
 
     def check_names(self, points: Iterable[str]) -> None:
-        """
-        Check that each topic has one meaning.
-
-        Parameters
-        ----------
-        points : iterable of str
-            Robots, anchors and sensors.
-
-        Raises
-        ------
-        ValueError
-            If two pairs of points have the same topic.
-
-        """
+        """Raise ValueError if two pairs of robots, anchors and sensors have the same topic."""
         if not self.text or 'target' not in self.fields:
             return
         names = list(points)
@@ -330,15 +287,7 @@ class Template:
                 )
 
     def resolved(self, resolve: Callable[[str], str]) -> 'Template':
-        """
-        Return the template of full names.
-
-        Parameters
-        ----------
-        resolve : callable
-            Returns the full name of a topic.
-
-        """
+        """Return the template with the full name, by a function from topics to full names."""
         if not self.text:
             return self
         text = resolve(self.text.format(**{name: _stand_in(name) for name in self.fields}))
@@ -353,14 +302,6 @@ class Template:
         Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
         topic of one point of the fleet and one stranger is a link too: its readings are counted
         and rejected, so that the diagnostics name a misspelled or forgotten robot.
-
-        Parameters
-        ----------
-        topic : str
-            Full name of the topic.
-        points : iterable of str
-            Robots and landmarks.
-
         """
         known = '|'.join(re.escape(point) for point in points)
         ends = [(known, known), (known, ANY_NAME), (ANY_NAME, known)]

@@ -40,20 +40,6 @@ def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
 
     Each placement has a color of its own; links are green, gray when stale, red when they
     contradict others. What is not known or not bounded is left out.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    frame_id : str
-        Name of the fixed frame.
-    lifetime_s : float
-        How long it is shown.
-
-    Returns
-    -------
-    MarkerScene
-        Empty when there is no placement.
-
     """
     drawn = []
     if estimate.placements:

@@ -94,18 +94,7 @@ def estimate_messages(
 
     One without placements empties the pose arrays and the view, so that no old answer looks new.
     The array of one robot is for viewers, some of which refuse an array with NaN in it: a
-    placement where its position is not known is left out.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    fixed_frame : str
-        Name of the frame of the anchors.
-    lifetime_s : float
-        How long viewers show the markers.
-    least_deviation_m : float, optional
-        As for `unique_pose`.
-
+    placement where its position is not known is left out. Viewers show markers for `lifetime_s`.
     """
     name = frame_id(estimate.frame, fixed_frame)
     fleet = feasible_poses(estimate, name)

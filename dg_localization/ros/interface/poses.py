@@ -52,25 +52,10 @@ def unique_pose(
     Return the pose of a robot while exactly one hypothesis is left, else None.
 
     Variances are not below `LEAST_VARIANCE`, which is also the variance of what the robot cannot
-    do in a plane. An unknown heading is given as the identity with `UNKNOWN_VARIANCE_RAD2`.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    robot : int
-        Row of the robot.
-    frame_id : str
-        Name of the fixed frame.
-    least_deviation_m : float or None
-        Least standard deviation of a coordinate, with the covariance of least squares, for
-        readings whose errors are independent and anywhere in their bounds. None for the
-        covariance that the bounds allow, which an estimate without least squares has, too.
-
-    Returns
-    -------
-    UncertainPose or None
-        None also when the measurements do not bound where the robot is.
-
+    do in a plane. An unknown heading is given as the identity with `UNKNOWN_VARIANCE_RAD2`. The
+    covariance is that of least squares, for independent errors anywhere in their bounds, where
+    `least_deviation_m` states the least standard deviation of a coordinate. It is the one that the
+    bounds allow where that is None, or where the estimate has no least squares.
     """
     if estimate.n_hypotheses != 1 or len(estimate.placements) != 1:
         return None
@@ -144,22 +129,7 @@ def check_frame_id(name: str) -> None:
 
 
 def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
-    """
-    Return the name of a frame, which says what it is tied to.
-
-    Parameters
-    ----------
-    frame : FixedFrame or None
-        The frame of an estimate; None when it has no placements.
-    fixed_frame : str
-        The name of the frame of the anchors, and of what is empty.
-
-    Returns
-    -------
-    str
-        `fixed_frame`, the odometry or the body frame of a robot, or that of a shape only.
-
-    """
+    """Return the name of a frame, which says what it is tied to; `fixed_frame` for none."""
     if frame is None or frame.kind == FrameKind.ANCHORS:
         return fixed_frame
     if frame.kind == FrameKind.ODOMETRY:

@@ -1,14 +1,17 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the diagnostics are made from."""
+"""What the diagnostics are made from, and the diagnostics of inputs."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 import math
+from operator import attrgetter
 
-from dg_localization.fleet import Estimate, InputState, LinkKey
-from dg_localization.ros.interface.links import Link
+from dg_localization.fleet import Estimate, InputState, LinkKey, LinkKind
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from msg_adapters import Level, Status
 
 # What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
 MOST_CHARACTERS = 300
@@ -111,3 +114,131 @@ class Report:
 def robots_of(key: LinkKey) -> set[str]:
     """Return the ends of a link; for a sensor, the robot that it is on."""
     return {name.partition('/')[0] for name in (key.observer, key.target)}
+
+
+STALE = Level.WARN, 'stale: nothing acceptable arrived lately'
+CONTRADICTS = Level.ERROR, 'contradicts other measurements'
+
+
+def input_statuses(report: Report) -> Iterator[Status]:
+    """
+    Yield a status for each input that was named one by one or has ever delivered.
+
+    Others come by the templates, and a topic may exist that nobody uses. Peers have a status
+    together, and each of them one of its own.
+    """
+    contradicting = _contradicting(report)
+    topics_of = Counter(link.key for link in report.links)
+    peers_of = _peers_of_observers(report)
+    shown: set[LinkKey] = set()
+    for link in report.links:
+        peers = peers_of.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
+        state = _state_of(report, link)
+        malformed = report.malformed.get(link.topic, NONE_MALFORMED)
+        if not (link.explicit or state or malformed.count or link in report.wrong_types):
+            continue
+        found = _input_state(report, link.key, state, malformed)
+        if link.key in contradicting or not contradicting.isdisjoint(peers):
+            found = CONTRADICTS
+        elif link.key.kind is LinkKind.BEARING and not link.explicit and found == STALE:
+            found = Level.OK, 'sees nothing now'
+        name = f'{link.key} by {link.topic}' if topics_of[link.key] > 1 else str(link.key)
+        yield _status(report, name, link, _with_wrong_types(report, link, found), state)
+        # Two cameras of a robot may see the same one.
+        for key in sorted(peers.keys() - shown):
+            shown.add(key)
+            found = _input_state(report, key, peers[key], NONE_MALFORMED)
+            if key in contradicting:
+                found = CONTRADICTS
+            elif state is not None and state.in_use and found == STALE:
+                found = Level.OK, 'not measured now'
+            yield _status(report, str(key), replace(link, key=key), found, peers[key])
+    for link in sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic')):
+        name = f'{link.key} by {link.topic}' if link.key in topics_of else str(link.key)
+        found = _with_wrong_types(report, link, (Level.WARN, 'nothing received'))
+        yield _status(report, name, link, found, None)
+
+
+def _contradicting(report: Report) -> set[LinkKey]:
+    if report.estimate is None:
+        return set()
+    in_links = {link.key for link in report.estimate.links if link.contradicts}
+    return in_links.union(*report.estimate.conflicts)
+
+
+def _peers_of_observers(report: Report) -> dict[str, dict[LinkKey, InputState]]:
+    """Return for each observer what it measured, of that what has no topic of its own."""
+    with_topic = {link.key for link in report.links}
+    peers: dict[str, dict[LinkKey, InputState]] = {}
+    for key, state in report.inputs.items():
+        if key not in with_topic and key.kind is not LinkKind.PEERS:
+            has_link = LinkKey(LinkKind.PEERS, key.observer, '') in with_topic
+            peers.setdefault(key.observer if has_link else ANY_OBSERVER, {})[key] = state
+    return peers
+
+
+def _state_of(report: Report, link: Link) -> InputState | None:
+    """Return what has arrived on a link; where messages name their observer, of all of these."""
+    if link.key.observer != ANY_OBSERVER:
+        return report.inputs.get(link.key)
+    with_link = {other.key for other in report.links}
+    states = [
+        state
+        for key, state in report.inputs.items()
+        if key.kind is LinkKind.PEERS and key not in with_link
+    ]
+    if not states:
+        return None
+    newest = min(states, key=attrgetter('age_s'))
+    rejected = sum((Counter(state.rejected) for state in states), Counter())
+    accepted = sum(state.accepted for state in states)
+    return replace(newest, key=link.key, accepted=accepted, rejected=dict(rejected))
+
+
+def _input_state(
+    report: Report, key: LinkKey, state: InputState | None, malformed: Malformed
+) -> tuple[Level, str]:
+    if state is None:
+        wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
+        return Level.WARN, wrong
+    warning = state.stuck or state.restart or state.warning
+    if warning:
+        return Level.WARN, warning
+    if not state.in_use and malformed.last_s > report.now_s - state.age_s:
+        return Level.WARN, f'malformed: {malformed.last}'
+    if state.accepted and key in report.rejecting:
+        return Level.WARN, shortened(report.rejecting[key])
+    if state.in_use:
+        return Level.OK, 'in use'
+    if state.accepted:
+        return STALE
+    return Level.WARN, f'nothing acceptable received: {shortened(state.last_reason_text)}'
+
+
+def _with_wrong_types(report: Report, link: Link, found: tuple[Level, str]) -> tuple[Level, str]:
+    """Return a state with the types that others have on the topic."""
+    types = report.wrong_types.get(link)
+    if not types:
+        return found
+    text = f'wrong type: the topic also has {", ".join(types)}, this input is {link.type_name}'
+    return max(found[0], Level.WARN), f'{found[1]}; {text}'
+
+
+def _status(
+    report: Report, name: str, link: Link, found: tuple[Level, str], state: InputState | None
+) -> Status:
+    """Return a status; messages that could not be read count for the topic, not for its peers."""
+    values = {'topic': link.topic, 'type': link.type_name, 'accepted': '0', 'rejected': '0'}
+    if state is not None:
+        values['accepted'] = str(state.accepted)
+        values['rejected'] = str(sum(state.rejected.values()))
+        values['age_s'] = f'{state.age_s:.3f}'
+        for reason, count in state.rejected.items():
+            values[f'rejected_{reason.value}'] = str(count)
+        if state.last_reason_text:
+            values['last_rejection'] = shortened(state.last_reason_text)
+    malformed = report.malformed.get(link.topic, NONE_MALFORMED)
+    if malformed.count and link in report.links:
+        values['malformed'] = str(malformed.count)
+        values['last_malformed'] = malformed.last
+    return Status(found[0], f'{report.node}: input {name}', found[1], link.key.observer, values)

@@ -23,7 +23,7 @@ from dg_localization.fleet.rotations import (
 )
 from dg_localization.fleet.vocabulary import OdometryReading
 from dg_localization.ros.interface.poses import BODY_FRAME, frame_id, unique_pose
-from msg_adapters.transforms import Transform
+from msg_adapters.poses import Transform
 
 # How far odometry is carried on beyond its last pose, at the speed it had.
 MOST_CARRIED_S = 0.2
@@ -46,21 +46,9 @@ def transforms(
     There are some only while one hypothesis is left, in the frame of the anchors, and for robots
     whose heading is known: any other frame moves or drifts with a robot. A frame that more than
     one robot calls its own is left out, since it can have one place only, and so is one that has
-    the name of the frame of the anchors.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    fixed_frame : str
-        Name of the frame of the anchors.
-    odometry : mapping of str to sequence of OdometryReading
-        By robot, oldest first, as the snapshot of the estimate has it.
-    bodies : mapping of str to str
-        The names that odometry gives the body frames of robots.
-    awaited : collection of str
-        Robots that have an input of odometry. Before it delivers, its frame is not known, and the
-        body must not get a second parent.
-
+    the name of the frame of the anchors. `odometry` is that of the snapshot of the estimate, and
+    `bodies` has the names that it gives the frames of bodies. Before odometry that is `awaited`
+    delivers, its frame is not known, and the body must not get a second parent.
     """
     if estimate.frame is None or estimate.frame.kind != FrameKind.ANCHORS:
         return ()

@@ -79,13 +79,8 @@ class NodeTime:
         """
         Return when that arrived which has waited for some real time before the last call of `now`.
 
-        Returns
-        -------
-        float or None
-            None where it had arrived before the time jumped back, or before `begin_anew`: it must
-            not look new. Of a simulated time it is not known how much of it has passed; then the
-            time is that of the last call.
-
+        None where that was before the time jumped back, or before `begin_anew`: it must not look
+        new. How much of a simulated time has passed is not known: it is that of the last call.
         """
         if self._steady_s() - waited_s < self._begun_at_s:
             return None

@@ -65,20 +65,7 @@ BOND_TOPIC = 'bond'
 
 
 def make_bond(node: Node) -> Callable[[], None] | None:
-    """
-    Form a bond with the manager of a node, where the package bondpy is installed.
-
-    Parameters
-    ----------
-    node : Node
-        Its name identifies the bond.
-
-    Returns
-    -------
-    callable or None
-        Breaks the bond; None without bondpy.
-
-    """
+    """Form a bond with the manager of a node and return what breaks it; None without bondpy."""
     if find_spec('bondpy') is None:
         return None
     bond = import_module('bondpy.bondpy').Bond(BOND_TOPIC, node.get_name(), node)

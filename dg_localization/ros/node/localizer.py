@@ -50,7 +50,7 @@ from dg_localization.ros.node.live_parameters import LiveParameters
 from dg_localization.ros.node.worker import EstimateWorker, Watchdog, longest_estimate_s
 from dg_localization.ros.spinning import STEADY, at_most_every
 from msg_adapters import Diagnostics
-from msg_adapters.transforms import transforms_to_cdr
+from msg_adapters.poses import transforms_to_cdr
 
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25

@@ -106,15 +106,7 @@ class EstimateWorker(Generic[A]):
                 function()
 
     def take(self) -> A | None:
-        """
-        Return the answer, once; None when there is none or it was cancelled.
-
-        Raises
-        ------
-        Exception
-            Whatever the estimate raised.
-
-        """
+        """Return the answer, once, or raise what the estimate raised; None when there is none."""
         wanted = self._wanted
         if wanted is None or not wanted.done():
             return None
@@ -129,14 +121,9 @@ class EstimateWorker(Generic[A]):
 
     def restart(self) -> bool:
         """
-        Cancel, and go on in a new thread; the old one ends if its estimate ever returns.
+        Cancel, go on in a new thread and return True; the old one ends if its estimate returns.
 
-        Returns
-        -------
-        bool
-            False when so many threads are stuck that one more does not help, and nothing has
-            changed.
-
+        Where so many threads are stuck that one more does not help, nothing changes.
         """
         self._stuck = [future for future in self._stuck if not future.done()]
         if len(self._stuck) == MOST_STUCK:
@@ -229,12 +216,6 @@ class Watchdog:
         Return whether the running estimate will never end.
 
         It has used all the time of a processor that it may, or has stood still for as long.
-
-        Parameters
-        ----------
-        busy_s, cpu_s : float
-            For how long it has run, and how much of a processor it has used meanwhile.
-
         """
         is_another = busy_s < self._seen_at_s or cpu_s < self._seen_cpu_s
         if is_another or cpu_s - self._seen_cpu_s > LEAST_PROGRESS_S:

@@ -114,16 +114,7 @@ class Settings:
 
 
 def declare_settings(node: Node) -> Settings:
-    """
-    Declare every parameter of the table and return the settings.
-
-    Raises
-    ------
-    WrongParameterError
-        If a parameter is unknown or has a value it cannot have. The message names it, the
-        value and the allowed values.
-
-    """
+    """Declare every parameter of the table; raise `WrongParameterError` that names a wrong one."""
     values = check_values(given_values(node))
     settings = settings_from(values, node.resolve_topic_name)
     declare_missing(node, values)
@@ -152,15 +143,7 @@ def without_fleet_changes(values: Mapping[str, Any], wanted: Mapping[str, Any]) 
 
 
 def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return the value of every parameter of the table, given or default.
-
-    Raises
-    ------
-    WrongParameterError
-        If a name is not in the table or a value is not allowed.
-
-    """
+    """Return all values, given or default; raise `WrongParameterError` for a wrong one."""
     values = _checked_table(given)
     for name, spec in list(named_specs(values)):
         values[name] = spec.check(name, given.get(name, spec.default))
@@ -192,20 +175,9 @@ def settings_from(
     values: Mapping[str, Any], resolve: Callable[[str], str] = in_root_namespace
 ) -> Settings:
     """
-    Return the settings that checked `values` stand for, with all adapters at hand.
+    Return the settings of checked values; raise `WrongParameterError` if they do not fit together.
 
-    Parameters
-    ----------
-    values : mapping of str to object
-        What `check_values` returned.
-    resolve : callable
-        Returns the full name of a topic, by the namespace and the remappings of the node.
-
-    Raises
-    ------
-    WrongParameterError
-        If values do not go together.
-
+    The names of topics are resolved by the namespace and the remappings of the node.
     """
     with refused(f"parameter 'fixed_frame': '{values['fixed_frame']}' is not allowed, "):
         check_frame_id(values['fixed_frame'])
