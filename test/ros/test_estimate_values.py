@@ -423,6 +423,7 @@ MALFORMED = {'malformed': {'/a/range/b': Malformed(3, 'too short', 12.0)}}
     [
         (input_state(), {}, Level.OK, 'in use'),
         (input_state(in_use=False), {}, Level.WARN, 'stale'),
+        (input_state(stuck='stuck: 9 readings'), {}, Level.WARN, 'stuck: 9 readings'),
         (input_state(restart='started anew: by a jump'), {}, Level.WARN, 'anew: by a jump'),
         (input_state(in_use=False, accepted=0, last_reason_text='NaN'), {}, Level.WARN, 'NaN'),
         (None, {'links': (SILENT,)}, Level.WARN, 'nothing received'),
@@ -505,12 +506,13 @@ def test_frames_are_named_after_what_they_are_tied_to():
         frame_id(frame, 'hall')
         for frame in (
             FixedFrame(FrameKind.ANCHORS, ('p', 'q')),
+            FixedFrame(FrameKind.ODOMETRY, ('b',), 'b/odom'),
             FixedFrame(FrameKind.HEADING, ('b',)),
             FixedFrame(FrameKind.ROBOTS, ('a', 'b')),
             None,
         )
     ]
-    assert names == ['hall', 'b/base_link', 'fleet', 'hall']
+    assert names == ['hall', 'b/odom', 'b/base_link', 'fleet', 'hall']
 
 
 def test_robots_that_are_not_connected_to_the_frame_are_placed_in_their_own():

@@ -4,12 +4,7 @@
 """The launch files: what they start, and that it starts."""
 
 from importlib.util import find_spec
-import os
 from pathlib import Path
-import signal
-import subprocess
-import sys
-import time
 
 import pytest
 
@@ -102,36 +97,6 @@ def test_a_namespace_holds_the_nodes_and_what_rviz_shows(launch):
     # Without a slash: in the namespace of RViz.
     assert rviz.remappings == [('/localizer/markers', 'localizer/markers')]
     assert Path(rviz.arguments[1]).exists()
-
-
-def test_the_simulation_runs_and_is_localized(launch, bench, tmp_path):
-    processes = launch('simulation', cameras='true', namespace='').processes
-    logs = [tmp_path / f'{process.executable}.log' for process in processes]
-    bench.clear()
-    started = [
-        subprocess.Popen(
-            [sys.executable, '-m', 'dg_localization.ros', p.executable, *p.ros_arguments],
-            cwd=REPOSITORY,
-            stdout=log.open('w'),
-            stderr=subprocess.STDOUT,
-            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
-        )
-        for p, log in zip(processes, logs, strict=True)
-    ]
-    try:
-        bench.until(
-            lambda: bench.heard.fleet and len(bench.heard.fleet[-1].poses) == 6,
-            'one hypothesis of six robots',
-            deadline_s=120.0,
-        )
-    finally:
-        # Ctrl-C reaches every process of a launch file.
-        for process in started:
-            process.send_signal(signal.SIGINT)
-    deadline_s = time.monotonic() + 20.0
-    codes = [process.wait(max(0.0, deadline_s - time.monotonic())) for process in started]
-    assert codes == [0, 0], [log.read_text() for log in logs]
-    bench.until(lambda: not bench.heard.fleet[-1].poses, 'outputs that are emptied at the end')
 
 
 def test_every_switch_of_the_simulation_is_a_parameter_of_its_executable(launch):

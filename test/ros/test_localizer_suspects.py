@@ -5,10 +5,9 @@
 
 from functools import partial
 
-from nav_msgs.msg import Odometry
 import numpy as np
 
-from msg_adapters import Level, OdometryReading, adapter_for
+from msg_adapters import Level, adapter_for
 
 odometry_to_message = adapter_for('nav_msgs/msg/Odometry').to_message
 
@@ -40,23 +39,3 @@ def test_a_sensor_that_lies_is_named_and_counted(bench, make_node):
     assert status.values['suspects'] == "robot_1's ranging"
     assert status.values['offender_0'].startswith(text)
     assert status.values['offender_0'].endswith('contradictions of the last 60 s')
-
-
-def test_a_stuck_sensor_is_named_with_its_value_and_since_when(bench, make_node):
-    make_node(robots=['robot_1', 'robot_2', 'robot_3'], stuck__readings=8)
-    start_s = bench.now_s()
-
-    def drive():
-        now_s = bench.now_s()
-        place = np.array([0.3 * (now_s - start_s), 0.0, 0.0])
-        reading = OdometryReading(now_s, place, np.array([0.0, 0.0, 0.0, 1.0]))
-        bench.publisher(Odometry, '/robot_2/odom').publish(odometry_to_message(reading))
-        bench.send_range('robot_1', 'robot_2', 3.25, stamp_s=now_s)
-        bench.send_range('robot_1', 'robot_3', 4.0 + 0.001 * (now_s - start_s), stamp_s=now_s)
-
-    bench.sending = [drive]
-    status = bench.until_status('input range robot_1->robot_2', Level.WARN, 'stuck: ')
-    assert 'readings in a row are 3.25 m, since' in status.message
-    assert 'while robot_2 moved by' in status.message
-    other = bench.status('input range robot_1->robot_3')
-    assert 'stuck' not in other.message

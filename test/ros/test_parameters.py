@@ -178,6 +178,10 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
         ('robots', [], "at least one robot; does the file name some below '/\\*\\*:'"),
         ('links', ['/t sensor_msgs/Range a b'], "mean 'sensor_msgs/msg/Range'"),
         ('anchors.names', ['p', 'p'], "'p' is not allowed twice"),
+        ('mounts.names', ['left'], "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
+        ('mounts.names', ['a/left'], r'mounts.a.left.position: \(\) is not allowed'),
+        ('mounts.a.left.position', [0.0, 0.0], "name the sensor in 'mounts.names'"),
+        ('elevations.names', ['a'], r'elevations.a: \(\) is not allowed'),
         ('elevations.names', ['a', 'a'], "'a' is not allowed twice"),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=inf'], 'must end in a finite number'),
         ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),
@@ -381,6 +385,7 @@ def test_bounds_of_links_join_points_of_two_robots():
         ('anchors.p.bound', 1e10, '<= 1e+09 or negative (m)'),
         ('anchors.bound', 1e10, '>= 0 and <= 1e+09 (m)'),
         ('mounts.a.left.position', [1e200, 0.0], 'numbers >= -1e+09 and <= 1e+09 (m)'),
+        ('mounts.a.left.rotation', [1.0], 'must be roll, pitch and yaw (rad)'),
         ('mounts.a.left.bound', 1e200, '>= 0 and <= 1e+09 (m)'),
         ('anchors.p.position', [1.0], 'it must have 2 coordinates (dimension)'),
         ('elevations.a', [0.0, 1e12], 'numbers >= -1e+09 and <= 1e+09 (m)'),
@@ -463,29 +468,6 @@ def test_sensors_on_robots_and_elevations_reach_the_fleet():
     assert link.key == LinkKey(LinkKind.RANGE, 'a/left', 'b')
     link = template.link_of('/b/range/a/left', found.fleet.points)
     assert link.key == LinkKey(LinkKind.RANGE, 'b', 'a/left')
-
-
-@pytest.mark.parametrize(
-    'given, message',
-    [
-        ({'mounts.names': ['left']}, "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
-        ({'mounts.names': ['z/left'], 'mounts.z.left.position': [0.0, 0.0]}, "mounts: 'z'"),
-        ({'mounts.names': ['a/left']}, 'mounts.a.left.position: () is not allowed'),
-        ({'mounts.a.left.position': [0.0, 0.0]}, "name the sensor in 'mounts.names'"),
-        ({'elevations.names': ['a']}, 'elevations.a: () is not allowed'),
-        (
-            {
-                'mounts.names': ['a/left'],
-                'mounts.a.left.position': [0.0, 0.0],
-                'mounts.a.left.rotation': [1.0],
-            },
-            'must be roll, pitch and yaw',
-        ),
-    ],
-)
-def test_wrong_mount_is_refused(given, message):
-    with pytest.raises(WrongParameterError, match=re.escape(message)):
-        settings(**given)
 
 
 def test_a_template_under_which_two_pairs_have_one_topic_is_refused():
