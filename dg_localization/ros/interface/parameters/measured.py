@@ -28,9 +28,8 @@ TIME = Section(
         'max_age': Spec(1.0, 'older measurements are not used', 's', 0.0),
         'stamp_error': Spec(
             0.0,
-            'how far a stamp may be from when it was true, by the clock of the node. Clocks '
-            'of robots differ. What robots can move and turn meanwhile widens all bounds. '
-            'Where a clock may be ahead, `max_future` must not be less.',
+            'how far a stamp may be from when it was true, by the clock of the node. It widens '
+            'all bounds. Where a clock may be ahead, `max_future` must not be less.',
             's',
             0.0,
         ),
@@ -62,9 +61,8 @@ MOTION = Section(
         ),
         'min_separation': Spec(
             0.0,
-            'no two robots come nearer than this. The size of a robot, for example. Moving '
-            'robots that are only seen, never ranged, need it: at very short distance a '
-            'direction can change arbitrarily fast.',
+            'no two robots come nearer than this, such as the size of a robot. Moving robots '
+            'that are only seen, never ranged, need it.',
             'm',
             0.0,
         ),
@@ -81,9 +79,8 @@ RANGES = Section(
     {
         'range.topic': Spec(
             '{observer}/range/{target}',
-            'template of the topics; empty for none. It is resolved like the name of a topic: '
-            'without a leading slash it is in the namespace of the node. Ranges may also be '
-            'named one by one under links.',
+            'template of the topics; empty for none. Without a leading slash it is in the '
+            'namespace of the node. Ranges may also be named one by one under links.',
         ),
         'range.stamp_offset': STAMP_OFFSET,
         'range.min_error': Spec(0.0, 'least error of a range', 'm'),
@@ -123,8 +120,7 @@ RANGES = Section(
         ),
         'range.min_reading': Spec(
             0.0,
-            'a reading of this or less is none. By default 0.0 is none; a negative number '
-            'takes it for a distance.',
+            'a reading of this or less is none; a negative number takes 0.0 for a distance',
             'm',
         ),
         'range.max_reading': Spec(
@@ -201,9 +197,8 @@ ODOMETRY = Section(
         ),
         'odometry.max_gap': Spec(
             1.0,
-            'where stamps are farther apart, messages are taken to be lost. Only `max_speed` '
-            'and `max_turn_rate` bound what a robot does meanwhile. Raise it where odometry '
-            'is published less often.',
+            'where stamps are farther apart, messages are taken to be lost, and only '
+            '`max_speed` and `max_turn_rate` bound what a robot does meanwhile',
             's',
             0.0,
         ),
@@ -218,9 +213,8 @@ ODOMETRY = Section(
         ),
         'odometry.tilt': Spec(
             math.nan,
-            'greatest error of roll and pitch together, as an angle. State it with '
-            '`dimension: 3` where the z axes of odometry frames and of the anchors point up. '
-            'Without it, .nan, nothing is remembered in space.',
+            'greatest angle of roll and pitch together from the truth, with `dimension: 3` '
+            'and z axes that point up. Without it, .nan, nothing is remembered in space.',
             'rad',
             0.0,
             may_be_nan=True,

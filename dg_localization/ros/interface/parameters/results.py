@@ -67,11 +67,9 @@ ANSWERS = Section(
         ),
         'covariance': Spec(
             'estimate',
-            "what the covariance of a pose is made from. 'estimate' is that of least squares, "
-            'for readings whose errors are independent and anywhere in their bounds: the '
-            "typical error, without a guarantee. 'enclosure' takes the largest variance that "
-            'the bounds allow. The guaranteed bounds are in the diagnostics and the markers '
-            'in any case.',
+            "what the covariance of a pose is made from. 'estimate' is that of least squares: "
+            "the typical error, without a guarantee. 'enclosure' takes the largest variance "
+            'that the bounds allow. The diagnostics and markers have the bounds in any case.',
             choices=('estimate', 'enclosure'),
         ),
         'covariance_floor': Spec(
@@ -149,18 +147,16 @@ CONTRADICTIONS = Section(
         ),
         'conflicts.max_seconds': Spec(
             2.0,
-            'longest time of a search for what explains a contradiction. In rare cases the '
-            'first result proves insufficient, and up to three searches run. `.inf` for no '
-            'limit.',
+            'longest time of a search for what explains a contradiction, of which up to three '
+            'run. `.inf` for no limit.',
             's',
             0.0,
             finite=False,
         ),
         'stuck.readings': Spec(
             20,
-            'a sensor is stuck after this many identical readings while robots move; 0 '
-            'disables the check. Identical to the last bit, while odometry says that a robot '
-            'moved by 0.5 m. Where there is no odometry, ten times as many.',
+            'a sensor is stuck after this many readings that are identical to the last bit '
+            'while a robot moved by 0.5 m; without odometry, ten times as many. 0 for no check.',
             '',
             0,
         ),
@@ -195,9 +191,8 @@ SOLVER = Section(
         ),
         'solver.tighten_seconds': Spec(
             0.1,
-            'time of one solve from which on nothing is tightened any more. When it is over '
-            'bounds are wider, never wrong. The node spends less where estimates would be '
-            'late for `rate`. `.inf` for no limit.',
+            'time of one solve from which on nothing is tightened any more. The node spends '
+            'less where estimates would be late for `rate`. `.inf` for no limit.',
             's',
             0.001,
             finite=False,
