@@ -7,6 +7,14 @@ import json
 
 import numpy as np
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -24,6 +32,10 @@ PERIOD_NS = 100_000_000
 # Two sides and the hypotenuse of a right triangle.
 TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
 PLACES = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
+LATCHED = Qos(
+    *(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL),
+    *(QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False),
+)
 PARAMETERS = {'robots': ['a', 'b', 'c'], 'max_speed': 0.1}
 
 
@@ -76,7 +88,12 @@ class Recorder:
     def write(self, topic, step, data, type_name=RANGE):
         if topic not in self._connections:
             self.add(topic, type_name)
-        self._writer.write(self._connections[topic], START_NS + step * PERIOD_NS, data)
+        self._writer.write(self._connections[topic], START_NS + round(step * PERIOD_NS), data)
+
+    def write_at(self, times_ns, topic='/a/range/b'):
+        """Write a range at each receive time."""
+        for time_ns in times_ns:
+            self.write(topic, (time_ns - START_NS) / PERIOD_NS, range_message(time_ns, 3.0))
 
     def write_triangle(self, steps, ranges_m=TRIANGLE):
         for step in steps:

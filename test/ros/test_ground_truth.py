@@ -102,19 +102,32 @@ def test_a_table_tells_orientations_by_quaternions(tmp_path, dimension):
 
 
 @pytest.mark.parametrize(
-    ('table', 'wanted'),
+    ('dimension', 'table', 'wanted'),
     [
-        ('stamp,robot,x,y,z,qx,qy,qz\n1.0,a,2.0,3.0,4.0,0,0,0\n', 'has no column qw'),
-        ('stamp,robot,x,y,z,qx,qy,qz,qw\n1.0,a,2.0,3.0,4.0,0,0,0,inf\n', 'line 2: no position'),
-        ('stamp,x,y,z,robot\n1.0,2.0,3.0,4.0\n', 'line 2: it names no robot'),
-        ('stamp,x,y,z,robot\n1.0,2.0,3.0,4.0,\n', 'line 2: it names no robot'),
+        (3, 'stamp,robot,x,y,z,qx,qy,qz\n1.0,a,2.0,3.0,4.0,0,0,0\n', 'has no column qw'),
+        (3, 'stamp,robot,x,y,z,qx,qy,qz,qw\n1.0,a,2.0,3.0,4.0,0,0,0,inf\n', 'line 2: no position'),
+        (3, 'stamp,x,y,z,robot\n1.0,2.0,3.0,4.0\n', 'line 2: it names no robot'),
+        (3, 'stamp,x,y,z,robot\n1.0,2.0,3.0,4.0,\n', 'line 2: it names no robot'),
+        (3, 'stamp,robot,x,y\n1.0,a,2.0,3.0\n', 'has no column z'),
+        (3, 'stamp,robot,x,y,z\n1.0,a,2.0,3.0,\n', 'line 2: '),
+        (2, 'stamp,robot,x,y\n1.0,a,2.0,3.0\n'.encode('utf-16'), 'no table in UTF-8'),
+        (2, 'stamp,robot,x,y\n1.0,a,' + '9' * 200_000 + ',3.0\n', 'line 2: no position'),
+        (2, 'stamp,robot,x,y,yaw\n1.0,a,2.0,3.0,inf\n', 'line 2: no position'),
+        (2, 'stamp,robot,x,y\n1.0,A,2.0,3.0\n', 'is the truth of A; the robots are a'),
     ],
 )
-def test_what_is_wrong_in_a_table_is_named(tmp_path, table, wanted):
+def test_what_is_wrong_in_a_table_is_named(tmp_path, dimension, table, wanted):
+    path = tmp_path / 'truth.csv'
+    path.write_bytes(table if isinstance(table, bytes) else table.encode())
+    with pytest.raises(UsageError, match=wanted):
+        read_truth_file(path, ['a'], dimension)
+
+
+@pytest.mark.parametrize('table', ['stamp,robot,x,y\n1,a,2,3\n', 'stamp,robot,x,y,z\n1,a,2,3,\n'])
+def test_in_the_plane_a_table_needs_no_heights(tmp_path, table):
     path = tmp_path / 'truth.csv'
     path.write_text(table)
-    with pytest.raises(UsageError, match=wanted):
-        read_truth_file(path, ['a'], 3)
+    assert read_truth_file(path, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
 
 
 def test_the_report_says_that_a_table_tells_no_orientation_in_space(
@@ -178,31 +191,3 @@ def test_times_that_do_not_meet_are_explained(recorder, localize, tmp_path, caps
         printed = capsys.readouterr().out
         assert 'must be in seconds' in printed and hint in printed
         assert f'{START_NS / 10**9 + 0.2:.3f} to' in printed
-
-
-@pytest.mark.parametrize(
-    ('table', 'wanted'),
-    [
-        ('stamp,robot,x,y\n1.0,a,2.0,3.0\n'.encode('utf-16'), 'no table in UTF-8'),
-        (b'stamp,robot,x,y\n1.0,a,' + b'9' * 200_000 + b',3.0\n', 'line 2: no position'),
-        (b'stamp,robot,x,y\n1.0,a,inf,3.0\n', 'line 2: no position'),
-        (b'stamp,robot,x,y,yaw\n1.0,a,2.0,3.0,inf\n', 'line 2: no position'),
-    ],
-)
-def test_what_is_no_table_is_a_sentence(tmp_path, table, wanted):
-    path = tmp_path / 'truth.csv'
-    path.write_bytes(table)
-    with pytest.raises(UsageError, match=wanted):
-        read_truth_file(path, ['a'], 2)
-
-
-def test_a_table_of_truth_in_space_has_heights(tmp_path):
-    table = tmp_path / 'truth.csv'
-    table.write_text('stamp,robot,x,y\n1.0,a,2.0,3.0\n')
-    with pytest.raises(UsageError, match='has no column z'):
-        read_truth_file(table, ['a'], 3)
-    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]
-    table.write_text('stamp,robot,x,y,z\n1.0,a,2.0,3.0,\n')
-    with pytest.raises(UsageError, match='line 2: '):
-        read_truth_file(table, ['a'], 3)
-    assert read_truth_file(table, ['a'], 2)['a'][0][1].tolist() == [2.0, 3.0, 0.0]

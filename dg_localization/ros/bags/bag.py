@@ -10,7 +10,7 @@ with broken metadata is read as well.
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from dg_localization.optional import install_hint
-from dg_localization.ros.bags.storage import Channel, Record, StorageFile
+from dg_localization.ros.bags.storage import Channel, read_file
 from dg_localization.ros.executables import ExecutableError, print_line
 
 NS_PER_S = 1_000_000_000
@@ -34,9 +34,6 @@ SAMPLES = 20
 OUT_OF_ORDER_NS = NS_PER_S
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?')
-COMPRESSED = '.zstd'
-RESCUE = "'ros2 bag reindex' or 'mcap recover' may save what is left"
-WHAT_A_BAG_IS = 'a bag is a folder with metadata.yaml, or a .db3 or .mcap file'
 
 
 class BagError(ExecutableError):
@@ -88,6 +85,8 @@ class Bag:
     """
     A rosbag2: a bag folder, or a .db3 or .mcap file, compressed or not.
 
+    Files that are compressed as a whole are unpacked into a folder that the caller removes.
+
     Attributes
     ----------
     topics : dict of str to Topic
@@ -98,8 +97,6 @@ class Bag:
         By how much a message may be earlier than one before it.
     notices, damage : list of str
         What there is to say of it, and what is wrong with it, a sentence each.
-    checksums : bool
-        Whether every message is protected by one, so that a flipped bit is noticed.
 
     Raises
     ------
@@ -108,25 +105,19 @@ class Bag:
 
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, folder: Path) -> None:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self.start_ns, self.end_ns = END_OF_ROS_TIME_NS, 0
         self.reorder_ns = OUT_OF_ORDER_NS
         self.notices: list[str] = []
         self.damage: list[str] = []
-        self.checksums = True
         self._counts: dict[str, int] = {}
-        self._stack = ExitStack()
         try:
-            self._paths = [self._unpacked(one) for one in self._files()]
+            self._paths = [self._unpacked(one, folder) for one in self._files()]
             self._scan()
         except OSError as error:
-            self.close()
             raise BagError(f'{path} cannot be read: {error.strerror or error}') from error
-        except BagError:
-            self.close()
-            raise
 
     def _files(self) -> list[Path]:
         """Return the files of the bag that hold messages; all where metadata.yaml is no help."""
@@ -141,7 +132,10 @@ class Bag:
         present = sorted(path.iterdir()) if path.is_dir() else [path]
         files = [file for file in present if file.is_file() and STORAGE_FILE.fullmatch(file.name)]
         if not files:
-            raise BagError(f'{path} is no rosbag2: {WHAT_A_BAG_IS}')
+            raise BagError(
+                f'{path} is no rosbag2: a bag is a folder with metadata.yaml, or a .db3 or .mcap '
+                'file'
+            )
         said = self._metadata() if path.is_dir() else None
         if said is None:
             return files
@@ -166,20 +160,18 @@ class Bag:
             counts = {str(t['topic_metadata']['name']): int(t['message_count']) for t in topics}
         except Exception as error:  # of broken metadata whatever its parser stumbles over
             reason = ' '.join(str(error).split()) or type(error).__name__
-            self.notices.append(
-                f'metadata.yaml cannot be used ({reason}): all files of the folder are read'
-            )
+            text = f'metadata.yaml cannot be used ({reason}): all files of the folder are read'
+            self.notices.append(text)
             return None
         return names, counts
 
-    def _unpacked(self, path: Path) -> Path:
+    def _unpacked(self, path: Path, folder: Path) -> Path:
         """Return a file of its own for one that is compressed as a whole."""
-        if path.suffix != COMPRESSED:
+        if path.suffix != '.zstd':
             return path
         import zstandard
 
-        folder = self._stack.enter_context(TemporaryDirectory())
-        unpacked = Path(folder, path.stem)
+        unpacked = folder / path.stem
         try:
             with path.open('rb') as source, unpacked.open('wb') as target:
                 with zstandard.ZstdDecompressor().stream_reader(source) as stream:
@@ -190,16 +182,14 @@ class Bag:
 
     def _scan(self) -> None:
         """Learn what the files hold, and sort them by their first receive times."""
-        firsts_ns: dict[Path, int] = {}
-        for path in self._paths:
-            file = StorageFile(path)
-            firsts_ns[path] = self._scan_file(file)
-            self.damage += file.damage
-            self.checksums &= file.checksums
+        firsts_ns = {path: self._scan_file(path) for path in self._paths}
         self._paths.sort(key=lambda path: (firsts_ns[path], path))
         if not any(topic.count for topic in self.topics.values()):
             why = '; '.join(self.damage) or 'it has no messages'
-            raise BagError(f'{self.path}: nothing in the bag can be read: {why}; {RESCUE}')
+            raise BagError(
+                f"{self.path}: nothing in the bag can be read: {why}; 'ros2 bag reindex' or 'mcap "
+                "recover' may save what is left"
+            )
         for name in sorted({*self._counts, *self.topics} if self._counts else ()):
             held = self.topics[name].count if name in self.topics else 0
             if held != self._counts.get(name, 0):
@@ -208,7 +198,7 @@ class Bag:
                     f'{self._counts.get(name, 0)}'
                 )
 
-    def _scan_file(self, file: StorageFile) -> int:
+    def _scan_file(self, path: Path) -> int:
         """
         Learn what one file holds, and return its first receive time.
 
@@ -217,8 +207,12 @@ class Bag:
         first_ns, n_wrong = END_OF_ROS_TIME_NS, 0
         latest_of: dict[str, int] = {}
         steps_back: list[tuple[int, int]] = []
-        for channel, time_ns, data in file.records():
-            topic = self._topic_of(channel)
+        for channel, time_ns, data in read_file(path, self.damage):
+            topic = self.topics.setdefault(channel.topic, Topic(channel.topic))
+            if data is None:
+                # Files and chunks repeat their channels.
+                topic.channels = list(dict.fromkeys([*topic.channels, channel]))
+                continue
             if not 0 <= time_ns < END_OF_ROS_TIME_NS:
                 n_wrong += 1
                 continue
@@ -232,31 +226,26 @@ class Bag:
             if before_ns - time_ns > OUT_OF_ORDER_NS:
                 steps_back.append((before_ns - time_ns, before_ns))
             latest_of[channel.topic] = max(before_ns, time_ns)
-        for channel in file.channels:
-            self._topic_of(channel)
         if n_wrong:
-            file.add_damage(f'receive times of {n_wrong} messages are no times of ROS')
+            self.damage.append(
+                f'{path.name}: receive times of {n_wrong} messages are no times of ROS'
+            )
         if steps_back:
             back_ns, at_ns = max(steps_back)
-            file.add_damage(
-                f'receive times go back by up to {back_ns / NS_PER_S:.1f} s, as where a clock was '
-                f'set: {len(steps_back)} messages come after one of {at_ns / NS_PER_S:.3f} s and '
-                'are earlier. Answers of these times mix what was recorded before and after'
+            self.damage.append(
+                f'{path.name}: receive times go back by up to {back_ns / NS_PER_S:.1f} s, as '
+                f'where a clock was set: {len(steps_back)} messages come after one of '
+                f'{at_ns / NS_PER_S:.3f} s and are earlier. Answers of these times mix what was '
+                'recorded before and after'
             )
         return first_ns
 
-    def _topic_of(self, channel: Channel) -> Topic:
-        topic = self.topics.setdefault(channel.topic, Topic(channel.topic))
-        if channel not in topic.channels:
-            topic.channels.append(channel)
-        return topic
-
-    def records(self) -> Iterator[Record]:
-        """Yield the messages in the order of the files."""
+    def records(self) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topics, receive times and bytes of the messages in the order of the files."""
         for path in self._paths:
-            for channel, time_ns, data in StorageFile(path).records():
-                if 0 <= time_ns < END_OF_ROS_TIME_NS:
-                    yield channel, time_ns, data
+            for channel, time_ns, data in read_file(path, []):
+                if data is not None and 0 <= time_ns < END_OF_ROS_TIME_NS:
+                    yield channel.topic, time_ns, data
 
     @property
     def duration_s(self) -> float:
@@ -268,22 +257,17 @@ class Bag:
         """By topic, the types of its messages."""
         return {name: topic.type_names for name, topic in self.topics.items()}
 
-    def close(self) -> None:
-        """Remove what was unpacked."""
-        self._stack.close()
-
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag for a block; where that cannot go on, all that is wrong with the bag is said."""
     print_line(f'reading {path}')
-    bag = Bag(path)
-    try:
-        yield bag
-    except BagError as error:
-        raise BagError('\n'.join([str(error), *bag.damage])) from error
-    finally:
-        bag.close()
+    with TemporaryDirectory() as folder:
+        bag = Bag(path, Path(folder))
+        try:
+            yield bag
+        except BagError as error:
+            raise BagError('\n'.join([str(error), *bag.damage])) from error
 
 
 def find_message_class(type_name: str) -> type | None:
@@ -292,8 +276,11 @@ def find_message_class(type_name: str) -> type | None:
         return None
     package, _, rest = type_name.partition('/')
     try:
-        module = import_module(f'{package}.msg')
+        return getattr(import_module(f'{package}.msg'), rest.rpartition('/')[2], None)
     except ImportError:
         return None
-    message_class: type | None = getattr(module, rest.rpartition('/')[2], None)
-    return message_class
+
+
+def in_seconds(time_ns: int) -> float:
+    """Return a time of a bag as the clock of the node gives it."""
+    return time_ns * 1e-9

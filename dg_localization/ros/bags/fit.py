@@ -6,7 +6,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -45,40 +45,24 @@ GAP_S, NAMED = 1.0, 20
 DELAYS_S, STEP_S, EXPLAINED = (0.02, 1.0), 0.05, 0.5
 
 
-@dataclass(frozen=True)
-class GroupFit:
+class GroupFit(NamedTuple):
     """
     The bounds of one group of readings.
 
     Attributes
     ----------
-    count, excluded : int
-        Its readings, and those that the bounds do not hold.
-    seen : str
-        What was seen, in words.
     bounds : dict of str to float
         By the name of the parameter without its prefix.
-    share_of_rest : float, optional
-        Of the readings of the second half of the recording, the share that bounds learned of the
-        first half alone exclude; None where that was not tried.
+    excluded : int
+        How many of its readings they do not hold.
+    text : str
+        What was seen and what that is worth.
 
     """
 
-    count: int
-    excluded: int
-    seen: str
     bounds: dict[str, float]
-    share_of_rest: float | None = None
-
-    @property
-    def text(self) -> str:
-        """What was seen and what that is worth, in words."""
-        share = 100.0 * self.excluded / self.count
-        text = f'{self.count} readings, {self.seen}; {share:.2f} % excluded'
-        if self.share_of_rest is None:
-            return text
-        rest = 100.0 * self.share_of_rest
-        return f'{text}; learned of the first half alone, {rest:.2f} % of the second excluded'
+    excluded: int
+    text: str
 
 
 @dataclass
@@ -178,49 +162,41 @@ def fit(
 
     Without a truth no bounds become narrower than those stated.
     """
-    fleet, learned = gatherer.config, Fit()
+    fleet, learned = gatherer.config, Fit(is_widened=truth is None)
     tracks = truth.tracks if truth else None
-    errors = errors_of(gatherer, tracks)
+    stated = errors = errors_of(gatherer, tracks)
     if tracks is not None:
-        stated = errors
-        delays_s = dict(_delays_s(errors, tracks, fleet.dimension))
-        learned.offsets_s = {key: -delays_s[key][0] for key in delays_s if key in links}
-        learned.notes += _delay_texts(delays_s, learned.offsets_s)
+        _add_delays(learned, stated, tracks, links, fleet.dimension)
         errors = errors_of(gatherer, tracks, learned.offsets_s)
     learned.judged = frozenset(key for key, one in errors.items() if len(one.errors))
     ranges = _gathered(errors, LinkKind.RANGE, per)
     shape = Shape()
-    if tracks is not None and EVERYTHING in ranges:
-        every = ranges[EVERYTHING]
-        shape = shape_of(every.values, every.errors, choice)
+    if truth and EVERYTHING in ranges:
+        shape = shape_of(ranges[EVERYTHING].values, ranges[EVERYTHING].errors, choice)
     learned.groups = {
         LinkKind.RANGE: {
             pair: _range_group(one, choice, shape)
-            if tracks is not None
+            if truth
             else _scatter_group(one, fleet.range_error_of(*pair), choice)
             for pair, one in ranges.items()
         },
         LinkKind.BEARING: {
             pair: _bearing_group(
-                one,
-                choice,
-                fleet,
-                None if tracks is not None else fleet.bearing_half_width_of(*pair),
+                one, choice, fleet, None if truth else fleet.bearing_half_width_of(*pair)
             )
             for pair, one in _gathered(errors, LinkKind.BEARING, per).items()
         },
     }
-    if tracks is None:
-        learned.is_widened = True
+    if truth is None:
         if not learned.judged:
             raise BagError('no input has five readings within a second: nothing can be learned')
         learned.notes += _limits_without_truth(gatherer)
         return learned
-    odometry = fit_all_odometry(gatherer, tracks, per, choice)
-    learned.odometry, learned.robot_odometry = odometry.of_all, odometry.of_robots
-    learned.notes += odometry.notes
+    learned.odometry, learned.robot_odometry, notes = fit_all_odometry(
+        gatherer, truth.tracks, per, choice
+    )
+    learned.notes += notes
     if not (learned.judged or learned.odometry):
-        assert truth is not None
         raise BagError(
             'no reading has a ground truth at its time: are the stamps of both on one clock '
             "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'? "
@@ -232,9 +208,40 @@ def fit(
             f'{unknown} readings have no ground truth at their time: of places, and of headings '
             'for rays and for sensors away from the center of a robot.'
         )
-    learned.notes += _advice(learned, fleet)
+    excluded = sum(group.excluded for kind in learned.groups if (group := learned.of_all(kind)))
+    if excluded and not (fleet.window_outliers or fleet.max_outliers):
+        learned.notes.append(
+            f'The bounds leave {excluded} readings out, and one of them may exclude the truth: '
+            'window_outliers: 1 lets one reading of each pair in memory.seconds be wrong, '
+            'max_outliers: 1 one of a moment.'
+        )
     learned.notes += broken_bounds(fleet, stated)
     return learned
+
+
+def _group(
+    one: Errors,
+    bounds: dict[str, float],
+    seen: str,
+    excluded: int,
+    excluded_of: Callable[[Errors, Errors], int] | None = None,
+) -> GroupFit:
+    """
+    Return bounds with what was seen in words.
+
+    The function returns how many of the second readings bounds learned of the first exclude.
+    """
+    text = f'{len(one.errors)} readings, {seen}; {_percent(excluded, one)} excluded'
+    is_first = one.stamps_s <= 0.5 * (one.stamps_s.min() + one.stamps_s.max())
+    halves = one.chosen(is_first), one.chosen(~is_first)
+    if excluded_of and min(len(half.errors) for half in halves) >= READINGS:
+        rest = _percent(excluded_of(*halves), halves[1])
+        text += f'; learned of the first half alone, {rest} of the second excluded'
+    return GroupFit(bounds, excluded, text)
+
+
+def _percent(count: int, one: Errors) -> str:
+    return f'{100.0 * count / len(one.errors):.2f} %'
 
 
 def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
@@ -257,7 +264,7 @@ def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
         return excluded_ranges(model, second.values, second.errors)
 
     excluded = excluded_ranges(model, one.values, one.errors)
-    return GroupFit(len(one.errors), excluded, seen, bounds, _share_of_rest(one, excluded_of))
+    return _group(one, bounds, seen, excluded, excluded_of)
 
 
 def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> GroupFit:
@@ -273,41 +280,29 @@ def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> Grou
             'cannot hold: widened'
         )
     wide = rounded_outward(stated.min_error_m - extra_m, stated.max_error_m + extra_m)
-    bounds = range_parameters(stated)
-    bounds |= {'min_error': wide.min_error_m, 'max_error': wide.max_error_m}
-    return GroupFit(len(one.errors), beyond, seen, bounds)
+    constants = {'min_error': wide.min_error_m, 'max_error': wide.max_error_m}
+    return _group(one, range_parameters(stated) | constants, seen, beyond)
 
 
 def _bearing_group(
     one: Errors, choice: Choice, fleet: FleetConfig, stated_rad: float | None
 ) -> GroupFit:
     """Return the half width of bearings, no narrower than one that is stated without a truth."""
-    half_width_rad = max(fit_half_width_rad(one.errors, choice), stated_rad or 0.0)
-    excluded = int(np.count_nonzero(np.abs(one.errors) > half_width_rad))
+
+    def excluded_of(first: Errors, second: Errors) -> int:
+        half_width_rad = max(fit_half_width_rad(first.errors, choice), stated_rad or 0.0)
+        return int(np.count_nonzero(np.abs(second.errors) > half_width_rad))
+
+    excluded = excluded_of(one, one)
     span = f'{one.errors.min():.3f} to {one.errors.max():.3f} rad'
-    bounds = {'half_width': half_width_rad}
+    bounds = {'half_width': max(fit_half_width_rad(one.errors, choice), stated_rad or 0.0)}
     if stated_rad is not None:
-        return GroupFit(len(one.errors), excluded, f'scatter {span}', bounds)
+        return _group(one, bounds, f'scatter {span}', excluded)
     bias_rad = float(np.median(one.errors))
     if fleet.dimension == 2:
         # In space the errors are angles without a sign, and say nothing of the vertical axis.
         bounds['expected_error'] = bias_rad
-
-    def excluded_of(first: Errors, second: Errors) -> int:
-        half_rad = fit_half_width_rad(first.errors, choice)
-        return int(np.count_nonzero(np.abs(second.errors) > half_rad))
-
-    seen, rest = f'error {span}, median {bias_rad:.3f}', _share_of_rest(one, excluded_of)
-    return GroupFit(len(one.errors), excluded, seen, bounds, rest)
-
-
-def _share_of_rest(one: Errors, excluded_of: Callable[[Errors, Errors], int]) -> float | None:
-    """Return what share of the second half bounds of the first exclude; None for few readings."""
-    is_first = one.stamps_s <= 0.5 * (one.stamps_s.min() + one.stamps_s.max())
-    first, second = one.chosen(is_first), one.chosen(~is_first)
-    if min(len(first.errors), len(second.errors)) < READINGS:
-        return None
-    return excluded_of(first, second) / len(second.errors)
+    return _group(one, bounds, f'error {span}, median {bias_rad:.3f}', excluded, excluded_of)
 
 
 def _gross_text(kept: Errors) -> str:
@@ -325,11 +320,15 @@ def _gross_text(kept: Errors) -> str:
     return ''
 
 
-def _delays_s(
-    errors: Mapping[LinkKey, Errors], tracks: Mapping[str, TrueTrack], dimension: int
-) -> Iterator[tuple[LinkKey, tuple[float, float]]]:
+def _add_delays(
+    learned: Fit,
+    errors: Mapping[LinkKey, Errors],
+    tracks: Mapping[str, TrueTrack],
+    links: Collection[LinkKey],
+    dimension: int,
+) -> None:
     """
-    Yield the ranges whose stamps are late, by how much, and the standard deviation of that.
+    Find ranges whose stamps are late or early, and what to add to those of links.
 
     A range that is stamped late by t is that of the distance t before: its error is -t times the
     rate of the distance, and the slope of a regression on that rate shows it.
@@ -351,32 +350,15 @@ def _delays_s(
         delay_s = -float(rate @ off_m / (rate @ rate))
         spread_s = float((off_m + delay_s * rate).std() / np.sqrt(rate @ rate))
         is_told = delay_s**2 * rate.var() > EXPLAINED * off_m.var()
-        if is_told and DELAYS_S[0] < abs(delay_s) < DELAYS_S[1]:
-            yield key, (delay_s, spread_s)
-
-
-def _delay_texts(
-    delays_s: Mapping[LinkKey, tuple[float, float]], offsets_s: Mapping[LinkKey, float]
-) -> Iterator[str]:
-    """Yield which inputs have stamps that are late or early."""
-    for key, (delay_s, spread_s) in delays_s.items():
+        if not (is_told and DELAYS_S[0] < abs(delay_s) < DELAYS_S[1]):
+            continue
+        if key in links:
+            learned.offsets_s[key] = -delay_s
         late = 'late' if delay_s > 0.0 else 'early'
-        todo = 'its link states' if key in offsets_s else 'its input may state'
-        yield (
+        todo = 'its link states' if key in links else 'its input may state'
+        learned.notes.append(
             f'Stamps of {key} are {abs(delay_s):.3f} s {late} (+-{2.0 * spread_s:.3f}), as its '
             f'errors change with the rate of the distance: {todo} stamp_offset={-delay_s:.3f}.'
-        )
-
-
-def _advice(learned: Fit, fleet: FleetConfig) -> Iterator[str]:
-    """Yield what to do about readings that the bounds leave out."""
-    groups = filter(None, map(learned.of_all, learned.groups))
-    excluded = sum(group.excluded for group in groups)
-    if excluded and not (fleet.window_outliers or fleet.max_outliers):
-        yield (
-            f'The bounds leave {excluded} readings out, and one of them may exclude the truth: '
-            'window_outliers: 1 lets one reading of each pair in memory.seconds be wrong, '
-            'max_outliers: 1 one of a moment.'
         )
 
 

@@ -20,13 +20,13 @@ from pathlib import Path
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
-from dg_localization.ros.bags.bag import Bag, open_bag
+from dg_localization.ros.bags.bag import NS_PER_S, Bag, in_seconds, open_bag
 from dg_localization.ros.bags.fit import GROUPS, fit
 from dg_localization.ros.bags.fit_report import as_yaml
-from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, in_seconds, read_task
+from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.samples import Gatherer
-from dg_localization.ros.bags.truth import Truth, choose_truth
+from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.executables import (
     EXIT_FAILED,
     ExecutableError,
@@ -39,33 +39,26 @@ from dg_localization.ros.terminal import add_fleet, add_span, make_progress, num
 
 
 def collect(
-    options: argparse.Namespace, task: Task, bag: Bag
-) -> tuple[Gatherer, Truth, Inputs, list[str]]:
-    """Return the readings of a bag, the truth, the inputs, and what is wrong with the bag."""
-    settings = task.settings
-    inputs = find_inputs(settings, bag.types)
-    truth = choose_truth(options.truth, settings, bag)
-    gatherer, rejected = Gatherer(settings.fleet), Counter[str]()
-    intake = Intake(gatherer, settings.use_header_stamp, settings.ids)
+    options: argparse.Namespace, task: Task, bag: Bag, inputs: Inputs
+) -> tuple[Gatherer, list[str]]:
+    """Return the readings of a bag and what is wrong with it; print what is not learned of."""
+    gatherer, rejected = Gatherer(task.settings.fleet), Counter[str]()
+    intake = Intake(gatherer, task.settings.use_header_stamp, task.settings.ids)
     links = {link.topic: link for link in inputs.links}
-    reading = Reading(bag, {*inputs.topics, *truth.topics})
-    start_s, done_s = in_seconds(bag.start_ns) + options.start, 0.0
+    reading = Reading(bag, inputs.topics)
+    done_ns = bag.start_ns + round(options.start * NS_PER_S)
     total_s = bag.duration_s - options.start
     with closing(make_progress(max(0.0, min(total_s, options.duration or total_s)))) as progress:
         for message in reading.messages(options.start, options.duration):
             now_s = in_seconds(message.time_ns)
-            if message.topic in truth.topics:
-                truth.take(message, bag.topics[message.topic].message_class)
-            # The odometry of one input may serve as the truth of another.
-            if link := links.get(message.topic):
-                rejection = intake.take(link, message.data, now_s)
-                if rejection is not None:
-                    rejected[rejection.reason.value] += 1
-            progress.update(now_s - start_s - done_s)
-            done_s = now_s - start_s
-    for notice in (*bag.notices, *inputs.notices, *reading.notices, *truth.notices):
+            rejection = intake.take(links[message.topic], message.data, now_s)
+            if rejection is not None:
+                rejected[rejection.reason.value] += 1
+            progress.update((message.time_ns - done_ns) / NS_PER_S)
+            done_ns = message.time_ns
+    for notice in (*bag.notices, *inputs.notices, *reading.notices):
         print_line(notice)
-    malformed = sum(wrong.count for wrong in intake.malformed.values()) + truth.malformed
+    malformed = sum(wrong.count for wrong in intake.malformed.values())
     if unread := malformed + reading.unreadable.total():
         print_line(f'{unread} messages could not be read')
     if rejected:
@@ -74,7 +67,7 @@ def collect(
             'nothing is learned of what the localizer does not accept: in '
             f'{rejected.total()} messages ({reasons})'
         )
-    return gatherer, truth, inputs, reading.damage
+    return gatherer, reading.damage
 
 
 def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> None:
@@ -124,14 +117,19 @@ def main(args: Sequence[str]) -> int:
             'the points above or below the others.'
         )
     with open_bag(options.bag) as bag:
-        gatherer, truth, inputs, damage = collect(options, task, bag)
+        inputs = find_inputs(task.settings, bag.types)
+        truth = read_truth(options.truth, task.settings, bag)
+        for notice in truth.notices:
+            print_line(notice)
+        gatherer, damage = collect(options, task, bag, inputs)
         beside = truth.of_fleet(task.settings.fleet) if options.truth else None
         links = {link.key for link in inputs.links}
         choice = Choice(options.keep, options.margin)
         learned = fit(gatherer, beside, links, options.per, choice)
         text = as_yaml(learned, inputs.links, options.bag.resolve().name, task.settings.fleet)
     check_loads(text, options, args)
-    for sentence in damage:
+    # What is wrong with the bag is wrong with the truth in it, too.
+    for sentence in dict.fromkeys((*damage, *truth.damage)):
         print_line(sentence)
     print_result(text)
-    return EXIT_FAILED if damage else 0
+    return EXIT_FAILED if damage or truth.damage else 0

@@ -4,7 +4,6 @@
 """The scale of odometry and the bounds of its errors, from a bag and a ground truth."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,54 +27,45 @@ WINDOWS = 20
 NOT_LEARNED = ('latency', 'max_gap', 'restart_gap', 'tilt')
 
 
-@dataclass
-class OdometryBounds:
-    """Bounds by the name of the parameter without its prefix: of all, of each, and what to say."""
-
-    of_all: dict[str, float] = field(default_factory=dict)
-    of_robots: dict[str, dict[str, float]] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-
-
 def fit_all_odometry(
     gatherer: Gatherer, tracks: Mapping[str, TrueTrack], per: str, choice: Choice
-) -> OdometryBounds:
-    """Return the bounds of odometry, those of all robots and of each, and a sentence on each."""
-    fleet, learned = gatherer.config, OdometryBounds()
+) -> tuple[dict[str, float], dict[str, dict[str, float]], list[str]]:
+    """Return the bounds of odometry of all robots and of each by parameter, and sentences."""
+    fleet, notes = gatherer.config, list[str]()
+    of_robots: dict[str, dict[str, float]] = {}
     found: dict[str, OdometryWindows] = {}
     for robot in filter(tracks.__contains__, sorted(gatherer.odometry)):
         pieces = gatherer.odometry[robot]
         windows = _windows_of(pieces, tracks[robot], fleet, fleet.is_upright(robot))
         if len(pieces) > 1:
-            learned.notes.append(
+            notes.append(
                 f'Odometry of {robot} started anew {len(pieces) - 1} times, by max_speed, '
                 'max_turn_rate and its frame: nothing is learned across.'
             )
         if len(windows.seconds) >= WINDOWS:
             found[robot] = windows
     if not found:
-        return learned
+        return {}, {}, notes
     for robot, windows in found.items():
         model = fit_odometry(windows, choice, fleet.odometry_error_of(robot))
-        learned.notes += _texts(robot, model, windows)
+        notes += _texts(robot, model, windows)
         # Errors that the file before states of one robot would be mixed with those of all.
         if per != 'all':
-            learned.of_robots[robot] = _parameters(model)
+            of_robots[robot] = _parameters(model)
     together = OdometryWindows.joined(found.values())
     model = fit_odometry(together, choice, fleet.odometry_error)
-    learned.notes += _texts('all', model, together)
-    learned.of_all = _parameters(model)
+    notes += _texts('all', model, together)
     for robot in filter(found.__contains__, fleet.robot_odometry_error):
-        learned.of_robots.setdefault(robot, learned.of_all)
+        of_robots.setdefault(robot, _parameters(model))
     others = [robot for robot in fleet.robots if robot not in found]
     for robot in others:
         # What was learned of others would replace what was stated of these.
-        learned.of_robots[robot] = odometry_error_parameters(fleet.odometry_error_of(robot))
+        of_robots[robot] = odometry_error_parameters(fleet.odometry_error_of(robot))
     if others:
-        learned.notes.append(
+        notes.append(
             f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
         )
-    return learned
+    return _parameters(model), of_robots, notes
 
 
 def _windows_of(

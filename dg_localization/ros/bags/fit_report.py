@@ -4,16 +4,13 @@
 """Learned bounds as a file of parameters, with what was learned in its comments."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from textwrap import wrap
-
-import numpy as np
 
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.bags.fit import Fit, range_parameters
+from dg_localization.ros.bags.report import Tree
+from dg_localization.ros.bags.writer import parameters_text, yaml_value
 from dg_localization.ros.interface.links import KINDS, STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.table import TABLE
-
-COLUMNS = 98
 
 # What a link measures of others.
 MEASURED = {
@@ -30,39 +27,22 @@ BOUNDS = {
 
 def as_yaml(fit: Fit, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
     """Return the file."""
-    lines = [
-        *_comment(f'Error bounds learned from {bag} by fit_bounds.'),
-        *(line for note in (*fit.notes, *_kept_links(fit, links)) for line in _comment(note)),
-    ]
+    comments = [f'Error bounds learned from {bag} by fit_bounds.', *fit.notes]
+    comments += _kept_links(fit, links)
+    parameters: Tree = {}
     for kind, groups in fit.groups.items():
-        lines += [f'# {"Ranges" if kind is LinkKind.RANGE else "Bearings"}:'] if groups else []
         for pair in sorted(groups):
             name = '->'.join(filter(None, pair)) or 'all'
-            lines += _comment(f'{name}: {groups[pair].text}.', indent='  ')
-    lines += ['/**:', '  ros__parameters:']
-    for kind in fit.groups:
+            comments.append(f'{kind.value.capitalize()}s, {name}: {groups[pair].text}.')
         group = fit.of_all(kind)
-        lines += _section(kind.value, group.bounds if group else {})
-    lines += _section('odometry', fit.odometry)
-    lines += ['    robot_odometry:'] if fit.robot_odometry else []
-    for robot, bounds in fit.robot_odometry.items():
-        lines.append(f'      {robot}:')
-        lines += (f'        {key}: {_number(value)}' for key, value in bounds.items())
-    own = [text for link in links if (text := _link_text(fit, link, fleet))]
-    lines += ['    links:', *(f"      - '{text}'" for text in own)] if own else []
-    return '\n'.join(lines)
-
-
-def _comment(text: str, indent: str = '') -> list[str]:
-    return wrap(text, COLUMNS, initial_indent=f'# {indent}', subsequent_indent=f'# {indent}  ')
-
-
-def _section(name: str, bounds: Mapping[str, float]) -> Iterator[str]:
-    """Yield those bounds that the node has parameters for, if there are any."""
-    taken = {key: value for key, value in bounds.items() if f'{name}.{key}' in TABLE}
-    if taken:
-        yield f'    {name}:'
-        yield from (f'      {key}: {_number(value)}' for key, value in taken.items())
+        parameters[kind.value] = {
+            name: value
+            for name, value in (group.bounds if group else {}).items()
+            if f'{kind.value}.{name}' in TABLE
+        }
+    parameters |= {'odometry': fit.odometry, 'robot_odometry': fit.robot_odometry}
+    parameters['links'] = [text for link in links if (text := _link_text(fit, link, fleet))]
+    return parameters_text(comments, parameters)
 
 
 def _link_text(fit: Fit, link: Link, fleet: FleetConfig) -> str:
@@ -80,7 +60,7 @@ def _link_text(fit: Fit, link: Link, fleet: FleetConfig) -> str:
     bounds = {**others, **own}
     words = [link.topic, link.type_name, link.key.observer, link.key.target]
     words += [
-        f'{name}={_number(bounds[name])}'
+        f'{name}={yaml_value(bounds[name])}'
         for name in KINDS[link.key.kind].overrides
         if name in bounds
     ]
@@ -141,8 +121,3 @@ def _widest(stated: Mapping[str, float], learned: Mapping[str, float]) -> dict[s
         name: (min if name.startswith('min_') else max)(value, learned.get(name, value))
         for name, value in stated.items()
     }
-
-
-def _number(value: float) -> str:
-    """Return a number that YAML reads as one with a fraction, and as the same."""
-    return np.format_float_positional(value, trim='0')

@@ -19,13 +19,12 @@ from pathlib import Path
 import time
 
 from dg_localization.fleet import solver_warnings, warm_up
-from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, open_bag
+from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
 from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Task,
     find_inputs,
-    in_seconds,
     read_task,
     timeline,
 )
@@ -112,7 +111,6 @@ class BagRun:
             'ending': ending,
             # What is wrong with a topic that is an input and a truth is found twice.
             'damage': list(dict.fromkeys((*reading.damage, *self.truth.damage))),
-            'checksums': self.bag.checksums,
             'max_boxes': self.task.settings.fleet.solver.max_boxes,
             **self.tally.tree(),
             **inputs_tree(

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.ros.bags.bag import NS_PER_S, BagError
+from dg_localization.ros.bags.bag import NS_PER_S, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage
 from dg_localization.ros.bags.writer import BagWriter
 from dg_localization.ros.interface.diagnostics import Report, statuses
@@ -237,11 +237,6 @@ def _without_time_taken(status: Status) -> Status:
     """Leave out what depends on the machine."""
     values = {name: value for name, value in status.values.items() if name != 'solve_s'}
     return replace(status, values=values)
-
-
-def in_seconds(time_ns: int) -> float:
-    """Return a time of a bag as the clock of the node gives it."""
-    return time_ns * 1e-9
 
 
 def timeline(

@@ -8,8 +8,8 @@ sensor_msgs/Range has a variance since Iron, and no subscriber of today reads th
 """
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import redirect_stdout, suppress
 from functools import cache
 from heapq import heappop, heappush
 from io import StringIO
@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 
 from dg_localization.ros.bags.bag import END_OF_ROS_TIME_NS, NS_PER_S, Bag, BagError, Topic
 from dg_localization.ros.bags.storage import Channel
-
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 """Where a bag does not hold the definition of a type, that of one of these may fit."""
@@ -82,12 +80,11 @@ class Reading:
             return 'no message'
         if len(topic.type_names) > 1:
             return 'messages of several types'
-        (type_name,) = topic.type_names
         if topic.message_class is None:
-            return f'the type {type_name} is not installed'
-        convert = converter(topic.channels[0], type_name, topic.samples)
+            return f'the type {topic.type_names[0]} is not installed'
+        convert = converter(topic)
         if convert is None:
-            reason = f'the messages do not fit any definition of {type_name}'
+            reason = f'the messages do not fit any definition of {topic.type_names[0]}'
             self._undecodable.append(f'{topic.name} is passed over: {reason}')
             return reason
         self._converters[topic.name] = convert
@@ -97,12 +94,9 @@ class Reading:
     @property
     def damage(self) -> list[str]:
         """What is wrong with the bag and with these topics, as far as they were read."""
-        lost = [
-            f'{name}: none of its messages could be read'
-            for name in self.unreadable
-            if not self._delivered[name]
-        ]
-        return [*self.bag.damage, *self._undecodable, *lost]
+        lost = [name for name in self.unreadable if not self._delivered[name]]
+        texts = [f'{name}: none of its messages could be read' for name in lost]
+        return [*self.bag.damage, *self._undecodable, *texts]
 
     def messages(
         self, start_s: float = 0.0, duration_s: float | None = None
@@ -134,12 +128,15 @@ class Reading:
         """Yield the messages before a time in the order of their times."""
         waiting: list[tuple[int, int, BagMessage]] = []
         latest_ns = 0
-        for number, (channel, time_ns, data) in enumerate(self.bag.records()):
-            if channel.topic not in self._converters or time_ns >= stop_ns:
+        for number, (topic, time_ns, data) in enumerate(self.bag.records()):
+            if topic not in self._converters or time_ns >= stop_ns:
                 continue
-            message = self._converted(channel.topic, time_ns, data)
-            if message is None:
+            try:
+                message = BagMessage(topic, time_ns, self._converters[topic](data))
+            except Exception:  # whatever the generated code of rosbags stumbles over
+                self.unreadable[topic] += 1
                 continue
+            self._delivered[topic] += 1
             latest_ns = max(latest_ns, time_ns)
             heappush(waiting, (time_ns, number, message))
             while waiting[0][0] < latest_ns - self.bag.reorder_ns:
@@ -147,32 +144,28 @@ class Reading:
         while waiting:
             yield heappop(waiting)[-1]
 
-    def _converted(self, topic: str, time_ns: int, data: bytes) -> BagMessage | None:
-        """Return a message for the installed type, or None for a damaged one; count both."""
-        try:
-            message = BagMessage(topic, time_ns, self._converters[topic](data))
-        except Exception:  # whatever the generated code of rosbags stumbles over
-            self.unreadable[topic] += 1
-            return None
-        self._delivered[topic] += 1
-        return message
 
-
-def converter(
-    channel: Channel, type_name: str, samples: Sequence[bytes]
-) -> Callable[[bytes], bytes] | None:
+def converter(topic: Topic) -> Callable[[bytes], bytes] | None:
     """Return what makes recorded bytes those of the installed type; None where none fits."""
+    (name,) = topic.type_names
     installed = _typestore('JAZZY')
-    if type_name not in installed.types:
+    if name not in installed.types:
         return decompressed
-    recorded = _recorded(channel.encoding, channel.definition, type_name)
-    stores = [recorded] if recorded else [_typestore(name) for name in DISTRIBUTIONS]
-    stores = [store for store in stores if not _renamed(store, installed, type_name)]
-    fitting = [_n_fitting(samples, type_name, store) for store in stores]
-    if not stores or (samples and not max(fitting)):
-        return None
+
+    def n_fitting(store: Any) -> int:
+        """Return how many of the first messages can be read by a definition."""
+        count = 0
+        for data in topic.samples:
+            with suppress(Exception):  # whatever the generated code of rosbags stumbles over
+                store.deserialize_cdr(decompressed(data), name)
+                count += 1
+        return count
+
+    recorded = _recorded(topic.channels[0], name)
+    stores = [recorded] if recorded else [_typestore(one) for one in DISTRIBUTIONS]
     # The first of those that fit the most: some samples may be damaged.
-    return _conversion(stores[fitting.index(max(fitting))], type_name)
+    best = max((s for s in stores if _is_known(s, installed, name)), key=n_fitting, default=None)
+    return _conversion(best, name) if best and n_fitting(best) else None
 
 
 @cache
@@ -195,52 +188,40 @@ def _typestore(distribution: str) -> Any:
 
 
 @cache
-def _recorded(encoding: str, definition: str, type_name: str) -> Any:
+def _recorded(channel: Channel, type_name: str) -> Any:
     """Return the definition that the bag has; None where there is none that can be parsed."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     try:
-        if encoding == 'ros2msg':
-            store.register(get_types_from_msg(definition, type_name))
+        if channel.encoding == 'ros2msg':
+            store.register(get_types_from_msg(channel.definition, type_name))
         else:
-            for part in definition.split('=' * 80 + '\n'):
-                if part.strip():
-                    first, _, rest = part.partition('\n')
-                    store.register(get_types_from_idl(rest if first[:4] == 'IDL:' else part))
+            for part in filter(str.strip, channel.definition.split('=' * 80 + '\n')):
+                first, _, rest = part.partition('\n')
+                store.register(get_types_from_idl(rest if first[:4] == 'IDL:' else part))
     except Exception:  # whatever the parsers stumble over
         return None
     return store if type_name in store.fielddefs else None
 
 
-def _n_fitting(samples: Sequence[bytes], type_name: str, typestore: Any) -> int:
-    """Return how many messages can be read by the definition in a typestore."""
-    count = 0
-    for data in samples:
-        try:
-            typestore.deserialize_cdr(decompressed(data), type_name)
-        except Exception:  # whatever the generated code of rosbags stumbles over
-            continue
-        count += 1
-    return count
-
-
-def _renamed(recorded: Any, installed: Any, type_name: str) -> bool:
+def _is_known(recorded: Any, installed: Any, type_name: str) -> bool:
     """
-    Return whether a recorded definition has fields that the installed one does not know.
+    Return whether the installed definition has all fields of a recorded one.
 
-    A converter drops them, and leaves a zero in the field that they should have filled.
+    A converter drops others, and leaves a zero in the field that they should have filled.
     """
     if type_name not in recorded.fielddefs:
-        return True
-    _, fields = recorded.fielddefs[type_name]
-    _, known = installed.fielddefs[type_name]
-    return bool({name for name, _ in fields} - {name for name, _ in known})
+        return False
+    names, known = (
+        {name for name, _ in store.fielddefs[type_name][1]} for store in (recorded, installed)
+    )
+    return names <= known
 
 
 def decompressed(data: bytes) -> bytes:
     """Return the bytes of a message that the recorder may have compressed."""
-    if data[:4] != ZSTD_MAGIC:
+    if data[:4] != b'\x28\xb5\x2f\xfd':
         return data
     import zstandard
 

@@ -31,10 +31,6 @@ NUMBER = re.compile(r'\d[\d.]*')
 ROWS = 30
 """So many rows of what the node would say are shown."""
 
-WITHOUT_CHECKSUMS = (
-    'Not all of its messages have checksums: a flipped bit in a message would not be noticed.'
-)
-
 
 class Tally:
     """Counts estimates by what they contain; `tree` returns the sums."""
@@ -219,7 +215,6 @@ def parts(tree: Tree) -> Iterator[str | Table]:
     )
     yield from _over_time(tree)
     yield from tree['notices']
-    yield '' if tree['checksums'] else WITHOUT_CHECKSUMS
 
 
 def width_text(tree: Tree, robot: str) -> str:

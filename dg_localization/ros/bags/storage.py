@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The messages in the files of a rosbag2, in the order in which they were written.
+The messages in a file of a rosbag2, in the order in which they were written.
 
 A file is read from its beginning to its end, by the package mcap or by SQLite. The index of an
 .mcap is not used: one that is damaged hides messages without a word. An .mcap has checksums where
@@ -11,133 +11,57 @@ the recorder wrote them, and they are checked. The bytes in a .db3 cannot be che
 
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 import sqlite3
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 
-@dataclass(frozen=True)
-class Channel:
+class Channel(NamedTuple):
     """What a file says of a topic; definition and profiles are empty where it has none."""
 
     topic: str
     type_name: str
-    encoding: str = ''
-    definition: str = ''
-    offered_qos: str = ''
+    encoding: str
+    definition: str
+    offered_qos: str
 
 
-Record: TypeAlias = tuple[Channel, int, bytes]
-"""A message: its channel, its receive time in ns, and its bytes."""
+class Record(NamedTuple):
+    """A channel that begins, where `data` is None, or a message with its receive time in ns."""
+
+    channel: Channel
+    time_ns: int = 0
+    data: bytes | None = None
 
 
-class StorageFile:
-    """
-    One file of a bag.
+def read_file(path: Path, damage: list[str]) -> Iterator[Record]:
+    """Yield the records up to the first damage that hides the next; add what is wrong."""
+    try:
+        yield from _read_mcap(path) if path.suffix == '.mcap' else _read_sqlite(path, damage)
+    except Exception as error:  # on damaged bytes whatever the parsers stumble over
+        reason = str(error) or type(error).__name__
+        damage.append(f'{path.name}: {reason}; what follows is not read')
 
-    Attributes
-    ----------
-    channels : list of Channel
-        Those that were met so far, with messages or without.
-    damage : list of str
-        What was found to be wrong so far, a sentence each.
-    checksums : bool
-        Whether all messages so far are protected by one.
 
-    """
+def _read_mcap(path: Path) -> Iterator[Record]:
+    from mcap.records import Channel as McapChannel, DataEnd, Message, Schema
+    from mcap.stream_reader import StreamReader
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.channels: list[Channel] = []
-        self.damage: list[str] = []
-        self.checksums = path.suffix == '.mcap'
-
-    def records(self) -> Iterator[Record]:
-        """Yield the messages, up to the first damage that hides where the next one begins."""
-        try:
-            yield from self._mcap() if self.path.suffix == '.mcap' else self._sqlite()
-        except Exception as error:  # on damaged bytes whatever the parsers stumble over
-            self.add_damage(f'{error or type(error).__name__}; what follows is not read')
-
-    def add_damage(self, text: str) -> None:
-        """Add a sentence on what is wrong."""
-        self.damage.append(f'{self.path.name}: {text}')
-
-    def _mcap(self) -> Iterator[Record]:
-        from mcap.records import Channel as McapChannel, Chunk, DataEnd, Message, Schema
-        from mcap.stream_reader import StreamReader, breakup_chunk
-
-        size = self.path.stat().st_size
-        schemas: dict[int, Any] = {}
-        known: dict[int, Channel] = {}
-        ended, all_in_chunks = False, True
-        with self.path.open('rb') as file:
-            reader = StreamReader(
-                file, emit_chunks=True, validate_crcs=True, record_size_limit=size
-            )
-            for record in reader.records:
-                if isinstance(record, Chunk):
-                    self.checksums &= bool(record.uncompressed_crc)
-                    inside = breakup_chunk(record, validate_crc=True)
-                else:
-                    all_in_chunks &= not isinstance(record, Message)
-                    inside = [record]
-                for one in inside:
-                    # What follows the data repeats it for the index.
-                    if isinstance(one, Message):
-                        yield known[one.channel_id], one.log_time, one.data
-                    elif isinstance(one, Schema) and not ended:
-                        schemas[one.id] = one
-                    elif isinstance(one, McapChannel) and not ended:
-                        known[one.id] = _channel_of(one, schemas.get(one.schema_id))
-                        self.channels.append(known[one.id])
-                if isinstance(record, DataEnd):
-                    ended = True
-                    self.checksums &= all_in_chunks or bool(record.data_section_crc)
-
-    def _sqlite(self) -> Iterator[Record]:
-        for ending in ('-wal', '-journal'):
-            left = self.path.with_name(self.path.name + ending)
-            if left.exists() and left.stat().st_size:
-                self.damage.append(
-                    f'{left.name}: the recorder did not come to its end, and what this file holds '
-                    f"is not read; 'sqlite3 {self.path.name} .tables' completes the bag"
-                )
-        uri = f'{self.path.absolute().as_uri()}?immutable=1'
-        with closing(sqlite3.connect(uri, uri=True)) as base:
-            known = dict(self._sqlite_topics(base))
-            self.channels += known.values()
-            wrong = 0
-            rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY rowid')
-            for topic_id, time_ns, data in rows:
-                # SQLite keeps any type of value in any column.
-                is_whole = isinstance(time_ns, int) and isinstance(data, bytes)
-                if is_whole and topic_id in known:
-                    yield known[topic_id], time_ns, data
-                else:
-                    wrong += 1
-            if wrong:
-                self.add_damage(f'{wrong} rows of the table messages are no messages of a topic')
-
-    def _sqlite_topics(self, base: sqlite3.Connection) -> Iterator[tuple[int, Channel]]:
-        """Yield the topics of a database of any version of rosbag2 by their numbers."""
-        definitions = {}
-        if list(base.execute('PRAGMA table_info(message_definitions)')):
-            query = 'SELECT topic_type, encoding, encoded_message_definition'
-            rows = base.execute(f'{query} FROM message_definitions')
-            definitions = {name: (encoding, text) for name, encoding, text in rows}
-        base.row_factory = sqlite3.Row
-        for found in base.execute('SELECT * FROM topics'):
-            row = dict(found)
-            if not (isinstance(row['name'], str) and isinstance(row['type'], str)):
-                self.add_damage('a row of the table topics names no topic or no type')
-                continue
-            other = '' if row['serialization_format'] == 'cdr' else ' in another format'
-            encoding, text = definitions.get(row['type'], ('', ''))
-            qos = str(row.get('offered_qos_profiles') or '')
-            yield row['id'], Channel(row['name'], row['type'] + other, encoding, text, qos)
-        base.row_factory = None
+    schemas: dict[int, Any] = {}
+    known: dict[int, Channel] = {}
+    with path.open('rb') as file:
+        size = path.stat().st_size
+        for record in StreamReader(file, validate_crcs=True, record_size_limit=size).records:
+            if isinstance(record, Message):
+                yield Record(known[record.channel_id], record.log_time, record.data)
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, McapChannel):
+                known[record.id] = _channel_of(record, schemas.get(record.schema_id))
+                yield Record(known[record.id])
+            elif isinstance(record, DataEnd):
+                # What follows repeats it for the index.
+                return
 
 
 def _channel_of(channel: Any, schema: Any) -> Channel:
@@ -149,3 +73,44 @@ def _channel_of(channel: Any, schema: Any) -> Channel:
         type_name = f'{type_name} in {channel.message_encoding}'
     qos = channel.metadata.get('offered_qos_profiles', '')
     return Channel(channel.topic, type_name, encoding, definition, qos)
+
+
+def _read_sqlite(path: Path, damage: list[str]) -> Iterator[Record]:
+    for ending in ('-wal', '-journal'):
+        left = path.with_name(path.name + ending)
+        if left.exists() and left.stat().st_size:
+            damage.append(
+                f'{left.name}: the recorder did not come to its end, and what this file holds is '
+                f"not read; 'sqlite3 {path.name} .tables' completes the bag"
+            )
+    known: dict[int, Channel] = {}
+    with closing(sqlite3.connect(f'{path.absolute().as_uri()}?immutable=1', uri=True)) as base:
+        base.row_factory = sqlite3.Row
+        definitions: dict[str, tuple[str, str]] = {}
+        # Older distributions store no definitions and no profiles.
+        if list(base.execute('PRAGMA table_info(message_definitions)')):
+            for name, *definition in base.execute(
+                'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+            ):
+                definitions[name] = definition[0], definition[1]
+        for row in map(dict, base.execute('SELECT * FROM topics')):
+            if not (isinstance(row['name'], str) and isinstance(row['type'], str)):
+                damage.append(f'{path.name}: a row of the table topics names no topic or no type')
+                continue
+            other = '' if row['serialization_format'] == 'cdr' else ' in another format'
+            qos = str(row.get('offered_qos_profiles') or '')
+            described = definitions.get(row['type'], ('', ''))
+            known[row['id']] = Channel(row['name'], row['type'] + other, *described, qos)
+            yield Record(known[row['id']])
+        n_wrong = 0
+        query = 'SELECT topic_id, timestamp, data FROM messages ORDER BY rowid'
+        for topic_id, time_ns, data in base.execute(query):
+            # SQLite keeps any type of value in any column.
+            if isinstance(time_ns, int) and isinstance(data, bytes) and topic_id in known:
+                yield Record(known[topic_id], time_ns, data)
+            else:
+                n_wrong += 1
+    if n_wrong:
+        damage.append(
+            f'{path.name}: {n_wrong} rows of the table messages are no messages of a topic'
+        )

@@ -14,12 +14,14 @@ import argparse
 from collections.abc import Iterator, Sequence
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dg_localization.fleet import Anchor, Estimate, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.config import ConfigError
 from dg_localization.ros.bags.truth import split_table
+from dg_localization.ros.bags.writer import parameters_text
 from dg_localization.ros.executables import EXIT_FAILED, UsageError, print_line, print_result
 from dg_localization.ros.spinning import own_arguments
 from dg_localization.ros.terminal import existing_file
@@ -95,25 +97,21 @@ def missing(estimate: Estimate) -> Iterator[str]:
 def as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str) -> str:
     """Return the section of parameters; every node is within its bound of its coordinates."""
     placement = estimate.placements[0]
-    lines = [f'# Surveyed from {source} by survey_anchors, {estimate.frame}.']
+    comments = [f'Surveyed from {source} by survey_anchors, {estimate.frame}.']
     if any(other.mirrored for other in estimate.placements):
-        lines.append('# The mirror image agrees as well: state one more node with --anchor.')
-    for name in sorted({str(key) for one in estimate.placements for key in one.dropped}):
-        lines.append(f'# Left out: {name}.')
-    lines += ['/**:', '  ros__parameters:', '    anchors:']
-    lines.append(f'      names: [{", ".join([*anchors, *estimate.robots])}]')
-    known = [(name, anchor.coordinates_m, anchor.bound_m) for name, anchor in anchors.items()]
+        comments.append('The mirror image agrees as well: state one more node with --anchor.')
+    dropped = {str(key) for one in estimate.placements for key in one.dropped}
+    comments += [f'Left out: {name}.' for name in sorted(dropped)]
+    found: dict[str, Any] = {'names': [*anchors, *estimate.robots]}
+    for name, anchor in anchors.items():
+        found[name] = {'position': [*anchor.coordinates_m], 'bound': anchor.bound_m}
     places_m = np.round(placement.positions_m, 4)
     # The farthest corner of the enclosure, and what four decimals round.
     off_m = np.abs(placement.enclosure_m - places_m[:, None]).max(axis=1)
     bounds_m = np.ceil(1e4 * np.linalg.norm(off_m, axis=1) + 1.0) / 1e4
-    for name, place_m, bound_m in (
-        *known,
-        *zip(estimate.robots, places_m.tolist(), bounds_m.tolist(), strict=True),
-    ):
-        lines += [f'      {name}:', f'        position: {[float(one) for one in place_m]}']
-        lines.append(f'        bound: {float(bound_m)}')
-    return '\n'.join(lines)
+    for name, place_m, bound_m in zip(estimate.robots, places_m, bounds_m, strict=True):
+        found[name] = {'position': place_m.tolist(), 'bound': float(bound_m)}
+    return parameters_text(comments, {'anchors': found})
 
 
 def main(args: Sequence[str]) -> int:

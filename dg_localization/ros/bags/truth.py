@@ -16,9 +16,8 @@ from rclpy.serialization import deserialize_message
 from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig
-from dg_localization.ros.bags.bag import Bag, BagError, find_message_class
-from dg_localization.ros.bags.offline import in_seconds
-from dg_localization.ros.bags.reading import BagMessage, Reading
+from dg_localization.ros.bags.bag import Bag, BagError, find_message_class, in_seconds
+from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters.headers import stamp_from_message, xyz_from_message, xyzw_from_message
@@ -49,39 +48,11 @@ UNITS = (('nanoseconds', 1e-9, 1e17), ('microseconds', 1e-6, 1e14), ('millisecon
 
 @dataclass
 class Truth:
-    """A ground truth; a topic without a robot has the poses of all robots."""
+    """Where the robots truly were, and what there is to say of where that was read."""
 
-    settings: Settings
-    topics: dict[str, str] = field(default_factory=dict)
     poses: Poses = field(default_factory=lambda: defaultdict(list))
     notices: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
-    malformed: int = 0
-
-    def take(self, message: BagMessage, message_class: type | None) -> None:
-        """Take a message on one of the topics; it may have another number of poses: BagError."""
-        robot = self.topics[message.topic]
-        try:
-            decoded: Any = deserialize_message(message.data, message_class)
-            stamp_s = stamp_from_message(decoded.header.stamp)
-            # The pose of a message, with a covariance or without.
-            poses = [getattr(decoded.pose, 'pose', decoded.pose)] if robot else decoded.poses
-            rows = [
-                (xyz_from_message(p.position), xyzw_from_message(p.orientation)) for p in poses
-            ]
-        except Exception:  # on damaged bytes whatever the decoder raises
-            self.malformed += 1
-            return
-        robots = [robot] if robot else self.settings.fleet.robots
-        if len(rows) != len(robots):
-            raise BagError(
-                f'{message.topic} has {len(rows)} poses, there are {len(robots)} robots: it must '
-                "hold one pose for each of the parameter 'robots', in that order"
-            )
-        if not self.settings.use_header_stamp:
-            stamp_s = in_seconds(message.time_ns)
-        for name, (position_m, orientation) in zip(robots, rows, strict=True):
-            self.poses[name].append((stamp_s, position_m, orientation))
 
     def of_fleet(self, fleet: FleetConfig) -> FleetTruth:
         """Return the true paths of robots and sensors and the places of anchors."""
@@ -98,12 +69,12 @@ class Truth:
         return FleetTruth(fleet, tracks)
 
 
-def choose_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
-    """Read the tables that a command line names, or find its topics."""
-    fleet, truth = settings.fleet, Truth(settings)
+def read_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
+    """Read the ground truth that a command line names, if it names any."""
+    truth, fleet = Truth(), settings.fleet
     files = [name for name in names if name.lower().endswith(TABLES)]
     if not files:
-        truth.topics = _find_topics(names, fleet.robots, bag.types)
+        _read_topics(_find_topics(names, fleet.robots, bag.types), settings, bag, truth)
         return truth
     if len(files) < len(names):
         raise UsageError(f'--truth: name topics or files, not {" and ".join(names)}')
@@ -124,20 +95,38 @@ def choose_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
     return truth
 
 
-def read_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
-    """Read the ground truth that a command line names, if it names any."""
-    truth = choose_truth(names, settings, bag)
-    if truth.topics:
-        reading = Reading(bag, truth.topics)
-        classes = {topic.name: topic.message_class for topic in reading.topics}
-        for message in reading.messages():
-            truth.take(message, classes[message.topic])
-        truth.malformed += reading.unreadable.total()
-        truth.damage += reading.damage
-        truth.notices += reading.notices
-    if truth.malformed:
-        truth.notices.append(f'{truth.malformed} messages of the ground truth could not be read')
-    return truth
+def _read_topics(topics: Mapping[str, str], settings: Settings, bag: Bag, truth: Truth) -> None:
+    """Add the poses on topics, each of one robot or, where its name is empty, of all."""
+    if not topics:
+        return
+    reading, malformed = Reading(bag, topics), 0
+    for message in reading.messages():
+        robot, message_class = topics[message.topic], bag.topics[message.topic].message_class
+        try:
+            decoded: Any = deserialize_message(message.data, message_class)
+            stamp_s = stamp_from_message(decoded.header.stamp)
+            # The pose of a message, with a covariance or without.
+            poses = [getattr(decoded.pose, 'pose', decoded.pose)] if robot else decoded.poses
+            rows = [
+                (xyz_from_message(p.position), xyzw_from_message(p.orientation)) for p in poses
+            ]
+        except Exception:  # on damaged bytes whatever the decoder raises
+            malformed += 1
+            continue
+        robots = [robot] if robot else settings.fleet.robots
+        if len(rows) != len(robots):
+            raise BagError(
+                f'{message.topic} has {len(rows)} poses, there are {len(robots)} robots: it must '
+                "hold one pose for each of the parameter 'robots', in that order"
+            )
+        if not settings.use_header_stamp:
+            stamp_s = in_seconds(message.time_ns)
+        for name, row in zip(robots, rows, strict=True):
+            truth.poses[name].append((stamp_s, *row))
+    truth.damage += reading.damage
+    truth.notices += reading.notices
+    if malformed := malformed + reading.unreadable.total():
+        truth.notices.append(f'{malformed} messages of the ground truth could not be read')
 
 
 def _find_topics(
@@ -200,15 +189,11 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
             f'{path} is the truth of {", ".join(found)}; the robots are {", ".join(robots)}'
         )
     first_s = min((stamp_s for kept in found.values() for stamp_s, _, _ in kept), default=0.0)
-    unit, notices = 1.0, []
-    for name, one, least in UNITS:
-        if first_s >= least:
-            unit = one
-            notices = [f'{path}: stamps from {first_s:.0f} on are taken as {name}, not in seconds']
-            break
+    unit, one = next(((name, one) for name, one, least in UNITS if first_s >= least), ('', 1.0))
     for name in filter(found.__contains__, robots):
-        poses[name] += [(stamp * unit, place, turn) for stamp, place, turn in found[name]]
-    return notices
+        poses[name] += [(stamp * one, place, turn) for stamp, place, turn in found[name]]
+    text = f'{path}: stamps from {first_s:.0f} on are taken as {unit}, not in seconds'
+    return [text] if unit else []
 
 
 def split_table(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:

@@ -3,16 +3,20 @@
 
 """A new rosbag2, in .mcap, by the package rosbags: equal messages give equal bytes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 import shutil
 import sqlite3
+from textwrap import wrap
 from typing import Any
 
+import numpy as np
 from rclpy.qos import QoSProfile
 
 from dg_localization.ros.executables import ExecutableError
+
+COLUMNS = 98
 
 # How rosbag2 writes a duration without limit.
 FOREVER = (2**31 - 1, 2**32 - 1)
@@ -76,6 +80,33 @@ def write_text(path: Path, text: str) -> None:
     """Write a file, such as a report."""
     with writing(path):
         path.write_text(text, encoding='utf-8')
+
+
+def parameters_text(comments: Iterable[str], parameters: Mapping[str, Any]) -> str:
+    """Return a file of parameters of the node; sections without any are left out."""
+    lines = [
+        line for text in comments for line in wrap(f'# {text}', COLUMNS, subsequent_indent='#   ')
+    ]
+    return '\n'.join([*lines, '/**:', '  ros__parameters:', *_yaml(parameters, '    ')])
+
+
+def _yaml(tree: Mapping[str, Any], indent: str) -> Iterator[str]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping) and value:
+            yield f'{indent}{name}:'
+            yield from _yaml(value, f'{indent}  ')
+        elif isinstance(value, list) and value and isinstance(value[0], str):
+            yield f'{indent}{name}:'
+            yield from (f"{indent}  - '{text}'" for text in value)
+        elif value or isinstance(value, float):
+            yield f'{indent}{name}: {yaml_value(value)}'
+
+
+def yaml_value(value: Any) -> str:
+    """Return a value; a number is read as one with a fraction, and as the same."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(yaml_value, value))}]'
+    return np.format_float_positional(value, trim='0')
 
 
 @contextmanager
