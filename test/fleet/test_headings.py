@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from dg_localization.fleet.frames.headings import estimate_heading
+from dg_localization.fleet.frames.headings import estimate_heading, heading_within
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.arrays import Interval
 
@@ -66,3 +67,15 @@ def test_the_true_heading_is_within_the_half_width(q, size_m):
             wrong = matrix_of(found.orientation_xyzw).T @ heading
             assert angle_of(wrong) <= found.half_width_rad + 1e-9
     assert known > 100
+
+
+@pytest.mark.parametrize('arc_rad', [(-3.0, 3.0), (0.5, 6.0), (-1.0, 0.0)])
+def test_an_arc_is_within_the_half_width_which_is_at_most_half_a_turn(arc_rad):
+    for fitted_rad in np.linspace(-3.1, 3.1, 9):
+        c, s = math.cos(fitted_rad), math.sin(fitted_rad)
+        fitted = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        heading = heading_within(None, arc_rad, fitted)
+        assert heading.half_width_rad <= math.pi
+        for true_rad in np.linspace(*arc_rad, 50):
+            off_rad = math.remainder(true_rad - yaw_of(heading.orientation_xyzw), math.tau)
+            assert abs(off_rad) <= heading.half_width_rad + 1e-12

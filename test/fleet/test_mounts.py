@@ -277,7 +277,7 @@ def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, si
         max_repeats=1,
         solver=SolverOptions(resolution=0.02),
     )
-    localizer, unknown = Localizer(config), 0
+    localizer = Localizer(config)
     for turn in (0, 120, 240):
         yaw_deg, x, y = cart['poses_yawdeg_x_y'][str(site)][turn // 60]
         path = shared / f'data/lias_uwb/UWB_static_exp_8_14_pos{site}_deg_{turn}.csv'
@@ -285,25 +285,45 @@ def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, si
             rows = [row for row, _ in zip(csv.reader(file), range(2), strict=False)]
         for row in rows:
             localizer.reset()
+            ranges = {}
             for number, text in enumerate(row[1:25]):
                 anchor, tag = divmod(number, 3)
+                ranges[tag, anchor] = float(text)
                 localizer.add_range(f'cart/t{tag}', f'a{anchor}', float(text), NOW_S, NOW_S)
             (placement,) = localizer.step(NOW_S).placements
             low, high = placement.enclosure_m[0]
             assert (low <= [x, y]).all() and ([x, y] <= high).all()
             error_rad = heading_rad(placement) - math.radians(yaw_deg)
             error_rad = abs(math.remainder(error_rad, 2.0 * math.pi))
-            known = placement.heading_known[0]
-            assert not known or error_rad <= placement.heading_half_width_rad[0]
-            unknown += not known
+            assert error_rad <= placement.heading_half_width_rad[0]
+            exact = exact_poses(cart, ranges, tag_height_m, placement)
             assert np.hypot(*(placement.positions_m[0] - [x, y])) < 0.3
-    # A heading of which an arc of more than a half turn is left counts as unknown.
-    assert unknown <= 2
+            # How far headings that agree are from the published one at most.
+            assert placement.heading_half_width_rad[0] <= 1.1 * exact
+            assert placement.heading_half_width_rad[0] >= exact
 
 
 def heading_rad(placement):
     z, w = placement.orientations_xyzw[0, 2:]
     return 2.0 * math.atan2(z, w)
+
+
+def exact_poses(cart, ranges, tag_height_m, placement):
+    """Return how far from the published heading poses agree, by sampling poses."""
+    low, high = placement.enclosure_m[0]
+    half_width = placement.heading_half_width_rad[0]
+    axes = [np.linspace(low[k], high[k], 41) for k in range(2)]
+    offsets = np.linspace(-half_width, half_width, 161)
+    x, y, offset = np.meshgrid(*axes, offsets, indexing='ij')
+    c, s = np.cos(heading_rad(placement) + offset), np.sin(heading_rad(placement) + offset)
+    agrees = np.ones(x.shape, dtype=bool)
+    for (tag, anchor), range_m in ranges.items():
+        (a, b, _), place = cart['tags'][tag], cart['anchors'][anchor]
+        squared = (x + c * a - s * b - place[0]) ** 2 + (y + s * a + c * b - place[1]) ** 2
+        rises = [place[2] - height for height in tag_height_m]
+        agrees &= squared <= (range_m + 0.05) ** 2 - min(rise**2 for rise in rises)
+        agrees &= squared >= (range_m - 0.6) ** 2 - max(rise**2 for rise in rises)
+    return np.abs(offset[agrees]).max()
 
 
 def test_a_robot_that_only_knows_its_own_sensors_is_not_connected():

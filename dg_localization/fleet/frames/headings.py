@@ -92,6 +92,26 @@ def estimate_heading(
     return _spatial_heading(sights)
 
 
+def heading_within(
+    heading: Heading | None, arc_rad: tuple[float, float], rotation: FloatArray
+) -> Heading | None:
+    """
+    Return the narrower of a heading and an arc, as near to the best fit as the arc allows.
+
+    The arc goes counterclockwise from the first to the second.
+    """
+    half_arc_rad = 0.5 * (arc_rad[1] - arc_rad[0])
+    if half_arc_rad >= math.pi or (heading and heading.half_width_rad <= half_arc_rad):
+        return heading
+    middle_rad = 0.5 * (arc_rad[0] + arc_rad[1])
+    fitted_rad = math.atan2(rotation[1, 0], rotation[0, 0])
+    offset_rad = math.remainder(fitted_rad - middle_rad, 2.0 * math.pi)
+    offset_rad = min(max(offset_rad, -half_arc_rad), half_arc_rad)
+    half_width_rad = angle_up(angle_up(half_arc_rad + abs(offset_rad)))
+    orientation = quaternion_of_yaw(middle_rad + offset_rad)
+    return Heading(orientation, min(math.pi, half_width_rad))
+
+
 def _sights(
     rows: Mapping[str, int],
     rays: Sequence[RayReading],

@@ -22,6 +22,7 @@ from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFind
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.frames.body_poses import BodyPoses
 from dg_localization.fleet.frames.enclosure import Encloser, MirrorImage, Placed
 from dg_localization.fleet.frames.finders import finder_of
 from dg_localization.fleet.frames.headings import (
@@ -29,6 +30,7 @@ from dg_localization.fleet.frames.headings import (
     Heading,
     NoHeadingError,
     estimate_heading,
+    heading_within,
 )
 from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.frames.regions import regions_of
@@ -85,6 +87,8 @@ class Placer:
             {place[point]: box for point, box in boxes.items() if point in place},
         )
         self._encloser = Encloser(self._solved, self._registration)
+        held = [self._rows.index(row) for row in plan.held]
+        self._body_poses = BodyPoses(snapshot, self._solved, held)
 
     @cached_property
     def problem(self) -> Problem:
@@ -110,11 +114,14 @@ class Placer:
         bounds_m2 = self._bounds_of_all(hypothesis)
         among = None if alone and len(images) == 1 else (bounds_m2.lower, bounds_m2.upper)
         for image, region in self._regions(hypothesis, images) if apart else images:
-            enclosure = self._coordinates_of_all(region)
+            narrowed = self._body_poses.narrow(hypothesis, region)
+            if narrowed is None:
+                continue
+            enclosure = self._coordinates_of_all(narrowed[0])
             start = self._start_of_all(hypothesis, image, enclosure)
             best = self._best_points.find(start, enclosure, among)
             try:
-                headings = self._headings(best, enclosure)
+                headings = self._headings(best, enclosure, narrowed[1])
             except NoHeadingError:
                 continue
             mirrored = bool(placements) and image is not images[0][0]
@@ -174,7 +181,9 @@ class Placer:
         """What finds the best points, by all readings; a contradiction does not need it."""
         return finder_of(self._snapshot, self._all, self._plan, self._dropped)
 
-    def _headings(self, best: BestPoint, enclosure: Interval) -> dict[int, Heading]:
+    def _headings(
+        self, best: BestPoint, enclosure: Interval, arcs_rad: Mapping[int, tuple[float, float]]
+    ) -> dict[int, Heading]:
         """Return the headings that are known, by index into the points of the fleet."""
         rows = self._all.rows
         rays_of: dict[str, list[RayReading]] = {}
@@ -185,6 +194,9 @@ class Placer:
             heading: Heading | None = NO_TURN
             if rows[robot] not in self._plan.held:
                 heading = estimate_heading(rows, own_rays, best.positions_m, enclosure)
+                arc_rad = arcs_rad.get(self._solved.rows[robot])
+                if arc_rad is not None:
+                    heading = heading_within(heading, arc_rad, best.rotations[rows[robot]])
             if heading is not None:
                 headings[self._plan.points[rows[robot]]] = heading
         return headings

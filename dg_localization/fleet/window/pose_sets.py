@@ -181,7 +181,7 @@ def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Co
 
 
 def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
-    """Return what a robot measures of anchors now; None where its place alone follows from it."""
+    """Return what a robot measures of anchors now; None where it sees none of them."""
     config, now_s = snapshot.config, snapshot.stamp_s
     rows = {name: row for row, name in enumerate(config.points)}
     anchors = {name: snapshot.anchors.boxes.get(rows[name]) for name in config.anchors}
@@ -196,7 +196,7 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
             places.append(place + Interval(-off_m, off_m))
             bounds.append((0.0, math.inf))
             rays.append((turned.direction, turned.half_width_rad))
-    if not rays and len(own) == 1:
+    if not rays:
         return None
     for distance in snapshot.distances:
         for end, other in (distance.key.ends, distance.key.ends[::-1]):
@@ -206,8 +206,6 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
                 places.append(place)
                 bounds.append((distance.lower_m, distance.upper_m))
                 rays.append((np.array([1.0, 0.0, 0.0]), NO_RAY_RAD))
-    if not ends:
-        return None
     points_m = np.zeros((2, len(ends), 3))
     points_m[0, :, :2] = [place.lower for place in places]
     points_m[1, :, :2] = [place.upper for place in places]
