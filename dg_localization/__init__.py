@@ -7,6 +7,7 @@ Every placement of a robot fleet that agrees with interval distances and bearing
 The solver's interface is here; it needs neither ROS nor a first guess. See `solve`.
 """
 
+import dg_localization.blas  # noqa: F401 (before NumPy)
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import (
     Chirality,

@@ -232,6 +232,17 @@ def test_an_absent_recording_skips_or_fails(shared, tmp_path, monkeypatch):
         shared / 'missing'
 
 
+@pytest.mark.parametrize(('stated', 'threads'), [({}, '1'), ({'OPENBLAS_NUM_THREADS': '4'}, '4')])
+def test_blas_has_one_thread_unless_the_environment_says_otherwise(stated, threads):
+    code = 'import dg_localization, os; print(os.environ["OPENBLAS_NUM_THREADS"])'
+    environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'} | stated
+    command = [sys.executable, '-c', code]
+    found = subprocess.run(
+        command, cwd=REPOSITORY, env=environment, capture_output=True, text=True
+    )
+    assert found.stdout.strip() == threads, found.stderr
+
+
 def test_two_processes_never_get_the_same_domain():
     code = (
         'from dg_localization.ros.domain import claim_domain;'
