@@ -187,6 +187,20 @@ def test_stamps_are_corrected_by_the_offset_of_their_link(
     assert 'old' in intake.take(too_late, serialize_message(Range()), NOW_S).text
 
 
+@pytest.mark.parametrize('is_simulated', [False, True])
+def test_a_clock_that_comes_after_what_it_dates_proves_no_stamp_wrong(
+    localizer, adapt_ranges, is_simulated
+):
+    adapt_ranges(lambda message: RangeReading(NOW_S + 0.09, 3.0))
+    intake = Intake(localizer, True, is_simulated=is_simulated)
+    assert intake.take(RANGES, serialize_message(Range()), NOW_S) is None
+    (state,) = [state for state in intake.states(NOW_S).values() if state.accepted]
+    assert ('ahead of their arrival' in state.warning) != is_simulated
+    # What is further ahead than `max_future` is refused either way.
+    adapt_ranges(lambda message: RangeReading(NOW_S + 0.2, 3.0))
+    assert intake.take(RANGES, serialize_message(Range()), NOW_S).reason is RejectionReason.FUTURE
+
+
 def test_no_stamp_is_none_after_a_correction(localizer, adapt_ranges):
     adapt_ranges(lambda message: RangeReading(0.0, 3.0))
     corrected = replace(RANGES, overrides={'stamp_offset': 0.05})

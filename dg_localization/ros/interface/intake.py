@@ -88,6 +88,8 @@ class Intake:
         Whether a measurement's time is its header's, not that of its arrival.
     ids : mapping of str to str, optional
         The names that ids in messages stand for.
+    is_simulated : bool, optional
+        Whether the time comes by messages, which may be later than those that they date.
 
     Attributes
     ----------
@@ -103,8 +105,10 @@ class Intake:
         localizer: Localizer,
         use_header_stamp: bool,
         ids: Mapping[str, str] = MappingProxyType({}),
+        is_simulated: bool = False,
     ) -> None:
         self._localizer = localizer
+        self._is_simulated = is_simulated
         self._identities = Identities(ids, localizer.config.points)
         self._cameras = Cameras()
         self._use_header_stamp = use_header_stamp
@@ -131,6 +135,10 @@ class Intake:
             # Zero is no stamp, and none after a correction.
             if link.stamp_offset_s and stamp_s != 0.0:
                 stamp_s += link.stamp_offset_s
+            if self._is_simulated and isinstance(stamp_s, float):
+                # /clock may come after what it dates: such a stamp does not prove a clock wrong.
+                if 0.0 < stamp_s - now_s <= self._localizer.config.max_future_s:
+                    now_s = stamp_s
             return self._add(link, reading, stamp_s, now_s)
         except Exception as error:
             wrong = shortened(f'{type(error).__name__}: {error}')

@@ -105,6 +105,7 @@ class LocalizerNode(ManagedNode):
         super().__init__('localizer', **kwargs)
         self._load = load
         self._make_localizer = make_localizer
+        self._is_simulated = bool(self.get_parameter('use_sim_time').value)
         self._adopt(declare_settings(self))
         if self.settings.publish_tf:
             transform_output()
@@ -115,7 +116,6 @@ class LocalizerNode(ManagedNode):
         self._has_namesake = False
         self._is_due = False
         self._inputs: Inputs | None = None
-        self._is_simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = NodeTime(self._clock_s, self._is_simulated)
         self._diagnostics = DiagnosticsPublisher(self)
         self._fleet_log = FleetLog(self.get_logger())
@@ -171,7 +171,8 @@ class LocalizerNode(ManagedNode):
         """Begin with a fleet."""
         self.settings = settings
         self._localizer = self._make_localizer(settings.fleet)
-        self._intake = Intake(self._localizer, settings.use_header_stamp, settings.ids)
+        args = self._localizer, settings.use_header_stamp, settings.ids, self._is_simulated
+        self._intake = Intake(*args)
         self._estimate: Estimate | None = None
         self._keep_pace()
 
