@@ -14,8 +14,10 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +49,15 @@ GUESS_SCALE_M = 0.5
 
 NEAREST_M = 0.1
 """A target that is nearer may be seen in any direction once its observer has moved."""
+
+
+class _End(NamedTuple):
+    """The bodies that observers, or targets, of readings were on, and where in their frames."""
+
+    bodies: IntArray  # (m,)
+    poses: FloatArray  # (m, 3): x, y and yaw
+    unknown: FloatArray  # (m, 2): what silent odometry leaves open of these, in m and rad
+    moves: NDArray[np.bool_]  # (m,): whether a robot moved there, and what is fixed did not
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +150,12 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     ways_terms = []
     for way in known:
         mine = table[(table[:, :2] == way.row).any(axis=1)]
-        others = [one for one in known if one is not way]
-        ways_terms.append([_terms(mine, [one, *others], [one]) for one in (way, *way.erring())])
+        # An error of one robot moves the ends on its own way alone.
+        others = _ends(mine, [one for one in known if one is not way])
+        erring = (way, *way.erring())
+        ways_terms.append([_terms(mine, _ends(mine, [one], others), [one]) for one in erring])
     return Past(
-        _terms(table, known, known),
+        _terms(table, _ends(table, known), known),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         guesses,
@@ -200,30 +213,31 @@ def _bearing_rad(seen: Observation) -> float:
     return math.atan2(*seen.direction[1::-1])
 
 
-def _terms(table: FloatArray, ways: Sequence[StatedWay], moving: Sequence[StatedWay]) -> Terms:
-    """Return the readings of a table, and the odometry of those that move."""
+def _terms(table: FloatArray, ends: Sequence[_End], moving: Sequence[StatedWay]) -> Terms:
+    """Return the readings of a table by their ends, and the odometry of those that move."""
     steps = [part for way in moving for part in way.steps()]
-    return Terms.joined([*_packed_readings(table, ways), *steps])
+    return Terms.joined([*_packed_readings(table, ends), *steps])
 
 
-def _packed_readings(table: FloatArray, ways: Collection[StatedWay]) -> list[Terms]:
+def _packed_readings(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
     """Return the ranges and the rays of observations, as `_readings` has them."""
-    rows = table[:, :2].T.astype(int)
-    stamps_s, distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 2:7].T.copy()
-    first_bodies, first_poses, first_unknown = _ends(rows[0], table[:, 7:9], stamps_s, ways)
-    second_bodies, second_poses, second_unknown = _ends(rows[1], table[:, 9:], stamps_s, ways)
-    unknown_m = first_unknown[:, 0] + second_unknown[:, 0]
+    distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 3:7].T.copy()
+    first, second = ends
+    unknown_m = first.unknown[:, 0] + second.unknown[:, 0]
     apart_m = np.where(np.isfinite(distances_m), distances_m, np.inf)
-    unknown_rad = first_unknown[:, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
-    bodies = np.stack([first_bodies, second_bodies], axis=-1)
+    unknown_rad = first.unknown[:, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
+    bodies = np.stack([first.bodies, second.bodies], axis=-1)
     arms_m = np.zeros((len(bodies), 2, 3))
-    arms_m[:, 0, :2], arms_m[:, 1, :2] = first_poses[:, :2], second_poses[:, :2]
+    for end, columns in enumerate((slice(7, 9), slice(9, 11))):
+        poses = ends[end].poses.copy()
+        _turn_arms(poses, table[:, columns])
+        arms_m[:, end, :2] = poses[:, :2]
     values = np.zeros((len(bodies), 3))
     values[:, 0] = distances_m
-    rays = directions(first_poses[:, 2] + bearings_rad)
+    rays = directions(first.poses[:, 2] + bearings_rad)
     ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
     # How what is fixed is turned is not known.
-    sighted = np.isfinite(bearings_rad) & np.isin(rows[0], [way.row for way in ways])
+    sighted = np.isfinite(bearings_rad) & first.moves
     return [
         packed(kind, bodies[known], arms_m[known], value[known], half_widths[known])
         for kind, known, value, half_widths in (
@@ -234,21 +248,24 @@ def _packed_readings(table: FloatArray, ways: Collection[StatedWay]) -> list[Ter
 
 
 def _ends(
-    rows: IntArray, arms_m: FloatArray, stamps_s: FloatArray, ways: Iterable[StatedWay]
-) -> tuple[IntArray, FloatArray, FloatArray]:
+    table: FloatArray, ways: Iterable[StatedWay], others: Sequence[_End] | None = None
+) -> list[_End]:
     """
-    Return the bodies that points were on at some times, the poses of the points in their frames.
+    Return where the observers and the targets of a table were, by the ways of robots.
 
-    The last array, (m, 2), is what is open of these poses, in m and rad. What is fixed has always
-    been the same body.
+    `others` are those of the robots on no such way. What is fixed has always been the same body.
     """
-    bodies, poses = rows.copy(), np.zeros((len(rows), 3))
-    unknown = np.zeros((len(rows), 2))
-    for way in ways:
-        own = rows == way.row
-        bodies[own], poses[own], unknown[own] = way.ends(stamps_s[own])
-    _turn_arms(poses, arms_m)
-    return bodies, poses, unknown
+    found = []
+    for number, rows in enumerate(table[:, :2].T.astype(int)):
+        count = len(rows)
+        at_rest = _End(rows, np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count, bool))
+        end = deepcopy(others[number] if others else at_rest)
+        for way in ways:
+            if (own := rows == way.row).any():
+                end.bodies[own], end.poses[own], end.unknown[own] = way.ends(table[own, 2])
+                end.moves[own] = True
+        found.append(end)
+    return found
 
 
 def _turn_arms(poses: FloatArray, arms_m: FloatArray) -> None:
