@@ -146,15 +146,16 @@ class BestPointFinder:
             return BestPoint(start_m, agrees(problem, start_m), rotations, unknown, math.inf)
         bodies = self._bodies(start_m, enclosure)
         self._effort += int(bodies.free.sum()) ** 3
-        fit = fit_terms(self._terms, bodies)
-        if among is None and len(start_m) <= MOST_BODIES:
-            for other_m in _further_starts(start_m, enclosure):
-                other = fit_terms(self._terms, self._bodies(other_m, enclosure))
+        if past is None:
+            spread, terms = None, self._terms
+            fit = fit_terms(terms, bodies)
+            has_more = among is None and len(start_m) <= MOST_BODIES
+            for other_m in _further_starts(start_m, enclosure) if has_more else ():
+                other = fit_terms(terms, self._bodies(other_m, enclosure))
                 fit = other if other.cost < LEAST_SHARE * fit.cost else fit
-        spread, terms = None, self._terms
-        if past is not None:
+        else:
             terms = past.terms
-            bodies = self._with_past(past, fit.bodies, yaws_rad)
+            bodies = self._with_past(past, bodies, yaws_rad)
             fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
             spread = past.spread(fit)
         best_m = self._with_sensors(fit, enclosure)

@@ -31,7 +31,12 @@ FIRST_DAMPING = 1e-3
 LEAST_DAMPING = 1e-9
 MOST_DAMPING = 1e6
 LEAST_GAIN = 1e-6
-"""A step that lowers the cost by less than this fraction is the last."""
+"""A step that lowers the cost by less than this fraction, or by less than this, is the last."""
+
+VECTOR_PRODUCT = np.array(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0.0]]
+)
+"""A vector times this is the matrix of its vector product, row by row."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,8 @@ class Bodies:
         """Return the bodies after a step of what is free, as far as the bounds let them go."""
         moves = np.zeros(self.free.shape)
         moves[self.free] = step
-        positions_m = np.clip(self.positions_m + moves[:, :3], self.lower_m, self.upper_m)
+        positions_m = np.minimum(self.positions_m + moves[:, :3], self.upper_m)
+        positions_m = np.maximum(positions_m, self.lower_m)
         positions_m = np.where(self.free[:, :3], positions_m, self.positions_m)
         rotations = self.rotations
         if self.free[:, 3:].any():
@@ -130,7 +136,7 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
         if trial_cost < cost:
             gain, cost, best, (matrix, vector) = cost - trial_cost, trial_cost, trial, equations
             damping = max(0.1 * damping, LEAST_DAMPING)
-            if gain <= LEAST_GAIN * cost:
+            if gain <= LEAST_GAIN * max(1.0, cost):
                 break
         elif (damping := 10.0 * damping) > MOST_DAMPING:
             break
@@ -139,11 +145,9 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
 
 def _small_rotations(turns_rad: FloatArray) -> FloatArray:
     """Return rotations about the axes of the fixed frame, shape (n, 3, 3) (Rodrigues)."""
-    angles_rad = np.linalg.norm(turns_rad, axis=1)[:, None, None]
-    x, y, z = (turns_rad / np.maximum(angles_rad[:, 0], 1e-300)).T
-    cross = np.zeros((len(turns_rad), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross -= np.swapaxes(cross, 1, 2)
+    angles_rad = np.sqrt((turns_rad**2).sum(axis=1))[:, None, None]
+    cross = turns_rad @ VECTOR_PRODUCT
+    cross = cross.reshape(-1, 3, 3) / np.maximum(angles_rad, 1e-300)
     turned = np.sin(angles_rad) * cross + (1.0 - np.cos(angles_rad)) * (cross @ cross)
     return np.asarray(np.eye(3) + turned)
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Fit, equations_at, residuals_of
-from dg_localization.fleet.best_point.stated_way import StatedWay, directions, packed
+from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
 from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, Terms
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
@@ -55,7 +54,7 @@ class _End(NamedTuple):
     """The bodies that observers, or targets, of readings were on, and where in their frames."""
 
     bodies: IntArray  # (m,)
-    poses: FloatArray  # (m, 3): x, y and yaw
+    poses: FloatArray  # (v, m, 3): x, y and yaw, as stated and by each error of odometry
     unknown: FloatArray  # (m, 2): what silent odometry leaves open of these, in m and rad
     moves: NDArray[np.bool_]  # (m,): whether a robot moved there, and what is fixed did not
 
@@ -77,8 +76,9 @@ class Past:
         By row, the poses of robots now that lay what they saw of landmarks on the map.
     ends : frozenset of (str, str)
         Whose measurements the terms contain.
-    ways : tuple of list of Terms
-        For each robot, its terms, and what they were if its odometry erred all along.
+    ways : tuple of Terms
+        For each robot, its terms: arms and values as stated come first of several, and then what
+        they were if its odometry erred all along.
 
     """
 
@@ -87,7 +87,7 @@ class Past:
     poses: FloatArray
     guesses: Mapping[int, FloatArray]
     ends: frozenset[Ends]
-    ways: tuple[list[Terms], ...]
+    ways: tuple[Terms, ...]
 
     def spread(self, fit: Fit) -> FloatArray:
         """
@@ -99,11 +99,13 @@ class Past:
         residuals = residuals_of(self.terms, fit)
         shares = np.sqrt(self.terms.common_errors(residuals)) / np.hypot(1.0, residuals)
         spread, _ = equations_at(self.terms._replace(weights=shares * self.terms.weights), fit)
-        for stated, *erring in self.ways:
-            weights = stated.weights / np.hypot(1.0, residuals_of(stated, fit))
-            _, balance = equations_at(stated._replace(weights=weights), fit)
-            for terms in erring:
-                _, pull = equations_at(terms._replace(weights=weights), fit)
+        for way in self.ways:
+            weights = way.weights / np.hypot(1.0, residuals_of(way.variant(0), fit))
+            weighted = way._replace(weights=weights)
+            balance, *pulls = (
+                equations_at(weighted.variant(number), fit)[1] for number in range(VARIANTS)
+            )
+            for pull in pulls:
                 spread += np.outer(pull - balance, pull - balance)
         return spread
 
@@ -147,20 +149,17 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     count = max(1, min(math.ceil(span_s / SPACING_S), MOST_POSES // len(known)))
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
-    ways_terms = []
-    for way in known:
-        mine = table[(table[:, :2] == way.row).any(axis=1)]
-        # An error of one robot moves the ends on its own way alone.
-        others = _ends(mine, [one for one in known if one is not way])
-        erring = (way, *way.erring())
-        ways_terms.append([_terms(mine, _ends(mine, [one], others), [one]) for one in erring])
+    ends_of_all, steps = _ends(table, known), [way.steps() for way in known]
     return Past(
-        _terms(table, _ends(table, known), known),
+        Terms.joined([*_packed(table, ends_of_all), *steps]).variant(0),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         guesses,
         frozenset(pair for pair, moved in ends.items() if moved.isdisjoint(left_out)),
-        tuple(ways_terms),
+        tuple(
+            Terms.joined([*_packed(*_by_errors(way, table, ends_of_all)), own_steps])
+            for way, own_steps in zip(known, steps, strict=True)
+        ),
     )
 
 
@@ -213,13 +212,25 @@ def _bearing_rad(seen: Observation) -> float:
     return math.atan2(*seen.direction[1::-1])
 
 
-def _terms(table: FloatArray, ends: Sequence[_End], moving: Sequence[StatedWay]) -> Terms:
-    """Return the readings of a table by their ends, and the odometry of those that move."""
-    steps = [part for way in moving for part in way.steps()]
-    return Terms.joined([*_packed_readings(table, ends), *steps])
+def _by_errors(
+    way: StatedWay, table: FloatArray, ends: Sequence[_End]
+) -> tuple[FloatArray, list[_End]]:
+    """Return the readings of a robot and their ends by each error of its own odometry alone."""
+    own = table[:, :2].T == way.row
+    mine = own.any(axis=0)
+    erring = [
+        _End(
+            end.bodies[mine],
+            np.where(on_way[mine, None], end.poses[:, mine], end.poses[0, mine]),
+            end.unknown[mine],
+            end.moves[mine],
+        )
+        for end, on_way in zip(ends, own, strict=True)
+    ]
+    return table[mine], erring
 
 
-def _packed_readings(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
+def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
     """Return the ranges and the rays of observations, as `_readings` has them."""
     distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 3:7].T.copy()
     first, second = ends
@@ -227,19 +238,17 @@ def _packed_readings(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
     apart_m = np.where(np.isfinite(distances_m), distances_m, np.inf)
     unknown_rad = first.unknown[:, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
     bodies = np.stack([first.bodies, second.bodies], axis=-1)
-    arms_m = np.zeros((len(bodies), 2, 3))
+    arms_m = np.zeros((VARIANTS, len(bodies), 2, 3))
     for end, columns in enumerate((slice(7, 9), slice(9, 11))):
-        poses = ends[end].poses.copy()
-        _turn_arms(poses, table[:, columns])
-        arms_m[:, end, :2] = poses[:, :2]
-    values = np.zeros((len(bodies), 3))
-    values[:, 0] = distances_m
-    rays = directions(first.poses[:, 2] + bearings_rad)
+        arms_m[:, :, end, :2] = _points_on(ends[end].poses, table[:, columns])
+    values = np.zeros((VARIANTS, len(bodies), 3))
+    values[..., 0] = distances_m
+    rays = directions(first.poses[..., 2] + bearings_rad)
     ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
     # How what is fixed is turned is not known.
     sighted = np.isfinite(bearings_rad) & first.moves
     return [
-        packed(kind, bodies[known], arms_m[known], value[known], half_widths[known])
+        packed(kind, bodies[known], arms_m[:, known], value[:, known], half_widths[known])
         for kind, known, value, half_widths in (
             (RANGE, ranged, values, half_widths_m + unknown_m),
             (RAY, sighted, rays, errors_rad + unknown_rad),
@@ -247,33 +256,30 @@ def _packed_readings(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
     ]
 
 
-def _ends(
-    table: FloatArray, ways: Iterable[StatedWay], others: Sequence[_End] | None = None
-) -> list[_End]:
+def _ends(table: FloatArray, ways: Iterable[StatedWay]) -> list[_End]:
     """
     Return where the observers and the targets of a table were, by the ways of robots.
 
-    `others` are those of the robots on no such way. What is fixed has always been the same body.
+    What is fixed has always been the same body.
     """
     found = []
-    for number, rows in enumerate(table[:, :2].T.astype(int)):
+    for rows in table[:, :2].T.astype(int):
         count = len(rows)
-        at_rest = _End(rows, np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count, bool))
-        end = deepcopy(others[number] if others else at_rest)
+        poses, unknown = np.zeros((VARIANTS, count, 3)), np.zeros((count, 2))
+        end = _End(rows.copy(), poses, unknown, np.zeros(count, bool))
         for way in ways:
             if (own := rows == way.row).any():
-                end.bodies[own], end.poses[own], end.unknown[own] = way.ends(table[own, 2])
+                end.bodies[own], end.poses[:, own], end.unknown[own] = way.ends(table[own, 2])
                 end.moves[own] = True
         found.append(end)
     return found
 
 
-def _turn_arms(poses: FloatArray, arms_m: FloatArray) -> None:
-    """Move poses (x, y, yaw) of bodies to points on them, in place."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
+    """Return where points on bodies are, shape (..., m, 2), by the poses (x, y, yaw) of these."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     x, y = arms_m.T
-    poses[:, 0] += c * x - s * y
-    poses[:, 1] += s * x + c * y
+    return poses[..., :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def _laid_on_map(way: StatedWay, table: FloatArray, places_m: FloatArray) -> FloatArray | None:
@@ -285,8 +291,8 @@ def _laid_on_map(way: StatedWay, table: FloatArray, places_m: FloatArray) -> Flo
     """
     own = table[table[:, 0] == way.row]
     poses, true_m = way.poses_now(own[:, 2]), places_m[own[:, 1].astype(int)]
-    _turn_arms(poses, own[:, 7:9])
-    seen_m = poses[:, :2] + own[:, 3:4] * directions(poses[:, 2] + own[:, 5])[:, :2]
+    seen_m = _points_on(poses, own[:, 7:9])
+    seen_m += own[:, 3:4] * directions(poses[:, 2] + own[:, 5])[:, :2]
     known = np.isfinite(seen_m).all(axis=1) & np.isfinite(true_m).all(axis=1)
     seen_m, true_m = seen_m[known], true_m[known]
     if len(np.unique(true_m, axis=0)) < 2:

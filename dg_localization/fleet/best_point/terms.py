@@ -13,17 +13,11 @@ A robot that moves is one body now and others before: steps and turns of its odo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.interval.arrays import Interval
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -34,7 +28,6 @@ AT_ORIGIN = (0.0, 0.0, 0.0)
 
 LEAST_HALF_WIDTH = 1e-6
 """A reading without error would outweigh all others beyond the digits of a number."""
-
 
 UNIFORM = 3.0
 """The square of a half width over the variance of an error that is anywhere within it."""
@@ -60,7 +53,7 @@ class Term(NamedTuple):
 
 class Terms(NamedTuple):
     """
-    Terms as the kernel reads them.
+    Terms as the kernel reads them; several arms and values, stacked in front, are variants.
 
     Parameters
     ----------
@@ -97,8 +90,14 @@ class Terms(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[Terms]) -> Terms:
-        """Return the terms of all parts."""
-        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        """Return the terms of all parts, which have equally many variants."""
+        axes = (-1, -2, -3, -2, -1)
+        columns = zip(*parts, strict=True)
+        return cls(*(np.concatenate(c, axis) for c, axis in zip(columns, axes, strict=True)))
+
+    def variant(self, number: int) -> Terms:
+        """Return the terms with one of several arms and values."""
+        return self._replace(arms_m=self.arms_m[number], values=self.values[number])
 
     def common_errors(self, residuals: FloatArray) -> FloatArray:
         """
@@ -114,52 +113,3 @@ class Terms(NamedTuple):
         repeats = 1.0 + np.bincount(self.kinds, 1.0 - 1.0 / counts[groups])
         common = np.maximum(0.0, 1.0 - UNIFORM * np.bincount(self.kinds, scatter) / repeats)
         return 1.0 + common[self.kinds] * (counts[groups] - 1.0)
-
-
-def terms_of(
-    snapshot: Snapshot,
-    solved: Constraints,
-    dropped: frozenset[LinkKey],
-    anchors: Mapping[int, Interval],
-) -> Iterator[Term]:
-    """
-    Yield a term for each reading of a snapshot that counts, between the points of `solved`.
-
-    `anchors` are the coordinates of the anchors by row, where these give the frame.
-    """
-    rows = solved.rows
-    config, arms_m = snapshot.config, snapshot.mounts.arms_m
-
-    def end(point: str) -> tuple[int, ArrayLike]:
-        """Return the body of a point, and where on the body it is."""
-        return rows[config.robot_of(point)], arms_m.get(point, AT_ORIGIN)
-
-    for reading in snapshot.distances:
-        key = reading.key
-        counts = key not in dropped and math.isfinite(reading.likeliest_m)
-        if counts and rows.keys() >= {key.observer, key.target}:
-            (first, first_arm_m), (second, second_arm_m) = end(key.observer), end(key.target)
-            half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
-            value = (reading.likeliest_m, 0.0, 0.0)
-            if first != second:
-                yield Term(RANGE, first, second, value, half_width_m, first_arm_m, second_arm_m)
-    for observer, rays in solved.rays.items():
-        for ray in rays:
-            (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
-            # Who may look anywhere has seen nothing.
-            if row != target and ray.half_width_rad < math.pi:
-                error_rad = config.bearing_expected_error_of(observer, ray.key.target)
-                direction = _turned_back(ray.direction, error_rad)
-                yield Term(RAY, row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
-    for row, box in anchors.items():
-        if (box.lower < box.upper).any():
-            place_m = 0.5 * (box.lower + box.upper)
-            half_width_m = 0.5 * float((box.upper - box.lower).max())
-            yield Term(PLACE, row, row, (*place_m, 0.0)[:3], half_width_m)
-
-
-def _turned_back(direction: np.ndarray, error_rad: float) -> np.ndarray:
-    """Return a direction without an error about the vertical axis."""
-    c, s = math.cos(error_rad), math.sin(error_rad)
-    x, y, z = direction
-    return np.array([c * x + s * y, c * y - s * x, z])

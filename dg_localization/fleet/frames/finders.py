@@ -5,16 +5,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
 from dg_localization.fleet.best_point.past import past_of
-from dg_localization.fleet.best_point.terms import Terms, terms_of
+from dg_localization.fleet.best_point.terms import (
+    AT_ORIGIN,
+    PLACE,
+    RANGE,
+    RAY,
+    Term,
+    Terms,
+)
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.plan import FramePlan
@@ -40,7 +47,7 @@ def finder_of(
         for point, arm_m in snapshot.mounts.arms_m.items()
         if point in rows
     ]
-    terms = list(terms_of(snapshot, solved, dropped, anchors_of(snapshot, plan)))
+    terms = list(_terms_of(snapshot, solved, dropped, anchors_of(snapshot, plan)))
     return BestPointFinder(solved.problem(), terms, plan.held, sensors)
 
 
@@ -83,7 +90,7 @@ def fit_with_past(
     if among and np.any(among[0] > among[1]):
         return placement
     in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
-    beside = Terms.of([*terms_of(snapshot, solved, in_past, anchors_of(snapshot, plan))])
+    beside = Terms.of([*_terms_of(snapshot, solved, in_past, anchors_of(snapshot, plan))])
     past = replace(past, terms=Terms.joined([beside, past.terms]))
     places_m, boxes_m = _places_of_all(snapshot, placement)
     enclosure = Interval(boxes_m[points, 0], boxes_m[points, 1])
@@ -144,3 +151,52 @@ def _squared_bounds(
     lower_m2[here] = np.maximum(lower_m2[here], apart.lower)
     upper_m2[here] = np.minimum(upper_m2[here], apart.upper)
     return lower_m2, upper_m2
+
+
+def _terms_of(
+    snapshot: Snapshot,
+    solved: Constraints,
+    dropped: frozenset[LinkKey],
+    anchors: Mapping[int, Interval],
+) -> Iterator[Term]:
+    """
+    Yield a term for each reading of a snapshot that counts, between the points of `solved`.
+
+    `anchors` are the coordinates of the anchors by row, where these give the frame.
+    """
+    rows = solved.rows
+    config, arms_m = snapshot.config, snapshot.mounts.arms_m
+
+    def end(point: str) -> tuple[int, ArrayLike]:
+        """Return the body of a point, and where on the body it is."""
+        return rows[config.robot_of(point)], arms_m.get(point, AT_ORIGIN)
+
+    for reading in snapshot.distances:
+        key = reading.key
+        counts = key not in dropped and math.isfinite(reading.likeliest_m)
+        if counts and rows.keys() >= {key.observer, key.target}:
+            (first, first_arm_m), (second, second_arm_m) = end(key.observer), end(key.target)
+            half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
+            value = (reading.likeliest_m, 0.0, 0.0)
+            if first != second:
+                yield Term(RANGE, first, second, value, half_width_m, first_arm_m, second_arm_m)
+    for observer, rays in solved.rays.items():
+        for ray in rays:
+            (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
+            # Who may look anywhere has seen nothing.
+            if row != target and ray.half_width_rad < math.pi:
+                error_rad = config.bearing_expected_error_of(observer, ray.key.target)
+                direction = _turned_back(ray.direction, error_rad)
+                yield Term(RAY, row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
+    for row, box in anchors.items():
+        if (box.lower < box.upper).any():
+            place_m = 0.5 * (box.lower + box.upper)
+            half_width_m = 0.5 * float((box.upper - box.lower).max())
+            yield Term(PLACE, row, row, (*place_m, 0.0)[:3], half_width_m)
+
+
+def _turned_back(direction: FloatArray, error_rad: float) -> FloatArray:
+    """Return a direction without an error about the vertical axis."""
+    c, s = math.cos(error_rad), math.sin(error_rad)
+    x, y, z = direction
+    return np.array([c * x + s * y, c * y - s * x, z])
