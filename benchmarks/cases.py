@@ -54,8 +54,8 @@ class Case:
         The placements an answer has to contain, in m; mirror images are left out.
     resolution : float
         In m, for the solver and the other methods.
-    tighten_slices : int
-        How many slices of each finished box the solver examines to tighten it.
+    tighten_seconds : float
+        Until when the solver narrows finished boxes by linear programs, in s.
     hull : {'exact', 'linearized', None}
         What the widths are compared with.
     others : tuple of str
@@ -77,15 +77,13 @@ class Case:
     placements: tuple[FloatArray, ...]
     target: Target
     resolution: float = 0.05
-    tighten_slices: int = 0
+    tighten_seconds: float = 0.0
     hull: str | None = None
     others: tuple[str, ...] = ()
     max_seconds: float = 30.0
     max_boxes: int = 20000
     quick: bool = True
 
-
-TIGHTEN_SLICES = 2000
 
 RANDOM_TARGETS = {
     (2, 10): Target(seconds=2e-3, width=1.1),
@@ -143,7 +141,7 @@ def _fleet_cases() -> Iterator[Case]:
         problem=fleet(sides=True),
         placements=placements[:1],
         target=Target(seconds=5e-3, hypotheses=1, width=1.02),
-        tighten_slices=TIGHTEN_SLICES,
+        tighten_seconds=np.inf,
         hull='exact',
     )
     for percent in (1, 3, 5):
@@ -152,8 +150,8 @@ def _fleet_cases() -> Iterator[Case]:
             title=f"paper's fleet, ranges to {percent} %, no sides, tightened",
             problem=fleet(percent / 100.0),
             placements=placements,
-            target=Target(boxes=31, hypotheses=8, width=1.05 if percent == 3 else None),
-            tighten_slices=TIGHTEN_SLICES,
+            target=Target(boxes=31, hypotheses=8, width=1.5 if percent == 3 else None),
+            tighten_seconds=np.inf,
             hull='exact',
             others=('codac',) if percent == 3 else (),
             quick=percent == 3,
@@ -163,8 +161,8 @@ def _fleet_cases() -> Iterator[Case]:
             title=f"paper's fleet, ranges to {percent} %, three sides, tightened",
             problem=fleet(percent / 100.0, sides=True),
             placements=placements[:1],
-            target=Target(boxes=31, hypotheses=1, width=1.05 if percent == 3 else None),
-            tighten_slices=TIGHTEN_SLICES,
+            target=Target(boxes=31, hypotheses=1, width=1.5 if percent == 3 else None),
+            tighten_seconds=np.inf,
             hull='exact',
             others=('codac', 'scip') if percent == 3 else (),
             quick=percent == 3,

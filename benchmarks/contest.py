@@ -214,7 +214,7 @@ def score(case: Case, hulls: Sequence[Hull]) -> Score:
 
 def solver_options(case: Case) -> SolverOptions:
     """Return how the solver is asked to treat a case."""
-    return SolverOptions(case.resolution, case.max_boxes, case.max_seconds, case.tighten_slices)
+    return SolverOptions(case.resolution, case.max_boxes, case.max_seconds, case.tighten_seconds)
 
 
 def rows(case: Case, effort: Effort) -> list[Row]:

@@ -167,14 +167,14 @@ def large_fleets(quick: bool) -> Rows:
 
 def hull_widths(quick: bool) -> Rows:
     """Yield widths over the linearized hull, with one pass and with linear programs."""
-    for n_points, error, slices in product((10, 20), (0.01, 0.03), (0, 1)):
+    for n_points, error, tighten_s in product((10, 20), (0.01, 0.03), (0.0, np.inf)):
         ratios, taken_s = [], []
         for seed in range(2 if quick else 5):
             problem, positions = random_fleet(n_points, 2, error, seed)
-            result, seconds = seconds_of(problem, SolverOptions(tighten_slices=slices))
+            result, seconds = seconds_of(problem, SolverOptions(tighten_seconds=tighten_s))
             ratios += widths.ratios_of(result, problem, positions)
             taken_s.append(seconds)
-        way = 'linear programs' if slices else 'one pass'
+        way = 'linear programs' if tighten_s else 'one pass'
         yield (
             f'n = {n_points}, {error:.0%}, {way}',
             {'median': float(np.median(ratios)), 'ms': 1e3 * float(np.median(taken_s))},

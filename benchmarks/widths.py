@@ -7,7 +7,7 @@ How wide the answers are, over the linearized hull, and what each step of tighte
 Random trilaterable fleets; the pairs that were not measured, in the hypothesis that holds the
 truth::
 
-    python -m benchmarks.widths [--seeds 4] [--slices 2000]
+    python -m benchmarks.widths [--seeds 4]
     python -m benchmarks.widths --networks
 
 The second line is for the networks in space of `benchmarks.pieces`, whose pairs that were measured
@@ -123,24 +123,22 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--seeds', type=int, default=4, help='fleets of each kind')
-    parser.add_argument('--slices', type=int, default=2000, help='most slices of a box')
     parser.add_argument('--networks', action='store_true', help='only the networks in space')
     arguments = parser.parse_args()
     if arguments.networks:
         networks()
         return
-    # Linear programs come before slices, and one slice is none.
-    ways = (0, 1, arguments.slices)
+    ways = (0.0, np.inf)
     print('Ratio: median / largest width over the linearized hull. Time: the median fleet.\n')
-    print('| fleet | one pass | time | linear programs | time | and slices | time |')
-    print('|---|---|---|---|---|---|---|')
-    solve(random_fleet(10, 2, 0.01, 0)[0], SolverOptions(tighten_slices=1))
+    print('| fleet | one pass | time | linear programs | time |')
+    print('|---|---|---|---|---|')
+    solve(random_fleet(10, 2, 0.01, 0)[0], SolverOptions(tighten_seconds=np.inf))
     for n_points, dimension, relative_error in FLEETS:
         efforts = [Effort([], []) for _ in ways]
         for seed in range(arguments.seeds):
             problem, positions = random_fleet(n_points, dimension, relative_error, seed)
-            for effort, slices in zip(efforts, ways, strict=True):
-                seconds, result = timed(problem, SolverOptions(tighten_slices=slices))
+            for effort, tighten_s in zip(efforts, ways, strict=True):
+                seconds, result = timed(problem, SolverOptions(tighten_seconds=tighten_s))
                 effort.seconds.append(seconds)
                 effort.ratios.extend(ratios_of(result, problem, positions))
         base_s = float(np.median(efforts[0].seconds))

@@ -420,9 +420,9 @@ SEARCHING = [
         'search/tightening',
         ('test/solver/test_tightening.py',),
         (
-            'a slice that is not empty is cut off all the same',
-            'new = cut if left is None else float(left[end, *pair])',
-            'new = cut',
+            'a box is tightened when its time is over',
+            'if stopped():\n        return box',
+            'if False:\n        return box',
         ),
     ),
     *_in(

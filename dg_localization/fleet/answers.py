@@ -103,7 +103,7 @@ def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions
         yield replace(
             options,
             max_seconds=max(LEAST_S, (options.max_seconds - spent_s) / n_left),
-            tighten_seconds=max(LEAST_S, (options.tighten_seconds - spent_s) / n_left),
+            tighten_seconds=max(0.0, (options.tighten_seconds - spent_s) / n_left),
         )
 
 

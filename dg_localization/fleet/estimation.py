@@ -144,7 +144,7 @@ def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions
     config = snapshot.config
     placed = {config.robots[robot] for robot in recalled.pose_sets.covers} | config.anchors.keys()
     if config.dimension == 2 and placed >= {*config.robots}:
-        return replace(snapshot.solver, tighten_slices=0)
+        return replace(snapshot.solver, tighten_seconds=0.0)
     return snapshot.solver
 
 

@@ -27,12 +27,10 @@ class SolverOptions:
         Most boxes to process.
     max_seconds : float
         Most time to spend, in seconds.
-    tighten_slices : int
-        How many slices of a finished box to examine, to bring its bounds towards the exact hull.
-        Linear programs come first; with 1 to 3 there are only these, with 0 not even they.
     tighten_seconds : float
-        From this time of a call on, in seconds, boxes are not tightened any more. Hypotheses of
-        the whole fleet, which are built when they are asked for, have as much time again.
+        Until this time of a call, in seconds, linear programs narrow the bounds of finished boxes;
+        0 leaves them as they are. Hypotheses of the whole fleet, which are built when they are
+        asked for, have as much time again.
     max_hypotheses : int
         Most hypotheses of the whole fleet to build from those of its pieces.
 
@@ -46,19 +44,18 @@ class SolverOptions:
     resolution: float = 0.05
     max_boxes: int = 2000
     max_seconds: float = float('inf')
-    tighten_slices: int = 0
-    tighten_seconds: float = float('inf')
+    tighten_seconds: float = 0.0
     max_hypotheses: int = 64
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         self._check_real('resolution', ' m')
         self._check_real('max_seconds', ' s')
-        self._check_real('tighten_seconds', ' s')
+        self._check_real('tighten_seconds', ' s', zero=True)
         if not self.resolution <= LARGEST_RESOLUTION_M:
             text = f'must be positive and finite, at most {LARGEST_RESOLUTION_M} m'
             raise ValueError(f'resolution is {self.resolution} m, it {text}')
-        for name, least in (('max_boxes', 1), ('tighten_slices', 0), ('max_hypotheses', 1)):
+        for name, least in (('max_boxes', 1), ('max_hypotheses', 1)):
             self._check_whole(name, least)
 
     def limited(self, max_boxes: int, max_seconds: float, tighten_seconds: float) -> SolverOptions:
@@ -69,11 +66,11 @@ class SolverOptions:
         )
         return options
 
-    def _check_real(self, name: str, unit: str) -> None:
-        """Refuse what is no positive number, and keep the others as floats."""
+    def _check_real(self, name: str, unit: str, zero: bool = False) -> None:
+        """Refuse all but positive numbers, and zero where allowed; keep these as floats."""
         value = getattr(self, name)
         is_number = isinstance(value, Real) and not isinstance(value, bool)
-        if not is_number or not value > 0.0:
+        if not is_number or not (value > 0.0 or (zero and value == 0.0)):
             raise ValueError(f'{name} is {value}{unit}, it must be a positive number')
         object.__setattr__(self, name, float(value))
 

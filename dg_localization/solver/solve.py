@@ -150,7 +150,7 @@ def load_kernels() -> float:
     start = time.perf_counter()
     if not COMPILED:
         return 0.0
-    options = SolverOptions(max_boxes=8, tighten_slices=2)
+    options = SolverOptions(max_boxes=8, tighten_seconds=math.inf)
     for dimension in (2, 3):
         for problem in (
             _joined_simplices(dimension, closed=False),

@@ -142,7 +142,7 @@ class Flight:
             'max_age_s': 0.5,
             'memory_s': 15.0,
             'memory_max_seconds': math.inf,
-            'solver': SolverOptions(max_boxes=50, tighten_slices=0),
+            'solver': SolverOptions(max_boxes=50),
         }
         self.localizer = Localizer(FleetConfig(robots=self.names, **{**defaults, **settings}))
         self.fliers = [Flier(self.random, steepest_rad) for _ in self.names]

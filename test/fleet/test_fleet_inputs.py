@@ -54,7 +54,7 @@ def link(localizer, now_s=NOW_S, row=0):
 
 
 def test_a_snapshot_may_be_given_less_time_for_bounds_and_never_more(config):
-    options = replace(config.solver, tighten_slices=20, tighten_seconds=0.1)
+    options = replace(config.solver, tighten_seconds=0.1)
     localizer = Localizer(replace(config, solver=options))
     assert localizer.snapshot(NOW_S).solver == options
     assert localizer.snapshot(NOW_S, 0.02).solver == replace(options, tighten_seconds=0.02)

@@ -39,7 +39,7 @@ def joined_case(seed, max_points=9):
     options = SolverOptions(
         resolution=size * float(rng.choice([1e-6, 1e-3, 1e-2, 0.1])),
         max_boxes=int(rng.choice([2, 10, 40, 100])),
-        tighten_slices=int(rng.choice([0, 0, 0, 0, 20])),
+        tighten_seconds=float(rng.choice([0.0, 0.0, 0.0, 0.0, np.inf])),
     )
     return Case(Problem(lower, upper, dimension, sides, chiralities), options, positions)
 
@@ -57,7 +57,7 @@ def grown_case(seed, max_points=12):
     options = SolverOptions(
         resolution=size * float(rng.choice([1e-6, 1e-2, 0.1])),
         max_boxes=int(rng.choice([2, 10, 20])),
-        tighten_slices=int(rng.choice([0, 0, 0, 20])),
+        tighten_seconds=float(rng.choice([0.0, 0.0, 0.0, np.inf])),
     )
     return Case(Problem(lower, upper, 3, sides, chiralities), options, positions)
 

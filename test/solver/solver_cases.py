@@ -99,7 +99,7 @@ def random_case(seed, max_points=9):
     options = SolverOptions(
         resolution=size * float(rng.choice([1e-6, 1e-3, 1e-2, 0.1])),
         max_boxes=int(rng.choice([1, 2, 5, 10, 10, 25])),
-        tighten_slices=int(rng.choice([0, 0, 0, 20, 80])),
+        tighten_seconds=float(rng.choice([0.0, 0.0, 0.0, np.inf, np.inf])),
     )
     return Case(problem, options, positions)
 

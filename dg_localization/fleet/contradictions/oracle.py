@@ -45,7 +45,7 @@ class ContradictionOracle:
         self._cancel = cancel
         self._everything = frozenset(snapshot.keys)
         options = snapshot.config.solver
-        self._thorough = replace(options, tighten_slices=0)
+        self._thorough = replace(options, tighten_seconds=0.0)
         boxes = min(BRIEF_BOXES, options.max_boxes)
         self._brief = replace(self._thorough, max_boxes=boxes, max_hypotheses=1)
 

@@ -45,7 +45,7 @@ class Assembly:
         self.combinations = combinations
         self._linker = linker
         self._within = within
-        self._without_slices = replace(options, tighten_slices=0)
+        self._untightened = replace(options, tighten_seconds=0.0)
         self._every = tuple(range(problem.n_points))
 
     def __getstate__(self) -> dict[str, object]:
@@ -99,7 +99,7 @@ class Assembly:
             if in_twos:
                 return smoothed(problem, self._within)
             # What the first time says of flat pieces tells the sides of those at their ends.
-            bounds = contracted(problem, options or self._without_slices, self._within, stopped)
+            bounds = contracted(problem, options or self._untightened, self._within, stopped)
             if bounds is None:
                 return None
         return bounds

@@ -211,7 +211,7 @@ class CallBudget:
         return self.options.limited(
             max_boxes,
             max(LEAST_S, max_seconds),
-            max(LEAST_S, self.options.tighten_seconds - self.seconds()),
+            max(0.0, self.options.tighten_seconds - self.seconds()),
         )
 
     def _spend(self, statistics: Statistics, has_boxes: bool) -> None:

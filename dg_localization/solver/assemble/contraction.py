@@ -62,12 +62,9 @@ def contracted(
         if pruned.status is Status.EMPTY:
             return None
         box = pruned.box
-        if options.tighten_slices:
+        if options.tighten_seconds > 0.0:
             tightened = tighten(
-                Pruner(problem, options),
-                box,
-                options.tighten_slices,
-                lambda: stopped() or budget.tightening_stopped(),
+                Pruner(problem, options), box, lambda: stopped() or budget.tightening_stopped()
             )
             if tightened is None:
                 return None

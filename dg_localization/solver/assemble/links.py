@@ -65,7 +65,7 @@ class Linker:
         self._pieces = solved.pieces
         self._budget = budget
         self._of_two: dict[tuple[int, ...], tuple[Points, Bounds] | None] = {}
-        self._options = replace(budget.options, tighten_slices=0)
+        self._options = replace(budget.options, tighten_seconds=0.0)
         self._crossing: dict[int, set[int]] = {}
         for i, j in crossing_pairs(problem, solved.pieces):
             self._crossing.setdefault(i, set()).add(j)

@@ -246,10 +246,8 @@ class Product:
             if not listing.may_step() or len(listing.found) >= listing.most:
                 listing.is_complete = False
                 return
-            left = end - time.perf_counter()
-            options = replace(self._options, tighten_slices=0)
-            if left > 0.0:
-                options = replace(self._options, tighten_seconds=left)
+            left_s = max(0.0, end - time.perf_counter())
+            options = replace(self._options, tighten_seconds=left_s)
             is_first = not listing.found
             listing.found += self._hypotheses(combination, options, stopped, is_first)
 

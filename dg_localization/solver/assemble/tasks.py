@@ -122,7 +122,7 @@ def _left_of(options: SolverOptions, passed_s: float) -> SolverOptions:
     return options.limited(
         options.max_boxes,
         max(LEAST_S, options.max_seconds - passed_s),
-        max(LEAST_S, options.tighten_seconds - passed_s),
+        max(0.0, options.tighten_seconds - passed_s),
     )
 
 

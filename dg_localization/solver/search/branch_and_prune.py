@@ -59,7 +59,7 @@ class Budget:
 
     def tightening_stopped(self) -> bool:
         """Return whether boxes are to be left as wide as they are."""
-        return self.stopped() or self.seconds() > self._tighten_seconds
+        return self.seconds() > self._tighten_seconds or self.stopped()
 
     def statistics(self, cover: Cover, n_pending: int) -> Statistics:
         """Return the effort so far."""

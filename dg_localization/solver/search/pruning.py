@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The prune step of the search: the contraction of boxes and of slices of one problem."""
+"""The prune step of the search: the contraction of boxes of one problem."""
 
 from __future__ import annotations
 
@@ -9,24 +9,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, sub_box
-from dg_localization.solver.contract.combination import combine
 from dg_localization.solver.contract.fixed_point import Contractor, Goal, Pruned
-from dg_localization.solver.contract.groups import groups_of, with_measured_pair
+from dg_localization.solver.contract.groups import groups_of
 from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.reduction import SMALL_FLEET
-from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
 
 MAX_SWEEPS = 50
-SLICE_SWEEPS = 3
-"""Most sweeps over all axes, for a box and for a slice, which gains most from the first ones."""
-
-Pair = tuple[int, int]
+"""Most sweeps over all axes."""
 
 
 def _never() -> bool:
@@ -45,7 +39,6 @@ class Pruner:
         small = problem.n_points <= SMALL_FLEET
         axes_per_test = n_axes if small else problem.n_points // 2
         self._goal = Goal(options.resolution, EXPLAINED_FACTOR, MAX_SWEEPS, axes_per_test)
-        self._slice_goal = Goal(options.resolution, 0.0, SLICE_SWEEPS, n_axes)
 
     def whole(self) -> FloatArray | None:
         """Return the box of the problem itself, None where the triangles prove it to be empty."""
@@ -59,20 +52,6 @@ class Pruner:
     def prune(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
         """Contract a box."""
         return self._contractor.contract(box, self._groups, self._goal, stopped)
-
-    def prune_slice(self, box: FloatArray, pair: Pair, stopped: Callable[[], bool]) -> Pruned:
-        """
-        Contract a slice of a finished box.
-
-        The pair that it was cut along is bounded by the slice alone, and counts as measured.
-        """
-        groups = with_measured_pair(self._groups, pair)
-        combined, explained = box.copy(), np.zeros(box.shape[1:])
-        with until(stopped):
-            if not combine(*groups, combined, self.problem.dimension, explained):
-                return Pruned(Status.EMPTY, combined, explained)
-            return self._contractor.contract(combined, groups, self._slice_goal, stopped)
-        return Pruned(Status.UNFINISHED, box, explained)
 
     def narrow_in_frame(
         self, box: FloatArray, positions: FloatArray, pairs: IntArray, explained: FloatArray

@@ -48,8 +48,8 @@ def search(
             budget,
             progress,
         )
-    if not cover.pending and options.tighten_slices:
-        _tighten_kept(cover, pruner, options.tighten_slices, budget)
+    if not cover.pending:
+        _tighten_kept(cover, pruner, budget)
     return cover, budget.statistics(cover, len(cover.pending))
 
 
@@ -99,9 +99,9 @@ def _common_parts(
     return parts
 
 
-def _tighten_kept(cover: Cover, pruner: Pruner, slices: int, budget: Budget) -> None:
+def _tighten_kept(cover: Cover, pruner: Pruner, budget: Budget) -> None:
     """Tighten the boxes that were kept; one that turns out to be empty is dropped."""
-    tightened = [tighten(pruner, box, slices, budget.tightening_stopped) for box in cover.kept]
+    tightened = [tighten(pruner, box, budget.tightening_stopped) for box in cover.kept]
     left = [box for box in tightened if box is not None]
     cover.empty += len(cover.kept) - len(left)
     cover.kept = left

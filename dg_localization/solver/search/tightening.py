@@ -2,136 +2,116 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Tightening of a finished box towards the exact hull.
+Tightening of a finished box: linear programs bound the distances that were not measured.
 
-First the unknown pairs are bounded by linear programs (`linear_programs`). That comes close to the
-linearized hull; effects of higher order remain, and for these there are slices.
-
-A slice is the outermost part of the interval of one pair. Contraction cuts off what it proves to
-be empty of it. Within a slice that one distance is nearly known, like a measured one, and near an
-extreme of a distance all measured distances are at extremes of their own: a slice contracts far
-better than the box it was cut from. Both ends of every interval are trimmed by slices of
-decreasing thickness, until slices cut nothing off. Slices too few for all ends are cut off those
-pairs that linear programs leave much wider than they explain.
+A frame is made at the pair of which most is unexplained, and serves all open pairs that share a
+point with it. A pair is closed when it is hardly wider than its linear program explains. Frames
+come to an end when no pair is open, or when some in a row gained nothing: effects of higher order
+are then too large for linear programs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, cut_at
-from dg_localization.solver.contract.reduction import SMALL_FLEET
+import numpy as np
+
+from dg_localization.interval.kernels import until
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.contract.status import Status
-from dg_localization.solver.search.linear_programs import (
-    narrow_by_linear_programs,
-    open_pairs,
-    unexplained_pairs,
-)
-from dg_localization.solver.search.pruning import Pair, Pruner
+from dg_localization.solver.place.hypotheses import place_problem
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.pruning import Pruner
 
-THICKEST_SLICE = 0.5
-THINNEST_SLICE = 1.0 / 64.0
-"""Fractions of the width of an interval."""
+WELL_EXPLAINED = 0.01
+"""An interval this close to the first-order effect of the errors, relatively, is left alone."""
 
-PASSES = 2
-"""How often each interval is trimmed; the second time benefits from the other intervals."""
+CLOSED_WIDTH = 1.05
+"""A pair is closed below this width, over what its linear program explains."""
 
-LEAST_CUT = 0.3
-"""After a slice of which less than this fraction is cut off, the next is half as thick."""
-
-LEAST_SLICES = 4
-"""Fewer slices are not cut."""
-
-MOST_IDLE_SLICES = 50
-"""Tightening ends after so many slices in a row that cut nothing off, in a small fleet."""
-
-SLICE_POWER = 2
-"""The work of a slice grows with this power of the points: fewer idle ones are accepted."""
-
-LEAST_CUT_OF_INTERVAL = 0.01
-"""A smaller cut, as a fraction of the interval, counts as none."""
+LEAST_GAIN = 0.1
+MOST_IDLE_FRAMES = 10
+"""There are no more frames after so many in a row that shorten no interval by this fraction."""
 
 
-class _Slicer:
-    """Cuts slices off one box, until the number of slices is used up."""
+class _Frames:
+    """The unexplained pairs of a box, and what linear programs have explained of them so far."""
 
-    def __init__(
-        self, pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
-    ) -> None:
-        self._pruner = pruner
-        self._stopped = stopped
-        self.box = box
-        self.slices = slices
-        self._idle_slices = 0
-        ratio = min(1.0, SMALL_FLEET / pruner.problem.n_points)
-        self._most_idle = max(1, round(MOST_IDLE_SLICES * ratio**SLICE_POWER))
+    def __init__(self, box: FloatArray, pairs: IntArray) -> None:
+        self._box = box
+        self._pairs = pairs
+        self._explained = np.zeros(len(pairs))
+        self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
 
-    def trim(self, pair: Pair, end: int) -> bool:
-        """Cut slices of decreasing thickness off one end; return whether anything is left."""
-        thickness = THICKEST_SLICE
-        while thickness >= THINNEST_SLICE and self._may_go_on():
-            thick = thickness * self._width(pair)
-            part, cut = self._slice(pair, end, thick)
-            left = self._contracted(part, pair)
-            new = cut if left is None else float(left[end, *pair])
-            cut_off = abs(self.box[end, *pair] - new)
-            if not self._set_end(pair, end, new):
-                return False
-            if cut_off < LEAST_CUT * thick:
-                thickness *= 0.5
-        return True
+    def next_frame(self) -> IntArray | None:
+        """Return the numbers of the pairs for the next frame, its axis first; None at the end."""
+        width = self._widths()
+        excess = np.full(len(width), np.inf)
+        np.divide(width, self._explained, out=excess, where=self._explained > 0.0)
+        is_open = excess > CLOSED_WIDTH
+        candidates = np.flatnonzero(is_open & ~self._was_axis)
+        if not len(candidates):
+            return None
+        axis = candidates[np.lexsort((width[candidates], excess[candidates]))[-1]]
+        self._was_axis[axis] = True
+        meets = np.isin(self._pairs, self._pairs[axis]).any(axis=1)
+        others = np.flatnonzero(is_open & meets)
+        return np.concatenate([[axis], others[others != axis]])
 
-    def _may_go_on(self) -> bool:
-        """Return whether slices and time are left, and slices still cut something off."""
-        idle = self._idle_slices >= self._most_idle
-        return self.slices > 0 and not idle and not self._stopped()
+    def narrow(self, pruner: Pruner, positions: FloatArray, chosen: IntArray) -> float | None:
+        """Narrow some pairs; return the largest relative gain, None when the box is empty."""
+        before = self._widths()[chosen]
+        explained = np.zeros(len(chosen))
+        if not pruner.narrow_in_frame(self._box, positions, self._pairs[chosen], explained):
+            return None
+        known = self._explained[chosen]
+        least = np.where(known > 0.0, np.minimum(known, explained), explained)
+        self._explained[chosen] = np.where(explained > 0.0, least, known)
+        gains = np.zeros(len(chosen))
+        np.divide(before - self._widths()[chosen], before, out=gains, where=before > 0.0)
+        return float(gains.max())
 
-    def _width(self, pair: Pair) -> float:
-        return float(self.box[UPPER, *pair] - self.box[LOWER, *pair])
-
-    def _slice(self, pair: Pair, end: int, thick: float) -> tuple[FloatArray, float]:
-        """Return the outermost part of an interval, and where it was cut off."""
-        cut = float(self.box[end, *pair]) + (thick if end == LOWER else -thick)
-        below, above = cut_at(self.box, pair, cut, cut)
-        return (below if end == LOWER else above), cut
-
-    def _contracted(self, part: FloatArray, pair: Pair) -> FloatArray | None:
-        """Return a slice after contraction, None when it is empty."""
-        self.slices -= 1
-        self._idle_slices += 1
-        pruned = self._pruner.prune_slice(part, pair, self._stopped)
-        return None if pruned.status is Status.EMPTY else pruned.box
-
-    def _set_end(self, pair: Pair, end: int, value: float) -> bool:
-        """Move one end of an interval; return whether anything is left."""
-        i, j = pair
-        if abs(value - self.box[end, i, j]) > LEAST_CUT_OF_INTERVAL * self._width(pair):
-            self._idle_slices = 0
-        self.box[end, [i, j], [j, i]] = value
-        return bool(self.box[LOWER, i, j] <= self.box[UPPER, i, j])
+    def _widths(self) -> FloatArray:
+        rows, columns = self._pairs.T
+        return np.asarray(self._box[UPPER, rows, columns] - self._box[LOWER, rows, columns])
 
 
-def tighten(
-    pruner: Pruner, box: FloatArray, slices: int, stopped: Callable[[], bool]
-) -> FloatArray | None:
-    """Narrow the intervals of a finished box."""
+def _unexplained_pairs(problem: Problem, pruned: Pruned) -> IntArray:
+    """
+    Return the unknown pairs whose width the errors do not explain, the widest first.
+
+    To first order the explained width is that of the exact hull. An interval that is narrower, as
+    well as a wider one, shows that effects of higher order matter.
+    """
+    known = np.isinf(problem.upper) & (pruned.explained > 0.0)
+    width = pruned.box[UPPER] - pruned.box[LOWER]
+    excess = np.divide(width, pruned.explained, out=np.ones_like(width), where=known)
+    pairs = np.argwhere(np.triu(np.abs(excess - 1.0) > WELL_EXPLAINED))
+    return pairs[np.argsort(-excess[tuple(pairs.T)], kind='stable')]
+
+
+def tighten(pruner: Pruner, box: FloatArray, stopped: Callable[[], bool]) -> FloatArray | None:
+    """Return a finished box narrowed by linear programs, None where they prove it empty."""
     if stopped():
         return box
     # Contraction also returns which widths the errors explain.
     pruned = pruner.prune(box, stopped)
     if pruned.status is Status.EMPTY:
         return None
-    if pruned.status is Status.UNFINISHED:
+    pairs = _unexplained_pairs(pruner.problem, pruned)
+    if pruned.status is Status.UNFINISHED or not len(pairs):
         return pruned.box
-    if not narrow_by_linear_programs(pruner, pruned, stopped):
-        return None
-    if slices < LEAST_SLICES:
-        return pruned.box
-    ends = list(product(unexplained_pairs(pruner.problem, pruned), (UPPER, LOWER)))
-    if slices < len(ends):
-        ends = list(product(open_pairs(pruner.problem, pruned), (UPPER, LOWER)))
-    slicer = _Slicer(pruner, pruned.box, slices, stopped)
-    if not all(slicer.trim(pair, end) for pair, end in ends * PASSES):
-        return None
-    return slicer.box
+    positions = place_problem(pruner.problem, pruned.box)
+    frames = _Frames(pruned.box, pairs)
+    n_idle = 0
+    with until(stopped):
+        while n_idle < MOST_IDLE_FRAMES and not stopped():
+            chosen = frames.next_frame()
+            if chosen is None:
+                break
+            gain = frames.narrow(pruner, positions, chosen)
+            if gain is None:
+                return None
+            n_idle = n_idle + 1 if gain < LEAST_GAIN else 0
+    return pruned.box

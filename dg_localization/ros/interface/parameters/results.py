@@ -182,19 +182,12 @@ SOLVER = Section(
         'solver.max_seconds': Spec(
             1.0, 'longest time of one solve. `.inf` for no limit.', 's', 0.001, finite=False
         ),
-        'solver.tighten_slices': Spec(
-            20,
-            'most slices examined of each finished box, to tighten it. More slices give '
-            'narrower bounds and take longer; 0 skips the tightening.',
-            '',
-            0,
-        ),
         'solver.tighten_seconds': Spec(
             0.1,
-            'time of one solve from which on nothing is tightened any more. The node spends '
-            'less where estimates would be late for `rate`. `.inf` for no limit.',
+            'time of one solve until which linear programs narrow its bounds; 0 for never. The '
+            'node spends less where estimates would be late for `rate`. `.inf` for no limit.',
             's',
-            0.001,
+            0.0,
             finite=False,
         ),
     },
