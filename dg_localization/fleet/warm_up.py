@@ -43,8 +43,8 @@ def warm_up(report: Callable[[str], object] | None = None) -> None:
     Parameters
     ----------
     report : callable, optional
-        Called from another thread with that line and the seconds so far, whenever more is
-        compiled, such as `print`; never where all kernels are only loaded.
+        Called from another thread with that line and the seconds so far, such as `print`: when
+        compiling begins and about ten times on the way; never where all kernels are only loaded.
 
     """
     if not COMPILED:
@@ -55,15 +55,16 @@ def warm_up(report: Callable[[str], object] | None = None) -> None:
 
 @contextmanager
 def _reporting(report: Callable[[str], object]) -> Iterator[None]:
-    """Report how far compiling has come whenever that changes, until the block ends."""
+    """Report how far compiling has come, about every tenth, until the block ends."""
     began_s, ended = time.monotonic(), Event()
 
     def watch() -> None:
-        shown = 0
+        shown = -1
         while not ended.wait(REPORT_PERIOD_S):
-            compiled = compile_progress().compiled
-            if compiled > shown:
-                shown = compiled
+            progress = compile_progress()
+            tenths = 10 * progress.compiled // progress.total
+            if progress.compiled and tenths > shown:
+                shown = tenths
                 report(f'{warm_up_status()}, {time.monotonic() - began_s:.0f} s')
 
     reporter = Thread(target=watch, name='compiling', daemon=True)

@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 import shutil
 import sys
+from textwrap import wrap
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from dg_localization.ros.executables import print_result
 from dg_localization.ros.spinning import spin
 from msg_adapters import Level, Status, adapter_for
 
@@ -24,14 +26,28 @@ SILENT_S = 3.0
 
 CLEAR = '\x1b[H\x1b[2J'
 MARKS = {Level.OK: 'ok', Level.WARN: 'WARN', Level.ERROR: 'ERROR'}
+HEADER_OF = {
+    'yaw_deg': 'yaw deg',
+    'typical_m': 'typical m',
+    'guaranteed_m': 'guaranteed m',
+    'heard': 'heard',
+}
+"""Headers of columns, by the values of robots in the diagnostics that they show."""
 
 to_statuses = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 
 
 def screen(
-    node: str, statuses: Sequence[Status], silent_s: float, width: int = 120
+    node: str, statuses: Sequence[Status], silent_s: float, width: int = 80
 ) -> Iterator[str]:
     """Yield the lines of a screen about the localizer `node`, whose diagnostics may be silent."""
+    for text in _paragraphs(node, statuses, silent_s, width):
+        yield from wrap(text, width, subsequent_indent='  ') or ['']
+
+
+def _paragraphs(
+    node: str, statuses: Sequence[Status], silent_s: float, width: int
+) -> Iterator[str]:
     parts = {status.name.removeprefix(f'{node}: '): status for status in statuses}
     fleet = parts.pop('fleet', None)
     if fleet is None:
@@ -39,48 +55,60 @@ def screen(
         return
     if silent_s > SILENT_S:
         yield f'{node}: SILENT for {silent_s:.0f} s; what follows is old'
-    yield _cut(f'{node}: {MARKS.get(fleet.level, "STALE")}: {fleet.message}', width)
-    yield _cut(_summary(fleet.values), width)
+    yield f'{node}: {_mark(fleet)}: {fleet.message}'
+    yield ', '.join(_summary(fleet.values))
     yield ''
     robots = {name[6:]: part for name, part in parts.items() if name.startswith('robot ')}
-    indent = max([5, *map(len, robots)])
-    for name, part in robots.items():
-        mark = MARKS.get(part.level, 'STALE')
-        yield _cut(f'{name:<{indent}}  {mark:<5}  {part.message}', width)
-        for key, value in part.values.items():
-            if key.startswith('hypothesis_'):
-                yield _cut(f'{"":<{indent}}         {value}', width)
-                break
+    header, *rows = _table(robots)
+    # Long names leave no room beside them.
+    has_room = len(''.join(header)) <= width
+    yield ''.join(header if has_room else header[1:])
+    for (name, *cells), part in zip(rows, robots.values(), strict=True):
+        yield from [name + ''.join(cells)] if has_room else [name.strip(), ''.join(cells)]
+        problem = part.values.get('problem', '')
+        if problem not in fleet.message:
+            yield f'  {problem}'
     troubles = [
-        _cut(f'{name}: {part.message}', width)
+        f'{name}: {part.message}'
         for name, part in parts.items()
         if name.startswith('input ') and part.level != Level.OK
     ]
     if troubles:
-        yield ''
-        yield from troubles
+        yield from ('', *troubles)
     advice = fleet.values.get('would_fix', '')
     if advice:
-        yield ''
-        yield from (_cut(f'next: {text}', width) for text in advice.split('; '))
+        yield from ('', *(f'next: {text}' for text in advice.split('; ')))
 
 
-def _summary(values: Mapping[str, str]) -> str:
-    """Return how many hypotheses, inputs and answers there are."""
-    count = values.get('hypotheses', '0')
-    hypotheses = 'hypothesis' if count == '1' else 'hypotheses'
-    parts = [
-        f'{count} {hypotheses} in frame {values.get("frame") or "-"}',
-        f'{values.get("inputs_in_use", "0")} of {values.get("inputs", "0")} inputs in use',
+def _table(robots: Mapping[str, Status]) -> list[list[str]]:
+    """Return the cells of a header and of a row for each robot, of one width in each column."""
+    rows = [('robot', 'state', 'x m', 'y m', 'z m', *HEADER_OF.values())]
+    for name, part in robots.items():
+        x, y, z, *_ = [*part.values.get('position_m', '').split(), '', '', '']
+        cells = (part.values.get(key, '') for key in HEADER_OF)
+        rows.append((name, _mark(part), x, y, z, *cells))
+    # A plane has no z.
+    names, *columns = [column for column in zip(*rows, strict=True) if any(column[1:])]
+    widths = [max(map(len, column)) + 2 for column in columns]
+    return [
+        [name.ljust(max(map(len, names))), *map(str.rjust, cells, widths)]
+        for name, *cells in zip(names, *columns, strict=True)
     ]
+
+
+def _mark(status: Status) -> str:
+    return MARKS.get(status.level, 'STALE')
+
+
+def _summary(values: Mapping[str, str]) -> Iterator[str]:
+    """Yield the frame, inputs, answers, and of which hypothesis the poses are."""
+    yield values.get('frame') or 'no frame'
+    yield f'{values.get("inputs_in_use", "0")} of {values.get("inputs", "0")} inputs in use'
     if 'rate_hz' in values:
-        parts.append(f'{values["rate_hz"]} answers a second')
-    return ', '.join(parts)
-
-
-def _cut(text: str, width: int) -> str:
-    """Return a line that fits the terminal."""
-    return text if len(text) <= width else f'{text[: width - 3]}...'
+        yield f'{values["rate_hz"]} answers/s'
+    numbers = values.get('hypothesis_numbers', '').split()
+    if len(numbers) > 1:
+        yield f'poses of hypothesis {numbers[0]} of {values["hypotheses"]}'
 
 
 class FleetStatusNode(Node):
@@ -120,7 +148,7 @@ class FleetStatusNode(Node):
 
 def _print(text: str, clear: bool) -> None:
     """Print a screen over the one before; into a file or a pipe, one after another."""
-    print(f'{CLEAR}{text}' if clear else f'{text}\n', flush=True)
+    print_result(f'{CLEAR}{text}' if clear else f'{text}\n')
 
 
 def main(args: Sequence[str]) -> int:

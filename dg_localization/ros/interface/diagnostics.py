@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from dg_localization.fleet import Estimate, Group, LinkKind, Placement
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.ros.interface.report import (
     Malformed,
     Report,
@@ -192,19 +193,35 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
 
 
 def _robot_status(report: Report, row: int) -> Status:
-    robot = report.robots[row]
+    robot, estimate = report.robots[row], report.estimate
     level, message = _robot_state(report, row)
     values = {}
-    if report.estimate is not None and not report.trouble:
-        group = _group_of(report.estimate, robot)
-        placements = report.estimate.placements if group is None else group.placements
-        values = _robot_values(placements, row)
+    if level is not Level.OK:
+        values['problem'] = message
+    if estimate is not None and not report.trouble:
+        group = _group_of(estimate, robot)
+        values.update(_robot_values((group or estimate).placements, row))
+        is_bounded = all(np.isfinite(one.enclosure_m[row]).all() for one in estimate.placements)
+        if estimate.placements and is_bounded and group is None and not report.late:
+            values.update(_quality(estimate, row))
+            texts = [
+                f'within {values[name]} m ({name[:-2]})'
+                for name in ('typical_m', 'guaranteed_m')
+                if name in values
+            ]
+            message = f'{message}: {", ".join([*texts, values["heard"]])} neighbours heard'
     return Status(level, f'{report.node}: robot {robot}', message, robot, values)
 
 
 def _robot_values(placements: Sequence[Placement], row: int) -> dict[str, str]:
-    """Return where the first hypotheses have one robot."""
+    """Return where the first hypotheses have one robot, and its pose in the first of them."""
     values = {}
+    if placements:
+        values['position_m'] = ' '.join(f'{x:.2f}' for x in placements[0].positions_m[row])
+        if placements[0].heading_known[row]:
+            orientations, half_widths_rad = placements[0].best_headings
+            yaw_deg, off_deg = np.degrees([yaw_of(orientations[row]), half_widths_rad[row]])
+            values['yaw_deg'] = f'{yaw_deg:.0f} +- {off_deg:.0f}'
     for placement in placements[:LISTED]:
         position = ' '.join(f'{x:.3f}' for x in placement.positions_m[row])
         width = ' '.join(f'{x:.3f}' for x in np.ptp(placement.enclosure_m[row], axis=0))
@@ -241,12 +258,12 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
         *_too_wide(estimate, [row], report.localized_width_m),
         *_not_settled(estimate),
     ]
-    level, state = (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized')
-    return level, f'{state}: {", ".join(_quality(estimate, row))}'
+    return (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized')
 
 
-def _quality(estimate: Estimate, row: int) -> Iterator[str]:
-    """Yield how far a robot may be from its pose, typically and at most, and whom it hears."""
+def _quality(estimate: Estimate, row: int) -> dict[str, str]:
+    """Return how far a robot may be from its pose, typically and at most, and whom it hears."""
+    values = {}
     if estimate.n_hypotheses == 1:
         placement = estimate.placements[0]
         position_m, enclosure_m = placement.positions_m[row], placement.enclosure_m[row]
@@ -254,14 +271,15 @@ def _quality(estimate: Estimate, row: int) -> Iterator[str]:
         if placement.covariances is not None:
             typical_m = math.sqrt(max(0.0, float(np.trace(placement.covariances[row, :q, :q]))))
             if math.isfinite(typical_m):
-                yield f'within {typical_m:.2f} m (typical)'
+                values['typical_m'] = f'{typical_m:.2f}'
         farthest_m = float(np.linalg.norm(np.abs(enclosure_m - position_m).max(axis=0)))
-        yield f'within {farthest_m:.2f} m (guaranteed)'
+        values['guaranteed_m'] = f'{farthest_m:.2f}'
     own = estimate.robots[row]
     links = [(robots_of(link.key), link.stale) for link in estimate.links]
     known = {name for ends, _ in links if own in ends for name in ends - {own}}
     heard = {name for ends, stale in links if own in ends and not stale for name in ends - {own}}
-    yield f'{len(heard)} of {len(known)} neighbours heard'
+    values['heard'] = f'{len(heard)} of {len(known)}'
+    return values
 
 
 def _group_of(estimate: Estimate, robot: str) -> Group | None:
