@@ -19,6 +19,7 @@ from dg_localization.fleet.answers import (
     shared_time,
     would_fix,
 )
+from dg_localization.fleet.best_point.likely_pose import carried_on
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Explanation
 from dg_localization.fleet.contradictions.explanation import (
@@ -31,7 +32,7 @@ from dg_localization.fleet.contradictions.explanation import (
     suspects_of,
 )
 from dg_localization.fleet.contradictions.suspects import Lineup, Suspects
-from dg_localization.fleet.estimate import Estimate, Group
+from dg_localization.fleet.estimate import Estimate, FrameKind, Group
 from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.rigidity import NOT_RIGID
@@ -104,6 +105,8 @@ def estimate_snapshot(
     if found_now is found and plans.main is not None and len(found.placements) == 1:
         fitted = refit(plans.main, found.placements[0])
         found_now = replace(found, placements=(fitted,))
+    if earlier is not None:
+        found_now = _with_likely_poses(snapshot, found_now, plans, earlier)
     estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     estimate = replace(
@@ -119,6 +122,18 @@ def estimate_snapshot(
         },
     )
     return estimate, narrowed.proved
+
+
+def _with_likely_poses(
+    snapshot: Snapshot, found: Answer, plans: Plans, earlier: EarlierSets
+) -> Answer:
+    """Return an answer with one placement among anchors in the plane carried on, and keep it."""
+    kept, earlier.likely = earlier.likely, {}
+    by_anchors = plans.main is not None and plans.main.frame.kind is FrameKind.ANCHORS
+    if not by_anchors or snapshot.config.dimension != 2 or len(found.placements) != 1:
+        return found
+    placement, earlier.likely = carried_on(snapshot, found.placements[0], kept)
+    return replace(found, placements=(placement,))
 
 
 def _contradiction_of_moment(

@@ -93,8 +93,8 @@ class OdometryTrack:
         Add a reading, which must be newer than the last one.
 
         A step or a turn that is faster than the robot can be is a restart of the odometry, and so
-        is another frame. It says nothing about the motion before it, so the older readings are
-        forgotten.
+        is another frame. It says nothing of the motion to it, which the limits of the robot bound.
+        Where they do not, the older readings are forgotten.
         """
         way_m, turned_rad = reading.way_m, reading.turned_rad
         if self._readings:
@@ -104,7 +104,7 @@ class OdometryTrack:
             elapsed_s = elapsed_up(reading.stamp_s, last.stamp_s)
             # Far from the origin, the rounding of what was reported may look like a faster step.
             least_m = max(0.0, step_m - _rounding_up_m(reading.position_m, last.position_m))
-            restart = ''
+            restart, unknown_m, unknown_rad = '', 0.0, 0.0
             if reading.frame != last.frame:
                 restart = f'frame {quoted(last.frame)} has become {quoted(reading.frame)}'
             elif elapsed_s > self._error.restart_gap_s:
@@ -115,17 +115,24 @@ class OdometryTrack:
             elif self._is_back_at_zero(last, reading):
                 restart = f'it is back at its origin after {elapsed_s:.3f} s without a message'
             elif self._is_too_fast(least_m, turn_rad, elapsed_s):
+                # The limits may be wrong, and not the step.
+                unknown_m, unknown_rad = step_m, turn_rad
                 restart = (
                     f'{step_m:.3f} m and {turn_rad:.3f} rad in {elapsed_s:.3f} s are more than '
                     f'max_speed {self._max_speed_m_s:g} m/s and max_turn_rate '
                     f'{self._max_turn_rate_rad_s:g} rad/s allow'
                 )
             if restart:
-                self._readings.clear()
                 self._restarted_s, self._restart = reading.stamp_s, f'started anew: {restart}'
+                step_m, turn_rad = self._longest(unknown_m, unknown_rad, elapsed_s)
+                step_m = sum_up(step_m, 2.0 * self._error.constant_m)
+                turn_rad = sum_up(turn_rad, 2.0 * self._error.constant_rad)
+            elif reading.stamp_s - last.stamp_s > self._error.max_gap_s:
+                step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)
+            # In space limits do not bound how the heading of a steep body turns.
+            if restart and not (self._in_plane and step_m < math.inf and turn_rad < math.pi):
+                self._readings.clear()
             else:
-                if reading.stamp_s - last.stamp_s > self._error.max_gap_s:
-                    step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)
                 way_m, turned_rad = sum_up(last.way_m, step_m), sum_up(last.turned_rad, turn_rad)
         self._readings.append(
             replace(reading, way_m=way_m, turned_rad=turned_rad, restarted_s=self._restarted_s)
@@ -218,15 +225,17 @@ class Motion:
             return by_speed_m
         error = self.errors[point]
         start, end = _nearest(track, first_s), _nearest(track, second_s)
-        way_m, turned_rad = _way_between(start, end)
+        way_m, turned_rad = way_between(start, end)
         error_m = greatest_errors(error, way_m, turned_rad)[0]
         # An error of a turn swings what lies before it, and makes no way longer.
         swing_rad = sum_up(
             product_up(error.rotation_per_m, way_m),
             product_up(error.rotation_per_rad, turned_rad),
         )
-        chord_m = _distance_up_m(start.position_m, end.position_m)
-        chord_m = min(sum_up(chord_m, product_up(swing_rad, way_m)), way_m)
+        chord_m = way_m
+        if start.restarted_s == end.restarted_s:
+            chord_m = _distance_up_m(start.position_m, end.position_m)
+            chord_m = min(sum_up(chord_m, product_up(swing_rad, way_m)), way_m)
         # The constant errors of the poses turn with the track, too.
         error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))
         beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
@@ -247,11 +256,11 @@ class Motion:
             error = self.errors[point]
             start, end = _nearest(track, first_s), _nearest(track, second_s)
             beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
-            error_rad = greatest_errors(error, *_way_between(start, end))[1]
+            error_rad = greatest_errors(error, *way_between(start, end))[1]
             error_rad = angle_up(
                 sum_up(error_rad, 2.0 * error.least_tilt_rad, product_up(rate_rad_s, beyond_s))
             )
-            if error_rad < by_rate_rad:
+            if error_rad < by_rate_rad and start.restarted_s == end.restarted_s:
                 before, after = start.rotation, end.rotation
                 if self.in_plane:
                     # A ray in the plane turns with the heading; roll and pitch would bend it.
@@ -316,7 +325,7 @@ def _beyond_up_s(
     )
 
 
-def _way_between(first: OdometryReading, second: OdometryReading) -> tuple[float, float]:
+def way_between(first: OdometryReading, second: OdometryReading) -> tuple[float, float]:
     """Return upper bounds of the way and of the turns between two readings of one track."""
     if first is second:
         return 0.0, 0.0

@@ -15,8 +15,10 @@ the steps and E_i the error of the turn from step i to now,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +38,12 @@ from dg_localization.fleet.odometry_kernels import (
 from dg_localization.fleet.rotations import rotations_about_z, steepness
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
+from dg_localization.interval.rounding import rounding_error
 from dg_localization.poses import PastPoses
 from dg_localization.poses.turns import turned
+
+ROUNDED = 16
+"""So many operations move a sample to where the track before a restart ends."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +98,9 @@ class OdometryPath:
     limits : MotionLimits, optional
     dimension : {2, 3}, optional
         In the plane roll, pitch and their errors do not count; heights are part of the way.
+    restarts : mapping of int to (float, float), optional
+        In the plane, the samples from which on positions and headings are those of another frame,
+        and bounds of the motion from the sample before, in m and in rad.
 
     Raises
     ------
@@ -108,6 +117,7 @@ class OdometryPath:
         error: OdometryErrorModel,
         limits: MotionLimits | None = None,
         dimension: int = 2,
+        restarts: Mapping[int, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
         self._stamps_s = np.array(stamps_s, dtype=float)
         self._positions_m = np.array(positions_m, dtype=float).reshape(-1, 3)
@@ -124,6 +134,9 @@ class OdometryPath:
             )
         self._level = dimension == 2
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
+        self._restarts = restarts
+        self._size_m = float(np.abs(self._positions_m).max())
+        self._join_at_restarts()
         self._tilt_rad = 0.0 if self._level else error.least_tilt_rad
         if self._level:
             self._rotations = rotations_about_z(self._yaws_rad)
@@ -175,6 +188,16 @@ class OdometryPath:
     def stamps_s(self) -> np.ndarray:
         """The times of the samples, shape (n,)."""
         return self._stamps_s
+
+    @property
+    def poses(self) -> np.ndarray:
+        """x, y and yaw of the samples, shape (n, 3); those after a restart go on from before."""
+        return np.column_stack([self._positions_m[:, :2], self._yaws_rad])
+
+    @property
+    def is_known(self) -> np.ndarray:
+        """Whether samples tell the motion of every step, shape (n - 1,); limits do of others."""
+        return np.asarray(self._steps[2] == 0.0)
 
     def sample_s(self, time_s: float) -> float:
         """Return the stamp of the sample nearest to a time."""
@@ -242,6 +265,16 @@ class OdometryPath:
         leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
         return leveled, angle_up(up(np.asarray(errors_rad, dtype=float) + tilt_errors_rad))
 
+    def _join_at_restarts(self) -> None:
+        """Put what follows a restart of the odometry where the sample before it is."""
+        for first in self._restarts:
+            turn_rad = self._yaws_rad[first - 1] - self._yaws_rad[first]
+            turned_m = self._positions_m[first:] - self._positions_m[first]
+            turned_m = turned_m @ rotations_about_z(np.array([turn_rad]))[0].T
+            self._positions_m[first:] = turned_m + self._positions_m[first - 1]
+            yaws_rad = self._yaws_rad[first:] + turn_rad
+            self._yaws_rad[first:] = np.arctan2(np.sin(yaws_rad), np.cos(yaws_rad))
+
     def _steps_between(self, missing: np.ndarray) -> np.ndarray:
         """Return the greatest errors of every step, and where samples are missing."""
         ends = Interval.point(self._positions_m)
@@ -258,7 +291,16 @@ class OdometryPath:
         errors_m, errors_rad = step_errors(self._error, lengths, angles)
         # What is driven after an error of a turn is swung by it, here within the step as well.
         swings_m = most_up(np.where(missing, np.minimum(errors_rad, 2.0), 0.0), lengths)
-        return np.stack([up(errors_m + swings_m), errors_rad, missing])
+        errors_m = up(errors_m + swings_m)
+        if count := len(self._restarts):
+            # Samples after a restart were moved, by twice the size at most each time, and rounded.
+            size_m = (2.0 * count + 1.0) * self._size_m
+            errors_m = up(errors_m + rounding_error(size_m, ROUNDED * count))
+            errors_rad = up(errors_rad + rounding_error(math.pi, ROUNDED * count))
+        for first, (most_m, most_rad) in self._restarts.items():
+            errors_m[first - 1], errors_rad[first - 1] = most_m, most_rad
+            missing[first - 1] = True
+        return np.stack([errors_m, errors_rad, missing])
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""

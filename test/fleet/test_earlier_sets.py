@@ -34,7 +34,14 @@ def odometry(time_s):
     return (radius * math.sin(angle), -radius * math.cos(angle), 0.0), angle
 
 
-def drive(memory_s, ranged, end_s, tick_s=1.0):
+def restarted(place, yaw):
+    """Return a pose of odometry in another frame, far away."""
+    x, y, z = place
+    c, s = math.cos(2.0), math.sin(2.0)
+    return (c * x - s * y + 90.0, s * x + c * y - 40.0, z), yaw + 2.0
+
+
+def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf):
     """Yield times and estimates of a robot that ranges anchors while `ranged` is true."""
     config = FleetConfig(
         ('r',),
@@ -51,6 +58,8 @@ def drive(memory_s, ranged, end_s, tick_s=1.0):
         time_s = 0.2 * step
         now_s = START_S + time_s
         place, yaw = odometry(time_s)
+        if time_s >= restart_s:
+            place, yaw = restarted(place, yaw)
         quaternion = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
         assert localizer.add_odometry('r', place, quaternion, now_s, now_s, 'odom') is None
         if ranged(time_s):
@@ -74,6 +83,21 @@ def test_a_gap_of_any_length_is_bridged_by_odometry(memory_s):
         widths.append(float((upper - lower).max()))
     # Its greatest speed alone allows this much in both directions.
     assert max(widths) < 0.25 * 2.0 * gap_s
+
+
+@pytest.mark.parametrize('restart_s', [math.inf, 7.0, 15.0])
+def test_the_likely_point_is_carried_through_a_gap(restart_s):
+    """Also where odometry starts anew in another frame: the limits bound the motion to it."""
+    for time_s, estimate in drive(5.0, lambda t: t < 10.0, 40.0, 1.0, restart_s):
+        if time_s < 10.0:
+            continue
+        (placement,) = estimate.placements
+        place, (lower, upper) = pose(time_s)[0], placement.enclosure_m[0]
+        assert np.all((lower <= place) & (place <= upper)), time_s
+        off_m = np.linalg.norm(placement.positions_m[0] - place)
+        assert off_m < (0.2 if restart_s == math.inf else 0.6), time_s
+        deviation_m = math.sqrt(np.linalg.eigvalsh(placement.covariances[0][:2, :2])[-1])
+        assert off_m < 3.0 * deviation_m
 
 
 def test_after_a_gap_new_ranges_narrow_what_was_carried():

@@ -9,7 +9,6 @@ Plain floating point: it serves an estimate. What is proved comes from `fleet.od
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Iterator
 import math
 
@@ -36,28 +35,25 @@ class StatedWay:
     """The odometry of a robot since a time, thinned; `row` is its body of now."""
 
     def __init__(self, snapshot: Snapshot, robot: str, oldest_s: float, row: int) -> None:
-        config, track = snapshot.config, snapshot.motion.odometry[robot]
+        config = snapshot.config
+        path = snapshot.carried.path(config.robots.index(robot))
         self._error = config.odometry_error_of(robot)
         self._limits = config.speed_m_s(robot), config.max_turn_rate_rad_s
         self.row, self._now_s, self._oldest_s = row, snapshot.stamp_s, oldest_s
-        first = max(0, bisect_left(track, oldest_s, key=lambda one: one.stamp_s) - 1)
-        every = max(1, (len(track) - first) // MOST_SAMPLES)
+        first = max(0, int(np.searchsorted(path.stamps_s, oldest_s)) - 1)
+        stamps_s = path.stamps_s[first:]
+        steps_s, known = np.diff(stamps_s), path.is_known[first:]
+        self._sampled_s = stamps_s, np.append(0.0, np.cumsum(np.where(known, 0.0, steps_s)))
         # The newest one counts most.
-        readings = track[::-1][: len(track) - first : every][::-1]
-        self._stamps_s = np.array([reading.stamp_s for reading in readings])
-        # Where it was before its odometry began, or started anew, is not known.
+        every = slice(None, None, -max(1, len(stamps_s) // MOST_SAMPLES))
+        self._stamps_s, poses = stamps_s[every][::-1], path.poses[first:][every][::-1]
+        # Where it was before its odometry began is not known.
         self.since_s = max(oldest_s, float(self._stamps_s[0]))
-        positions_m = np.array([reading.position_m[:2] for reading in readings])
-        rotations = np.array([reading.rotation for reading in readings])
-        yaws_rad = np.unwrap(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
-        steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
+        yaws_rad = np.unwrap(poses[:, 2])
+        steps_m = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
         turns_rad = np.abs(np.diff(yaws_rad))
         self._sums = [np.append(0.0, np.cumsum(steps)) for steps in (steps_m, turns_rad)]
-        self._variants = [*self._erring(positions_m[:, 0] + 1j * positions_m[:, 1], yaws_rad)]
-        stamps_s = np.array([reading.stamp_s for reading in track[first:]])
-        steps_s = np.diff(stamps_s)
-        silent_s = np.where(steps_s > self._error.max_gap_s, steps_s, 0.0)
-        self._sampled_s = stamps_s, np.append(0.0, np.cumsum(silent_s))
+        self._variants = [*self._erring(poses[:, 0] + 1j * poses[:, 1], yaws_rad)]
 
     def place_bodies(self, first_past: int, count: int) -> None:
         """Give the robot bodies at `count` earlier times, numbered from `first_past`."""
@@ -89,7 +85,24 @@ class StatedWay:
         """Return the terms that odometry makes of the bodies, in all variants."""
         bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
         between = seen_from(self._poses_of_bodies[:, :-1], self._poses_of_bodies[:, 1:])
-        error, times_s = self._error, self.times_s
+        errors_m, errors_rad = self._errors(self.times_s)
+        nothing = np.zeros((VARIANTS, len(bodies), 3))
+        ends = np.stack([nothing, nothing], axis=-2)
+        ends[:, :, 0, :2] = between[..., :2]
+        axes = directions(between[..., 2])
+        turned = packed(TURN, bodies, np.zeros_like(ends), axes, errors_rad)
+        return Terms.joined([packed(STEP, bodies, ends, nothing, errors_m), turned])
+
+    def whole(self) -> tuple[FloatArray, float, float]:
+        """Return the pose of now seen from the oldest one, and its errors in m and in rad."""
+        times_s = np.array([self._now_s, self._oldest_s])
+        now, then = self._poses(times_s, 1)[0]
+        ((error_m,), (error_rad,)) = self._errors(times_s)
+        return seen_from(then, now), float(error_m), float(error_rad)
+
+    def _errors(self, times_s: FloatArray) -> FloatArray:
+        """Return the errors of the ways between falling times, in m and in rad, shape (2, m)."""
+        error = self._error
         driven = [-np.diff(np.interp(times_s, self._stamps_s, sums)) for sums in self._sums]
         rates = [
             [error.translation_per_m, error.translation_per_rad],
@@ -97,13 +110,7 @@ class StatedWay:
         ]
         errors = rates @ np.array(driven) + self._unknown_motion(times_s[1:], times_s[:-1])
         errors += np.array([[error.constant_m], [error.constant_rad]])
-        errors_m, errors_rad = np.maximum(errors, STEP_ERROR)
-        nothing = np.zeros((VARIANTS, len(bodies), 3))
-        ends = np.stack([nothing, nothing], axis=-2)
-        ends[:, :, 0, :2] = between[..., :2]
-        axes = directions(between[..., 2])
-        turned = packed(TURN, bodies, np.zeros_like(ends), axes, errors_rad)
-        return Terms.joined([packed(STEP, bodies, ends, nothing, errors_m), turned])
+        return np.maximum(errors, STEP_ERROR)
 
     def _erring(
         self, places_m: NDArray[np.complex128], yaws_rad: FloatArray

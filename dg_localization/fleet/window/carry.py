@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 import math
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.graph import components_of
-from dg_localization.fleet.motion import Motion
+from dg_localization.fleet.motion import Motion, way_between
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.vocabulary import LinkKey
@@ -140,6 +141,11 @@ class CarriedWindow:
                 config.odometry_error_of(name),
                 MotionLimits(config.speed_m_s(name), config.max_turn_rate_rad_s),
                 config.dimension,
+                {
+                    number: way_between(before, reading)
+                    for number, (before, reading) in enumerate(pairwise(readings), 1)
+                    if before.restarted_s != reading.restarted_s
+                },
             )
         return self._paths[robot]
 

@@ -7,8 +7,8 @@ Earlier pose sets: what was known of two bodies, carried to now by odometry, is 
 Seen from now, the errors of the odometry count anew for each old reading. An earlier set was made
 where these readings were young, and is carried from there in one step: so new readings cut it, and
 not all that there is. A set lives for `FleetConfig.memory_s`, while the next one grows beside it:
-what is older has no effect, unless nothing newer bounds the pose. So no body is lost in a gap of
-readings, for as long as odometry arrives.
+what is older has no effect, unless nothing newer bounds the pose. Gaps without readings do not
+age a set. So no body is lost in one, for as long as odometry arrives.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import math
 
 import numpy as np
 
+from dg_localization.fleet.best_point.likely_pose import LikelyPose
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.carry import WORLD, Pair
@@ -54,6 +55,8 @@ class EarlierSet:
     cover : Cover
     fixed : bool
         Whether its observations, without errors, would leave finitely many places.
+    lived_s : float
+        For how long observations came.
 
     """
 
@@ -62,6 +65,7 @@ class EarlierSet:
     samples_s: tuple[float, ...]
     cover: Cover
     fixed: bool
+    lived_s: float
 
 
 class EarlierSets:
@@ -72,11 +76,14 @@ class EarlierSets:
     ----------
     doubts : Doubts
         Which pairs of bodies contradict themselves.
+    likely : dict of str to LikelyPose
+        The likeliest poses of robots among anchors.
 
     """
 
     def __init__(self) -> None:
         self.doubts = Doubts()
+        self.likely: dict[str, LikelyPose] = {}
         self._before: dict[Pair, tuple[EarlierSet, ...]] = {}
         self._sets: dict[Pair, tuple[EarlierSet, ...]] = {}
         self._newest: dict[Pair, EarlierSet] = {}
@@ -107,7 +114,8 @@ class EarlierSets:
         self._before[pair] = self._sets.get(pair, ())
         step = _Step(snapshot, pair, options, stopped)
         known = [one for one in self._before[pair] if step.goes_on(one)]
-        if len(known) > 1 and known[0].since_s < step.oldest_s:
+        memory_s = snapshot.config.memory_s
+        if len(known) > 1 and known[0].lived_s > memory_s:
             known = known[1:]
         if not known:
             self._sets[pair] = step.started(-math.inf)
@@ -125,8 +133,8 @@ class EarlierSets:
         self._newest[pair] = oldest
         if step.is_due(known[0]):
             younger = [found for one in known[1:] if (found := step.taken(one)) is not None]
-            if not younger and known[0].since_s < step.half_s:
-                younger += step.started(snapshot.stamp_s - START * snapshot.config.memory_s)
+            if not younger and known[0].lived_s > 0.5 * memory_s:
+                younger += step.started(snapshot.stamp_s - START * memory_s)
             known = [oldest, *younger]
         self._sets[pair] = tuple(known)
         return oldest.cover, oldest.fixed
@@ -167,8 +175,6 @@ class _Step:
         config, self._carried = snapshot.config, snapshot.carried
         self._now_s, self._pair, self._options = snapshot.stamp_s, pair, options
         self._in_plane, self._stopped = config.dimension == 2, stopped
-        self.oldest_s = self._now_s - config.memory_s
-        self.half_s = self._now_s - 0.5 * config.memory_s
         self.overlap_s = OVERLAP * config.memory_s
         self._step_s = config.memory_s / STEPS
         self._paths = [None if body == WORLD else self._carried.path(body) for body in pair]
@@ -187,7 +193,7 @@ class _Step:
         """Return whether it is time for a newer set: without new readings it is no better."""
         age_s = self._now_s - known.stamp_s
         if not np.any(self.stamps_s > known.stamp_s):
-            return age_s >= (1.0 - OVERLAP) * (self._now_s - self.oldest_s)
+            return age_s >= 2.0 * self.overlap_s
         return age_s >= self._step_s
 
     def is_still(self, known: EarlierSet) -> bool:
@@ -206,7 +212,8 @@ class _Step:
         if cover.empty or not cover.bounded:
             return ()
         fixed = self._carried.fixes_place(self._pair, chosen)
-        return (self._now(float(self.stamps_s[chosen].min()), cover, fixed),)
+        since_s = float(self.stamps_s[chosen].min())
+        return (self._now(since_s, cover, fixed, self._now_s - since_s),)
 
     def taken(self, known: EarlierSet) -> EarlierSet | None:
         """
@@ -225,7 +232,16 @@ class _Step:
                 self._all_readings()[chosen], self._options, within=cover, stopped=self._stopped
             )
         fixed = known.fixed or self._carried.fixes_place(self._pair, chosen)
-        return self._now(known.since_s, cover, fixed)
+        lived_s = known.lived_s + self._measured_seconds(known.stamp_s)
+        return self._now(known.since_s, cover, fixed, lived_s)
+
+    def _measured_seconds(self, after_s: float) -> float:
+        """Return for how long observations came since a time, gaps without any left out."""
+        is_new = self.stamps_s > after_s
+        before_s = float(self.stamps_s[~is_new].max(initial=-math.inf))
+        begins_s = float(self.stamps_s[is_new].min(initial=self._now_s))
+        gap_s = begins_s - max(after_s, before_s + self._step_s)
+        return self._now_s - after_s - max(0.0, gap_s)
 
     def carried(self, known: EarlierSet) -> Cover | None:
         """Return a set at the time of the snapshot, None where odometry does not bound the way."""
@@ -235,12 +251,12 @@ class _Step:
         back = None if first is None else first.track_back(first_s, self._now_s)
         return known.cover.carried(ahead.pose, ahead.ball_m, back, self._in_plane)
 
-    def _now(self, since_s: float, cover: Cover, fixed: bool) -> EarlierSet:
+    def _now(self, since_s: float, cover: Cover, fixed: bool, lived_s: float) -> EarlierSet:
         """Return a set of poses of the tracks now."""
         samples_s = [
             math.nan if path is None else path.sample_s(self._now_s) for path in self._paths
         ]
-        return EarlierSet(since_s, self._now_s, tuple(samples_s), cover, fixed)
+        return EarlierSet(since_s, self._now_s, tuple(samples_s), cover, fixed, lived_s)
 
     def _all_readings(self) -> PairReadings:
         """Return all readings of the window, seen from the tracks now."""
