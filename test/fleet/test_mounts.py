@@ -128,6 +128,7 @@ def test_two_robots_that_range_between_their_sensors_know_left_from_right():
         truth.points |= {'r0': np.zeros(2), 'r1': truth.frames['r0'].T @ places}
         truth.frames |= {'r0': np.eye(2), 'r1': truth.frames['r0'].T @ truth.frames['r1']}
         assert any(truth.holds(placement) for placement in estimate.placements), seed
+        assert all(one.heading_half_width_rad[1] < 0.5 for one in estimate.placements), seed
 
 
 def test_a_camera_on_an_arm_sees_from_there_and_along_its_own_axes():

@@ -1,9 +1,11 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The real ultra-wideband recording replayed over DDS into the node: its config file, no code."""
+"""Recordings replayed over DDS into the node: a real one, and one under load, as offline."""
 
-from itertools import pairwise
+from contextlib import ExitStack
+from itertools import groupby, pairwise
+import json
 import os
 import subprocess
 import sys
@@ -13,21 +15,93 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason='rosbags is not installed')
 
+from rclpy.qos import qos_profile_sensor_data  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from small_bags import START_NS, read  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
+from dg_localization.ros.bags.writer import new_bag  # noqa: E402
+from dg_localization.ros.executables import localize_bag  # noqa: E402
+from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
+    PARAMETERS,
+    SimulatedFleet,
+)
 from msg_adapters import Level, adapter_for  # noqa: E402
 
 REPLAY_RATE = '3'
 
+poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 scene_from_message = adapter_for('visualization_msgs/msg/MarkerArray').from_message
+
+
+REPLAY = [sys.executable, '-m', 'dg_localization.ros', 'replay']
+RECORDED_S, ODOMETRY_FROM_S, BUSY = 12.0, 4.0, 2
+
+
+def record_fleet(path):
+    """Record six robots with cameras, whose odometry begins after a while."""
+    given = {'odometry': True, 'speed': 0.3}
+    values = {name: spec.default for name, spec in PARAMETERS.items()} | given
+    fleet = SimulatedFleet(values)
+    topics = set()
+    with new_bag(path) as writer:
+        for step in range(round(20.0 * RECORDED_S)):
+            time_s = 0.05 * step
+            times_s = time_s, 1e-9 * START_NS + time_s
+            messages = list(fleet.odometry_messages(*times_s))
+            if time_s < ODOMETRY_FROM_S:
+                messages.clear()
+            if step % 2 == 0:
+                messages += fleet.measurements(*times_s)
+            for topic, message in messages:
+                if topic not in topics:
+                    topics.add(topic)
+                    writer.add_output(f'/{topic}', type(message), qos_profile_sensor_data)
+                # Received at once: a node may hear of this time after the message.
+                time_ns = START_NS + 50_000_000 * step
+                writer.write(f'/{topic}', time_ns, serialize_message(message))
+
+
+def frames_of(arrays):
+    """Return the frames of answers with placements, in their order, each run of one once."""
+    return [name for name, _ in groupby(one.frame_id for one in arrays if len(one.positions_m))]
+
+
+def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, tmp_path):
+    bag, params, output = tmp_path / 'bag', tmp_path / 'params.yaml', tmp_path / 'answers'
+    record_fleet(bag)
+    given = {
+        'robots': [f'robot_{i}' for i in range(1, 7)],
+        'max_speed': 0.35,
+        'max_turn_rate': 0.5,
+        'bearing': {'half_width': 0.03},
+    }
+    params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+    assert localize_bag([str(bag), '-o', str(output), '--params', str(params)]) == 0
+    offline = frames_of(read(output, '/localizer/feasible_poses')[1])
+    assert offline == ['robot_1/base_link', 'robot_1/odom']
+    with ExitStack() as stack:
+        for _ in range(BUSY):
+            process = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+            stack.enter_context(process)
+            stack.callback(process.kill)
+        process = start_localizer('--params-file', str(params), '-p', 'use_sim_time:=true')
+        bench.clear()
+        bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', deadline_s=120.0)
+        bench.clear()
+        replay = subprocess.Popen([*REPLAY, str(bag)], stderr=subprocess.DEVNULL)
+        bench.until(lambda: replay.poll() is not None, 'the end of the replay', deadline_s=120.0)
+        states = dict(bench.heard.statuses)
+        assert process.stop()[0] == 0
+    assert frames_of(map(poses_from_message, bench.heard.fleet)) == offline
+    assert not [name for name, one in states.items() if 'ahead' in one.message]
 
 
 def test_true_placement_is_in_every_answer(bench, start_localizer, uwb_recording):
     process = start_localizer('--params-file', CONFIG, '-p', 'use_sim_time:=true')
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', deadline_s=60.0)
-    bag = str(uwb_recording.path)
     replay = subprocess.Popen(
-        [sys.executable, '-m', 'dg_localization.ros', 'replay', bag, '--rate', REPLAY_RATE],
+        [*REPLAY, str(uwb_recording.path), '--rate', REPLAY_RATE],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=os.environ,
