@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The executables: how each of them starts, fails and ends.
+The executables: how each of them starts, fails and ends, and what their command lines share.
 
 An executable is a module with a function `main`, which takes the command line and raises when it
 cannot go on. This is the one place that makes signals and errors an exit code:
@@ -16,14 +16,20 @@ Importing rclpy and the messages is most of a start, so it happens after the sig
 care of: an executable ends without a traceback from its first moment on.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import argparse
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 import os
+from pathlib import Path
 import signal
 import sys
-from types import FrameType
+from types import FrameType, SimpleNamespace
+from typing import Any
+
+from dg_localization.optional import install_hint
 
 EXIT_FAILED = 1
 EXIT_WRONG_USAGE = 2
@@ -100,6 +106,85 @@ def print_result(text: str) -> None:
         raise ExecutableError(f'the result cannot be printed: {error.strerror}') from error
 
 
+def make_progress(total_s: float) -> Any:
+    """Return a bar over seconds of a bag, with `update` and `close`; without tqdm, no bar."""
+    if find_spec('tqdm') is None:
+        print_line(f'no progress bar without tqdm: {install_hint("tqdm")}')
+        return SimpleNamespace(update=lambda seconds: None, close=lambda: None)
+    from tqdm import tqdm
+
+    return tqdm(
+        # A sum of floats may exceed what they are parts of, and the bar would warn.
+        total=total_s + 1e-6,
+        unit='s',
+        bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s of the bag [{elapsed}<{remaining}]',
+    )
+
+
+def number(low: float, unit: str, strict: bool = False) -> Callable[[str], float]:
+    """Return an argument type: a finite number of at least `low`, or above it."""
+    wanted = f'a number {"above" if strict else "of at least"} {low:g}{unit}'
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float('nan')
+        if not low <= value < float('inf') or (strict and value == low):
+            raise argparse.ArgumentTypeError(f"'{text}' is not {wanted}")
+        return value
+
+    return parse
+
+
+def path_ending_in(endings: Collection[str]) -> Callable[[str], Path]:
+    """Return an argument type: a file to write with one of some endings, in a folder that is."""
+
+    def check(text: str) -> Path:
+        path = Path(text)
+        if path.suffix not in endings:
+            raise argparse.ArgumentTypeError(f"'{text}' must end in {' or '.join(endings)}")
+        if not path.parent.is_dir():
+            raise argparse.ArgumentTypeError(f"'{text}': there is no folder '{path.parent}'")
+        return path
+
+    return check
+
+
+def new_path(text: str) -> Path:
+    """Return the argument: a path that does not exist."""
+    if Path(text).exists():
+        raise argparse.ArgumentTypeError(f"'{text}' exists; name a folder that does not")
+    return Path(text)
+
+
+def existing_file(text: str) -> Path:
+    """Return the argument: a file that exists."""
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"'{text}' is no file")
+    return Path(text)
+
+
+def add_span(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that choose a part of a bag."""
+    seconds, add = number(0.0, ' s'), parser.add_argument
+    add('--start', type=seconds, default=0.0, metavar='S', help='begin this far into the bag')
+    add('--duration', type=seconds, metavar='S', help='read only this much')
+
+
+def add_fleet(parser: argparse.ArgumentParser) -> None:
+    """Add the parameters of the node and the ground truth."""
+    add = parser.add_argument
+    add('--params', type=existing_file, required=True, metavar='FILE', help='of the node')
+    where = (
+        "where the robots truly were: '/mocap/{robot}/pose' with a pose for each robot, a "
+        'PoseArray of all in the order of the robots, or a table (.csv, .txt, .tum) with the '
+        'columns stamp, robot, x, y, and where they are known z, and yaw or qx, qy, qz, qw; a '
+        "table of one robot, such as 'truth_{robot}.tum', needs no column robot"
+    )
+    add('--truth', nargs='+', default=[], metavar='TRUTH', help=where)
+
+
 def _run(module: str, interrupted: int, args: Sequence[str] | None = None) -> int:
     """Run `main` of a module of this room with a command line; return the exit code."""
     try:
@@ -123,13 +208,4 @@ survey_anchors = partial(_run, 'bags.survey_anchors', EXIT_INTERRUPTED)
 fleet_status = partial(_run, 'fleet_status', 0)
 self_test = partial(_run, 'self_test', EXIT_INTERRUPTED)
 
-EXECUTABLES = {
-    'localizer': localizer,
-    'simulate_fleet': simulate_fleet,
-    'replay': replay,
-    'localize_bag': localize_bag,
-    'fit_bounds': fit_bounds,
-    'survey_anchors': survey_anchors,
-    'fleet_status': fleet_status,
-    'self_test': self_test,
-}
+EXECUTABLES = {name: one for name, one in globals().items() if isinstance(one, partial)}

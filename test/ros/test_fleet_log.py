@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from dg_localization.ros.node.fleet_log import LOOKS_BETWEEN, FleetLog  # noqa: E402
+from dg_localization.ros.node.lifecycle import LOOKS_BETWEEN, FleetLog  # noqa: E402
 from msg_adapters import Level, Status  # noqa: E402
 
 

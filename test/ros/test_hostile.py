@@ -30,13 +30,13 @@ DEADLINE_S = 60.0
 
 
 @pytest.fixture
-def quick_watchdog(monkeypatch):
+def little_patience(monkeypatch):
     # Long enough for several diagnostics that say that the answer is late.
     monkeypatch.setattr(worker, 'LEAST_PATIENCE_S', 4.0)
     monkeypatch.setattr(worker, 'PATIENCE', 0.0)
 
 
-def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_watchdog):
+def test_solver_that_hangs_is_reported_and_comes_back(bench, make_node, little_patience):
     release, hanging = Event(), Event()
 
     class Hanging(Localizer):
@@ -57,11 +57,11 @@ def test_solver_that_hangs_is_reported_and_started_anew(bench, make_node, quick_
     bench.clear()
     bench.until_status('fleet', Level.WARN, 'late: the last answer is')
     bench.until_status('robot robot_1', Level.WARN, 'late: the last answer is')
-    bench.until_status('fleet', Level.ERROR, 'the solver is started anew')
+    bench.until_status('fleet', Level.ERROR, 'no answer for')
     assert not bench.heard.fleet[0].poses, 'the last answer is taken back'
+    release.set()
     bench.until_placements(2)
     bench.until_status('fleet', Level.WARN, 'ambiguous')
-    release.set()
 
 
 def test_after_a_backlog_what_is_taken_is_young_enough(bench, make_node):

@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from threading import Event, get_native_id
-import time
 
 import pytest
 
@@ -17,11 +16,10 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 from dg_localization import SolverOptions  # noqa: E402
 from dg_localization.fleet import FleetConfig  # noqa: E402
 from dg_localization.ros.node.worker import (  # noqa: E402  # noqa: E402
-    MOST_STUCK,
     NICENESS,
     EstimateWorker,
-    Watchdog,
     longest_estimate_s,
+    patience_s,
 )
 
 DEADLINE_S = 60.0
@@ -114,100 +112,11 @@ def test_warm_up_comes_first_and_no_cancel_stops_it(make_worker):
     assert done == ['warm-up', 'dropped', 'estimate']
 
 
-def test_restarted_worker_answers_although_the_first_estimate_hangs(make_worker):
-    release, hanging, woken, wakes = Event(), Event(), Event(), []
-
-    def estimate(snapshot, cancel):
-        if snapshot == 'hangs':
-            hanging.set()
-            assert release.wait(DEADLINE_S)
-        return snapshot
-
-    def wake():
-        wakes.append(1)
-        woken.set()
-
-    worker = make_worker(estimate, wake)
-    assert worker.busy_s == 0.0
-    worker.submit('hangs')
-    assert hanging.wait(DEADLINE_S)
-    assert worker.busy_s > 0.0
-    assert worker.restart() and not worker.busy
-    worker.submit('answers')
-    assert woken.wait(DEADLINE_S)
-    release.set()
-    assert worker.take() == 'answers'
-    assert len(wakes) == 1
-
-
-def test_worker_is_not_restarted_while_too_many_threads_are_stuck(make_worker):
-    release = Event()
-    worker = make_worker(lambda snapshot, cancel: release.wait(DEADLINE_S))
-    for _ in range(MOST_STUCK):
-        worker.submit(None)
-        assert worker.restart()
-    worker.submit(None)
-    assert not worker.restart() and worker.busy
-    release.set()
-    worker.cancel()
-    for _ in range(MOST_STUCK + 1):
-        # What has ended after all counts no more.
-        worker.submit(None)
-        while not worker.take():
-            time.sleep(0.01)
-        assert worker.restart()
-
-
-def test_time_of_the_processor_is_that_of_the_estimate(make_worker):
-    release, done = Event(), Event()
-
-    def estimate(snapshot, cancel):
-        while snapshot == 'works' and time.thread_time() < 0.3:
-            pass
-        done.set()
-        assert release.wait(DEADLINE_S)
-
-    worker = make_worker(estimate)
-    assert worker.cpu_s == 0.0
-    worker.submit('works')
-    assert done.wait(DEADLINE_S)
-    assert 0.2 < worker.cpu_s <= worker.busy_s
-    assert worker.restart()
-    done.clear()
-    worker.submit('waits')
-    assert done.wait(DEADLINE_S)
-    time.sleep(0.3)
-    assert worker.cpu_s < 0.1 < 0.3 < worker.busy_s
-    release.set()
-
-
 def test_an_estimate_may_take_all_the_time_that_parameters_give_it():
     given = SolverOptions(max_seconds=1.5)
     fleet = FleetConfig(['a'], solver=given, memory_max_seconds=30.0, max_conflict_seconds=4.0)
-    watchdog = Watchdog(longest_estimate_s(fleet))
-    assert not watchdog.is_late(35.0) and not watchdog.is_hopeless(35.0, 35.0)
-    assert watchdog.is_late(36.0)
-
-
-def test_watchdog_knows_a_late_estimate_from_one_that_is_stuck():
-    watchdog = Watchdog(2.0)
-    assert watchdog.is_late(2.1) and not watchdog.is_late(2.0)
-    # A fiftieth of a processor is little, but it gets on.
-    assert not any(watchdog.is_hopeless(busy_s, busy_s / 50.0) for busy_s in range(1, 400))
-    assert not watchdog.is_hopeless(0.0, 0.0)
-    # It stands still.
-    assert not any(watchdog.is_hopeless(busy_s, min(busy_s, 2.0)) for busy_s in range(1, 13))
-    assert watchdog.is_hopeless(13.0, 2.0)
-    # The next one, which runs for ever.
-    assert not any(watchdog.is_hopeless(busy_s, 0.9 * busy_s) for busy_s in range(1, 12))
-    assert watchdog.is_hopeless(12.0, 10.8)
-    # One after another, each seen once: the second has used less, and is not stuck.
-    assert not watchdog.is_hopeless(3.0, 3.0)
-    assert not watchdog.is_hopeless(4.0, 0.1)
-    assert not watchdog.is_hopeless(13.5, 0.5)
-    # Idle in between.
-    assert not watchdog.is_hopeless(0.0, 0.0)
-    assert not watchdog.is_hopeless(9.0, 0.0)
+    assert longest_estimate_s(fleet) == 35.5
+    assert (patience_s(35.5), patience_s(0.2)) == (177.5, 10.0)
 
 
 def test_process_ends_although_the_thread_does_not():

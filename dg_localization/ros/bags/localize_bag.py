@@ -47,18 +47,16 @@ from dg_localization.ros.executables import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
     StopRequest,
-    print_line,
-    print_result,
-    stop_request,
-)
-from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import (
     add_fleet,
     add_span,
     make_progress,
     new_path,
     path_ending_in,
+    print_line,
+    print_result,
+    stop_request,
 )
+from dg_localization.ros.spinning import own_arguments
 
 PAGE = '.html'
 """The ending of a report with pictures."""

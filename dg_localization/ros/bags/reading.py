@@ -15,8 +15,14 @@ from heapq import heappop, heappush
 from io import StringIO
 from typing import Any, NamedTuple
 
-from dg_localization.ros.bags.bag import END_OF_ROS_TIME_NS, NS_PER_S, Bag, BagError, Topic
-from dg_localization.ros.bags.storage import Channel
+from dg_localization.ros.bags.bag import (
+    END_OF_ROS_TIME_NS,
+    NS_PER_S,
+    Bag,
+    BagError,
+    Channel,
+    Topic,
+)
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 """Where a bag does not hold the definition of a type, that of one of these may fit."""

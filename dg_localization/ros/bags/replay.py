@@ -24,9 +24,8 @@ from rosgraph_msgs.msg import Clock
 
 from dg_localization.ros.bags.bag import NS_PER_S, BagError, Topic, open_bag
 from dg_localization.ros.bags.reading import BagMessage, Reading
-from dg_localization.ros.executables import print_line
+from dg_localization.ros.executables import add_span, make_progress, number, print_line
 from dg_localization.ros.spinning import own_arguments, rclpy_running
-from dg_localization.ros.terminal import add_span, make_progress, number
 
 CLOCK = '/clock'
 QUEUE_DEPTH = 100

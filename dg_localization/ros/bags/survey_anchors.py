@@ -22,9 +22,14 @@ from dg_localization.fleet import Anchor, Estimate, FleetConfig, Localizer, Rang
 from dg_localization.fleet.config import ConfigError
 from dg_localization.ros.bags.truth import split_table
 from dg_localization.ros.bags.writer import parameters_text
-from dg_localization.ros.executables import EXIT_FAILED, UsageError, print_line, print_result
+from dg_localization.ros.executables import (
+    EXIT_FAILED,
+    UsageError,
+    existing_file,
+    print_line,
+    print_result,
+)
 from dg_localization.ros.spinning import own_arguments
-from dg_localization.ros.terminal import existing_file
 
 NOW_S = 1.0
 

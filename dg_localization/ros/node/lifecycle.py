@@ -1,21 +1,43 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A managed node: its transitions, and the heartbeat for a lifecycle manager."""
+"""What a node has beside its work: states, a bond, parameters that change, and a log."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import wraps
 from importlib import import_module
 from importlib.util import find_spec
+import re
 import traceback
 from typing import Any, TypeVar
 
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from dg_localization.ros.interface.diagnostics import shortened
+from dg_localization.ros.interface.outputs import transform_output
+from dg_localization.ros.interface.parameters.settings import (
+    Settings,
+    changed_values,
+    declare_missing,
+    settings_from,
+    without_fleet_changes,
+)
+from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from msg_adapters import Level, Status
 
 N = TypeVar('N', bound=LifecycleNode)
+
+BOND_TOPIC = 'bond'
+BEGINNING = re.compile(r'[^:;,0-9]*')
+"""What is wrong, of a message that goes on with names and numbers."""
+
+LOOKS_BETWEEN = 5
+"""A fleet that comes and goes has no more than one line in so many looks."""
 
 
 def transition(
@@ -41,27 +63,22 @@ def refuse_impossible_transitions(node: LifecycleNode) -> None:
 
     rclpy raises, and whoever asks, such as a lifecycle manager, waits for an answer for ever.
     """
+
+    def refusing(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        @wraps(callback)
+        def change_state(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            # rclpy has no public class for this; rcl has logged the transition and the state.
+            except RuntimeError:
+                response.success = False
+                return response
+
+        return change_state
+
     for service in node.services:
         if service.srv_type is ChangeState:
-            service.callback = _refusing(service.callback)
-
-
-def _refusing(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a callback that refuses where `callback` raises."""
-
-    @wraps(callback)
-    def change_state(request: Any, response: Any) -> Any:
-        try:
-            return callback(request, response)
-        # rclpy has no public class for this; rcl has logged the transition and the state.
-        except RuntimeError:
-            response.success = False
-            return response
-
-    return change_state
-
-
-BOND_TOPIC = 'bond'
+            service.callback = refusing(service.callback)
 
 
 def make_bond(node: Node) -> Callable[[], None] | None:
@@ -164,3 +181,107 @@ class ManagedNode(LifecycleNode):
     def _clock_s(self) -> float:
         """Return the time of the node's clock in s."""
         return float(self.get_clock().now().nanoseconds) * 1e-9
+
+
+class LiveParameters:
+    """
+    Checks each change as a whole, and applies what takes effect at once.
+
+    Parameters
+    ----------
+    node : Node
+        Its parameters are declared.
+    apply : callable
+        Called with the settings after a change; the fleet in them is the present one.
+
+    """
+
+    def __init__(self, node: Node, apply: Callable[[Settings], None]) -> None:
+        self._node = node
+        self._apply = apply
+        declared: dict[str, Any] = node.get_parameters_by_prefix('')
+        given = {name: parameter.value for name, parameter in declared.items()}
+        self._wanted: dict[str, Any] = changed_values({}, given)
+        self._present = self._wanted
+        self._is_declaring = False
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._on_set)
+
+    def at_configure(self) -> Settings | None:
+        """Return the settings with all changes so far; None where there is none to come."""
+        if self._wanted == self._present:
+            return None
+        self._present = self._wanted
+        self._is_declaring = True
+        declare_missing(self._node, self._wanted)
+        self._is_declaring = False
+        return settings_from(self._wanted, self._node.resolve_topic_name)
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Refuse wrong values, and another clock: all stamps so far would be wrong."""
+        try:
+            if any(parameter.name == 'use_sim_time' for parameter in parameters):
+                raise WrongParameterError('use_sim_time can be set only when the node starts')
+            self._settings_after(parameters)
+        except WrongParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_set(self, parameters: Sequence[Parameter]) -> None:
+        """Apply what takes effect at once; the rest waits for the next configuration."""
+        if self._is_declaring:
+            return
+        before = self._present
+        self._wanted, self._present, settings = self._settings_after(parameters)
+        if self._present != before:
+            self._apply(settings)
+        if self._wanted != self._present:
+            self._node.get_logger().info('some changes take effect at the next configure')
+
+    def _settings_after(
+        self, parameters: Sequence[Parameter]
+    ) -> tuple[dict[str, Any], dict[str, Any], Settings]:
+        """Return the wanted values, the present ones, and the settings of these."""
+        changes = {one.name: one.value for one in parameters if one.name in self._wanted}
+        if self._is_declaring:
+            changes = {}
+        wanted = changed_values(self._wanted, changes)
+        if settings_from(wanted, self._node.resolve_topic_name).publish_tf:
+            transform_output()
+        present = without_fleet_changes(self._present, wanted)
+        return wanted, present, settings_from(present, self._node.resolve_topic_name)
+
+
+class FleetLog:
+    """
+    Logs the status of the fleet when it becomes another one for more than a moment.
+
+    Parameters
+    ----------
+    logger : rclpy.impl.rcutils_logger.RcutilsLogger
+
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._seen: tuple[Level, str] | None = None
+        self._said: tuple[Level, str] | None = None
+        self._looks = LOOKS_BETWEEN
+
+    def look(self, status: Status) -> None:
+        """Log a status that is another one than was logged last, and that was seen last, too."""
+        found = BEGINNING.match(status.message)
+        state = status.level, found.group() if found else ''
+        lasts, self._seen = state == self._seen, state
+        self._looks += 1
+        if not lasts or state == self._said or self._looks <= LOOKS_BETWEEN:
+            return
+        self._said, self._looks = state, 0
+        text = shortened(f'fleet: {status.message}')
+        # A logger takes one severity from each line.
+        if status.level is Level.OK:
+            self._logger.info(text)
+        elif status.level is Level.WARN:
+            self._logger.warning(text)
+        else:
+            self._logger.error(text)

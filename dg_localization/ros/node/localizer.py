@@ -43,11 +43,9 @@ from dg_localization.ros.interface.outputs import (
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.interface.transforms import Tracks, transforms
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
-from dg_localization.ros.node.fleet_log import FleetLog
 from dg_localization.ros.node.inputs import Inputs
-from dg_localization.ros.node.lifecycle import ManagedNode
-from dg_localization.ros.node.live_parameters import LiveParameters
-from dg_localization.ros.node.worker import EstimateWorker, Watchdog, longest_estimate_s
+from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode
+from dg_localization.ros.node.worker import EstimateWorker, longest_estimate_s, patience_s
 from dg_localization.ros.spinning import STEADY, at_most_every
 from msg_adapters import Diagnostics
 from msg_adapters.poses import transforms_to_cdr
@@ -179,7 +177,7 @@ class LocalizerNode(ManagedNode):
     def _keep_pace(self) -> None:
         self._rate = RateMeter(self.settings.rate_hz)
         self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
-        self._watchdog = Watchdog(longest_estimate_s(self.settings.fleet))
+        self._longest_estimate_s = longest_estimate_s(self.settings.fleet)
 
     def _apply(self, settings: Settings) -> None:
         """Go on with other settings of the same fleet."""
@@ -205,7 +203,7 @@ class LocalizerNode(ManagedNode):
         if rejection is not None:
             text = shortened(f'{link.topic}: {rejection}')
             self.get_logger().warning(text, **at_most_every(REPEATED_WARNING_S))
-        if self._watchdog.is_late(self._worker.busy_s):
+        if self._worker.busy_s > self._longest_estimate_s:
             # More messages than can be taken must not starve the estimate that they are for.
             time.sleep(min(LONGEST_REST_S, time.monotonic() - began_s))
 
@@ -308,7 +306,7 @@ class LocalizerNode(ManagedNode):
         """Look after the worker, the clock and the graph, and publish the diagnostics."""
         if self._state == 'active':
             self._now_s()
-            if self._watchdog.is_hopeless(self._worker.busy_s, self._worker.cpu_s):
+            if self._worker.busy_s > patience_s(self._longest_estimate_s):
                 self._give_up_estimate()
         diagnostics = self._diagnose()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
@@ -321,14 +319,11 @@ class LocalizerNode(ManagedNode):
         self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1
 
     def _give_up_estimate(self) -> None:
-        """Take back the last answer, and answer the next snapshot in a new thread."""
-        busy_s = self._worker.busy_s
-        restarted = self._worker.restart()
-        outcome = 'the solver is started anew' if restarted else 'the node must be started anew'
-        reason = f'no answer for {busy_s:.1f} s: {outcome}'
-        if restarted or outcome not in self._failure:
-            self.get_logger().error(reason)
-            self._fail(reason)
+        """Take back the last answer; one more begins when the thread is done with this one."""
+        reason = f'no answer for {self._worker.busy_s:.1f} s: if this lasts, start the node anew'
+        self._worker.cancel()
+        self.get_logger().error(reason)
+        self._fail(reason)
 
     def _diagnose(self) -> Diagnostics:
         now_s = self._clock_s()
