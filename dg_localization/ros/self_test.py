@@ -127,15 +127,17 @@ def measure() -> list[Check]:
     """Localize the simulated fleet in a namespace of its own and return what was measured."""
     namespace = f'/self_test_{os.getpid()}'
     clocks_s = time.time() - time.monotonic()
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     with ExitStack() as stack:
         for name, values in (('simulate_fleet', SIMULATED), ('localizer', LOCALIZING)):
-            command = [sys.executable, '-m', 'dg_localization.ros', name, '--ros-args']
+            # A clone in the working directory is not what is installed.
+            command = [sys.executable, '-P', '-m', 'dg_localization.ros', name, '--ros-args']
             command += ['-r', f'__ns:={namespace}']
             command += [
                 part for key, value in values.items() for part in ('-p', f'{key}:={value}')
             ]
             nowhere = subprocess.DEVNULL
-            process = subprocess.Popen(command, stdout=nowhere, stderr=nowhere)
+            process = subprocess.Popen(command, stdout=nowhere, stderr=nowhere, env=environment)
             stack.enter_context(process)
             stack.callback(process.terminate)
         found = _observe(namespace)

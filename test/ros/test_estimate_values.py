@@ -26,8 +26,11 @@ from dg_localization.fleet import (  # noqa: E402
     LinkKind,
     LinkState,
     Localizer,
+    Offender,
     Placement,
     RejectionReason,
+    Suspect,
+    SuspectKind,
 )
 from dg_localization.ros.interface.diagnostics import Malformed, Report, statuses  # noqa: E402
 from dg_localization.ros.interface.links import Link, Template  # noqa: E402
@@ -268,6 +271,14 @@ MOVED = replace(
 )
 
 
+def lied(count):
+    """Return an estimate of a sensor that was suspected so often in five contradictions."""
+    offender = Offender(
+        Suspect(SuspectKind.SENSOR, 'a', measures=(LinkKind.RANGE,)), count, 5, 60.0
+    )
+    return replace(ONE, offenders=(offender,))
+
+
 @pytest.mark.parametrize(
     'made, changes, level, text',
     [
@@ -287,6 +298,8 @@ MOVED = replace(
         (ONE, {'failure': 'internal error'}, Level.ERROR, 'internal error'),
         (MOVED, {}, Level.WARN, 'the frame has changed: body frame of a before, origin at a, x'),
         (replace(ONE, frame_doubt='a is silent'), {}, Level.WARN, 'a is silent'),
+        (lied(3), {}, Level.WARN, "one hypothesis; a's ranging was among the suspects in 3 of"),
+        (lied(2), {}, Level.OK, 'localized'),
     ],
 )
 def test_fleet_status(made, changes, level, text):

@@ -102,6 +102,19 @@ def learn(tmp_path, capsys):
     return run
 
 
+@pytest.fixture
+def told(tmp_path, learn):
+    """Let the node read what was learned after what was stated; return what it tells the fleet."""
+
+    def read():
+        bounds = tmp_path / 'bounds.yaml'
+        bounds.write_text(learn.output)
+        arguments = ['--ros-args', '--params-file', str(bounds)]
+        return read_task(learn.params, arguments).settings.fleet
+
+    return read
+
+
 def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
     bag = record(tmp_path / 'bag', landmarks=True, odometry=True, error=0.04, bearing_error=0.05)
     code, found = learn(bag, '--truth', TRUTH, '--per', 'all', '--margin', '0')
@@ -140,7 +153,7 @@ def test_broken_bounds_are_named_with_their_times(tmp_path, learn):
     assert 0.0 < float(found[0][2]) - float(found[0][1]) < 1.0
 
 
-def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
+def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
     def longer(topic, message):
         if topic == 'robot_1/range/robot_2':
             message.range += 0.5
@@ -149,9 +162,7 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
     bag = record(tmp_path / 'bag', change=longer, odometry=True)
     code, found = learn(bag, '--truth', TRUTH)
     assert code == 0
-    bounds = tmp_path / 'bounds.yaml'
-    bounds.write_text(learn.output)
-    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    fleet = told()
     apart, other = fleet.range_error_of('robot_1', 'robot_2'), fleet.range_error_of(*ROBOTS[1:3])
     assert apart.expected_error_m == pytest.approx(0.5, abs=0.1)
     assert other.expected_error_m == pytest.approx(0.0, abs=0.1)
@@ -170,7 +181,7 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn):
     assert error.translation_per_rad == error.rotation_per_m == error.latency_s == 0.0
 
 
-def test_each_robot_has_a_scale_of_its_own(tmp_path, learn):
+def test_each_robot_has_a_scale_of_its_own(tmp_path, learn, told):
     def shorter(topic, message):
         if topic == 'robot_2/odom':
             message.pose.pose.position.x *= 0.8
@@ -180,9 +191,7 @@ def test_each_robot_has_a_scale_of_its_own(tmp_path, learn):
     bag = record(tmp_path / 'bag', seconds=40.0, change=shorter, odometry=True, cameras=False)
     code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
     assert code == 0
-    bounds = tmp_path / 'bounds.yaml'
-    bounds.write_text(learn.output)
-    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    fleet = told()
     learned = found['robot_odometry']
     assert set(learned) == set(ROBOTS)
     # It is simulated to 5 %.
@@ -220,17 +229,12 @@ def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
     assert shares_of_links(record(tmp_path / 'short', seconds=3.0, cameras=False)) == {}
 
 
-def test_peers_get_the_bounds_of_their_observer(tmp_path, learn):
-    def longer(topic, message):
-        return message
-
-    bag = record(tmp_path / 'bag', change=longer, peers=True)
+def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
+    bag = record(tmp_path / 'bag', peers=True)
     code, found = learn(bag, '--truth', TRUTH)
     assert code == 0
     assert {text.split()[1] for text in found['links']} == {'sensor_msgs/msg/PointCloud2'}
-    bounds = tmp_path / 'bounds.yaml'
-    bounds.write_text(learn.output)
-    fleet = read_task(learn.params, ['--ros-args', '--params-file', str(bounds)]).settings.fleet
+    fleet = told()
     for target in (*ROBOTS[1:], *LANDMARKS_M):
         assert fleet.range_error_of('robot_1', target).max_error_relative < 0.05
         assert fleet.bearing_half_width_of('robot_1', target) < 0.03
@@ -249,19 +253,6 @@ def test_without_truth_the_bias_is_left_open(tmp_path, learn):
     text = ' '.join(learn.output.replace('#', '').split())
     assert 'a bias, is not seen' in text
     assert 'Without --truth the bounds are those that you stated, widened where' in text
-
-
-@pytest.fixture
-def told(tmp_path, learn):
-    """Let the node read what was learned after what was stated; return what it tells the fleet."""
-
-    def read():
-        bounds = tmp_path / 'bounds.yaml'
-        bounds.write_text(learn.output)
-        arguments = ['--ros-args', '--params-file', str(bounds)]
-        return read_task(learn.params, arguments).settings.fleet
-
-    return read
 
 
 def state(learn, **fleet):

@@ -7,7 +7,6 @@ from functools import partial
 import math
 from pathlib import Path
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -226,20 +225,6 @@ def test_camera_that_looks_elsewhere_is_turned(intake, rays, text_messages, turn
     take(intake, f'/a/info {CAMERA_INFO} a', camera_info())
     take(intake, f'/a/tags {TEXT} a {turn}', String(data='eye c:50:50'))
     assert rays['a', 'c'] == pytest.approx(ray)
-
-
-def test_rays_of_clouds_are_turned_too(intake, rays):
-    cloud = adapter_for('sensor_msgs/msg/PointCloud2').to_message(
-        SimpleNamespace(
-            stamp_s=NOW_S,
-            frame_id='',
-            peers=np.array([2]),
-            ranges_m=np.array([math.nan]),
-            rays_xyz=np.array([[1.0, 0.0, 0.0]]),
-        )
-    )
-    take(intake, '/a/peers sensor_msgs/msg/PointCloud2 a yaw=1.5707963267948966', cloud)
-    assert rays['a', 'c'] == pytest.approx((0.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize('link', [f'/b/info {CAMERA_INFO} b', f'/a/info {CAMERA_INFO} a'])

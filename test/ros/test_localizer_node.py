@@ -133,28 +133,6 @@ def test_answer_that_ends_after_the_clock_went_back_is_not_published(bench, make
     assert all(not array.poses for array in bench.heard.fleet)
 
 
-def test_anchors_give_the_frame_and_rule_out_the_mirror_image(bench, make_node):
-    make_node(
-        robots=['robot_1'],
-        anchors__names=['p', 'q', 'r'],
-        anchors__p__position=[0.0, 0.0],
-        anchors__q__position=[8.0, 0.0],
-        anchors__r__position=[0.0, 8.0],
-        fixed_frame='hall',
-    )
-
-    def send():
-        for target, range_m in (('p', 5.0), ('q', 6.4031), ('r', 5.0)):
-            bench.send_range('robot_1', target, range_m)
-
-    bench.sending = [send]
-    pose = bench.until(lambda: bench.heard.poses['robot_1'], 'a pose')[-1]
-    assert pose.header.frame_id == 'hall'
-    assert pose.pose.pose.position.x == pytest.approx(3.0, abs=0.5)
-    assert pose.pose.pose.position.y == pytest.approx(4.0, abs=0.5)
-    assert pose.pose.covariance[35] == 1e6  # an unknown heading
-
-
 @pytest.fixture
 def replace_adapter():
     """Register other adapters; those that were there come back after the test."""

@@ -11,7 +11,6 @@ from heard_poses import assert_holds, half_widths_of, pose_from_message
 from nav_msgs.msg import Odometry
 import numpy as np
 
-from dg_localization.fleet.rotations import quaternion_of_euler
 from msg_adapters import Level, OdometryReading, adapter_for
 
 ROBOTS = ('robot_1', 'robot_2', 'robot_3')
@@ -119,85 +118,3 @@ def test_robots_that_move_end_with_one_hypothesis_and_headings(bench, make_node)
     positions, yaws = fleet.in_fleet_frame(poses[0].stamp_s)
     for row, pose in enumerate(poses):
         assert_holds(pose, positions[row], yaws[row])
-
-
-ANCHORS_M = {
-    'a': [0.0, 0.0, 0.0],
-    'b': [8.0, 0.0, 3.0],
-    'c': [8.0, 8.0, 0.0],
-    'd': [0.0, 8.0, 3.0],
-}
-
-
-class Flying:
-    """A robot that flies in circles, and measures one anchor at a time."""
-
-    def __init__(self, bench):
-        self.bench = bench
-        self.now_s = 1000.0
-        self.steps = 0
-        self.sent_at_s = -math.inf
-
-    def pose(self, time_s):
-        """Return position, roll, pitch and yaw."""
-        angle = 0.4 * time_s
-        place = [
-            4.0 + 2.0 * math.cos(angle),
-            4.0 + 2.0 * math.sin(angle),
-            1.5 + 0.5 * math.sin(angle),
-        ]
-        return np.array(place), 0.2, 0.1 * math.sin(angle), angle + 0.5 * math.pi
-
-    def send(self):
-        if time.monotonic() < self.sent_at_s + 0.05:
-            return
-        self.sent_at_s = time.monotonic()
-        self.now_s += STEP_S
-        self.steps += 1
-        self.bench.send_clock(self.now_s)
-        place, *angles = self.pose(self.now_s)
-        reading = OdometryReading(self.now_s, place - 4.0, np.array(quaternion_of_euler(*angles)))
-        self.bench.publisher(Odometry, '/robot_1/odom').publish(odometry_to_message(reading))
-        anchor = sorted(ANCHORS_M)[self.steps % len(ANCHORS_M)]
-        range_m = float(np.linalg.norm(place - ANCHORS_M[anchor]))
-        self.bench.send_range('robot_1', anchor, range_m, stamp_s=self.now_s)
-
-
-def test_a_robot_that_flies_among_anchors_is_placed_and_has_an_orientation(bench, make_node):
-    """Each moment has one range or two: all that is known comes from what is remembered."""
-    make_node(
-        covariance='enclosure',
-        robots=['robot_1'],
-        dimension=3,
-        use_sim_time=True,
-        max_future=0.5,
-        max_age=0.3,
-        max_turn_rate=2.0,
-        max_speed=2.0,
-        memory__max_seconds=1.0,
-        range__min_error_relative=-0.01,
-        range__max_error_relative=0.01,
-        odometry__tilt=0.02,
-        anchors__names=list(ANCHORS_M),
-        **{f'anchors__{name}__position': place for name, place in ANCHORS_M.items()},
-    )
-    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', DEADLINE_S)
-    flier = Flying(bench)
-    bench.sending = [flier.send]
-
-    def oriented():
-        heard = bench.heard.poses['robot_1']
-        if not heard:
-            return None
-        pose = pose_from_message(heard[-1])
-        half_widths = half_widths_of(pose)
-        return pose if np.all(half_widths[:3] < 1.5) and np.all(half_widths[3:] < 1.0) else None
-
-    pose = bench.until(oriented, 'a pose that is known', DEADLINE_S)
-    place, *angles = flier.pose(pose.stamp_s)
-    half_widths = half_widths_of(pose)
-    assert np.all(np.abs(pose.position_xyz - place) <= half_widths[:3] + 1e-6)
-    angle = 2.0 * math.acos(
-        min(1.0, abs(pose.orientation_xyzw @ np.array(quaternion_of_euler(*angles))))
-    )
-    assert angle <= half_widths[5] + 1e-6

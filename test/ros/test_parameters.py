@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 import yaml  # noqa: E402
 
-from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
+from dg_localization.fleet import ElevationErrorModel, LinkKey, LinkKind  # noqa: E402
 from dg_localization.fleet.rotations import rotation_of_quaternion  # noqa: E402
 from dg_localization.ros.interface.links import parse_link  # noqa: E402
 from dg_localization.ros.interface.parameters.document import as_markdown, as_yaml  # noqa: E402
@@ -30,6 +30,7 @@ from dg_localization.ros.interface.parameters.table import TABLE  # noqa: E402
 REPOSITORY = Path(__file__).parents[2]
 CONFIG = REPOSITORY / 'config'
 ROBOTS = {'robots': ['a', 'b', 'c']}
+BARO = '/baro geometry_msgs/msg/PointStamped'
 
 
 def settings(**given):
@@ -475,3 +476,33 @@ def test_a_template_under_which_two_pairs_have_one_topic_is_refused():
     with pytest.raises(WrongParameterError, match=wanted):
         settings(robots=['a', 'a_b', 'b_c', 'c'], **{'range.topic': '/{observer}_{target}'})
     settings(robots=['a', 'a_b', 'b_c', 'c'], **{'range.topic': '/{observer}/{target}'})
+
+
+def elevated(**given):
+    stated = {'elevations.names': ['a'], 'elevations.a': [0.0, 20.0]}
+    return settings(**stated, **given)
+
+
+def test_parameters_of_readings_reach_the_fleet():
+    found = elevated(
+        **{
+            'elevation.topic': '{observer}/depth',
+            'elevation.min_error': -0.2,
+            'elevation.max_error': 0.3,
+            'elevation.stamp_offset': -0.1,
+        }
+    )
+    assert found.fleet.elevation_error == ElevationErrorModel(-0.2, 0.3)
+    assert found.fleet.point_elevation_error == {}
+    (template,) = (one for one in found.templates if one.kind == 'elevation')
+    link = template.link_of('/a/depth', found.fleet.points)
+    assert str(link.key) == 'elevation a'
+    assert link.stamp_offset_s == -0.1
+
+
+def test_a_link_has_error_bounds_of_its_own_which_are_not_those_of_ranges():
+    found = elevated(links=[f'{BARO} a min_error=-1.0', '/other geometry_msgs/msg/PointStamped a'])
+    assert found.fleet.point_elevation_error == {'a': ElevationErrorModel(-1.0, 0.5)}
+    assert found.fleet.links == ()
+    # Readings of a robot without a stated elevation are counted and rejected.
+    assert elevated(links=[f'{BARO} b max_error=1.0']).fleet.point_elevation_error == {}

@@ -13,7 +13,11 @@ from dg_localization.ros.self_test import Observed  # noqa: E402
 CHECKS = ('numba', 'kernels', 'answers', 'delay', 'messages', 'clock', 'memory')
 
 
-def test_every_check_is_printed_with_its_figure(capsys):
+def test_every_check_is_printed_with_its_figure(capsys, tmp_path, monkeypatch):
+    # The clone that something else was installed from may be the working directory.
+    (tmp_path / 'dg_localization').mkdir()
+    (tmp_path / 'dg_localization/__init__.py').write_text("raise ImportError('not installed')")
+    monkeypatch.chdir(tmp_path)
     code = self_test([])
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines] == list(CHECKS)

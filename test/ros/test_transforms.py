@@ -19,7 +19,7 @@ from dg_localization.fleet.vocabulary import OdometryReading as Pose  # noqa: E4
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.transforms import transforms  # noqa: E402
 from msg_adapters import Level, OdometryReading, adapter_for  # noqa: E402
-from msg_adapters.poses import transforms_from_message, transforms_to_cdr  # noqa: E402
+from msg_adapters.poses import transforms_from_message  # noqa: E402
 
 STAMP_S = 100.0
 ANCHORED = FixedFrame(FrameKind.ANCHORS, ('p', 'q', 'r'))
@@ -160,16 +160,6 @@ def test_in_the_plane_a_ramp_does_not_tilt_the_odometry_frame():
     assert np.abs(found[0].rotation_xyzw) == pytest.approx([0.0, 0.0, 0.0, 1.0])
 
 
-def test_the_bytes_are_those_of_a_transform_message():
-    typesys = pytest.importorskip('rosbags.typesys', reason='rosbags is not installed')
-    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    found = found_of(estimate())
-    message = store.deserialize_cdr(transforms_to_cdr(found), 'tf2_msgs/msg/TFMessage')
-    for ours, theirs in zip(found, transforms_from_message(message), strict=True):
-        for name, value in vars(ours).items():
-            np.testing.assert_array_equal(getattr(theirs, name), value)
-
-
 @pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
 def test_a_package_that_is_missing_is_named(make_node):
     with pytest.raises(WrongParameterError, match='publish_tf.*tf2_msgs.*apt install'):
@@ -245,21 +235,6 @@ def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_
     bench.clear()
     bench.until_status('fleet', Level.WARN, 'stale')
     assert not heard
-
-
-def test_the_node_places_the_odometry_frame(bench, make_node, heard):
-    make_anchored_node(make_node, publish_tf=True)
-
-    def send():
-        send_anchored_robot(bench)
-        send_odometry(bench, 1.0, 2.0)
-
-    bench.repeat(send)
-    bench.until(
-        lambda: heard and heard[-1][0].child_frame_id == 'robot_1/odom', 'the odometry frame'
-    )
-    entry = heard[-1][0]
-    assert entry.translation_m[:2] == pytest.approx(place_of_odometry(1.0, 2.0), abs=0.6)
 
 
 def test_no_time_has_two_transforms(bench, make_node, heard):
