@@ -12,25 +12,39 @@ problems and, in m, the distances on the line.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.interval.kernels import kernel
 
+
+class Status(IntEnum):
+    """
+    What came of a box.
+
+    Kernels that are called from Python return truth values or numbers instead: numba takes longer
+    to hand over an enumeration than many of them take.
+    """
+
+    EMPTY = 0
+    """It is proved to hold no placement."""
+
+    CONTRACTED = 1
+    """It was narrowed as far as it goes, perhaps not at all."""
+
+    NOT_RIGID = 2
+    """It was left as it is: the measured pairs do not fix the points."""
+
+    UNFINISHED = 3
+    """The clock or the caller stopped the contraction; the box is sound all the same."""
+
+
 LOWER, UPPER, GAP_LOWER, GAP_UPPER = range(4)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-@kernel(borrows=True)
-def copy_box(source: FloatArray, target: FloatArray) -> None:
-    """Copy a box; numba copies a slice twice, in case source and target overlap."""
-    n_planes, n_points, _ = source.shape
-    for plane in range(n_planes):
-        for i in range(n_points):
-            for j in range(n_points):
-                target[plane, i, j] = source[plane, i, j]
 
 
 @kernel
@@ -98,28 +112,13 @@ def cut_at(
     box: FloatArray, pair: tuple[int, int], low_end: float, high_start: float
 ) -> list[FloatArray]:
     """Return the parts of a box below `low_end` and above `high_start` of one pair."""
-    below, above = np.empty_like(box), np.empty_like(box)
-    _cut(box, *pair, low_end, high_start, below, above)
-    return [below, above]
-
-
-@kernel(borrows=True)
-def _cut(
-    box: FloatArray,
-    i: int,
-    j: int,
-    low_end: float,
-    high_start: float,
-    below: FloatArray,
-    above: FloatArray,
-) -> None:
-    """Write the parts of a box."""
+    i, j = pair
+    below, above = box.copy(), box.copy()
     for part in (below, above):
-        copy_box(box, part)
-        part[GAP_LOWER, i, j] = part[GAP_LOWER, j, i] = 0.0
-        part[GAP_UPPER, i, j] = part[GAP_UPPER, j, i] = 0.0
-    below[UPPER, i, j] = below[UPPER, j, i] = low_end
-    above[LOWER, i, j] = above[LOWER, j, i] = high_start
+        part[[[GAP_LOWER], [GAP_UPPER]], [i, j], [j, i]] = 0.0
+    below[UPPER, [i, j], [j, i]] = low_end
+    above[LOWER, [i, j], [j, i]] = high_start
+    return [below, above]
 
 
 @kernel

@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from functools import cache
 import math
 import time
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ from dg_localization.solver.problem import (
 from dg_localization.solver.result import Result, Statistics
 
 FloatArray = NDArray[np.float64]
+T = TypeVar('T')
 
 
 @default_environment()
@@ -84,14 +86,28 @@ def solve(
             raise TypeError(f'{name} must be of type {kind.__name__}, not {type(value).__name__}')
     # The kernels import numba, which takes longer than the rest of the package together.
     from dg_localization.solver.assemble.answer import solve_in_pieces
-    from dg_localization.solver.assemble.budget import CallBudget
-    from dg_localization.solver.assemble.tasks import Workers
+    from dg_localization.solver.search.budget import Budget
 
     load_kernels()
     boxes = None if within is None else _boxes(problem, within)
-    workers = Workers(executor, load_kernels) if executor is not None else None
-    budget = CallBudget(options, cancel, progress, workers)
-    return solve_in_pieces(problem, budget, boxes)
+    workers = None if executor is None else _Loading(executor)
+    return solve_in_pieces(problem, Budget(options, cancel, progress, workers), boxes)
+
+
+class _Loading(Executor):
+    """Has the workers of an executor load the kernels before their first task."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def submit(self, function: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        return self._executor.submit(_with_kernels, function, *args, **kwargs)
+
+
+def _with_kernels(function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+    """Return the result of a function, once the kernels are loaded."""
+    load_kernels()
+    return function(*args, **kwargs)
 
 
 def _boxes(
@@ -142,10 +158,10 @@ def load_kernels() -> float:
     """
     from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.assemble.answer import solve_in_pieces
-    from dg_localization.solver.assemble.budget import CallBudget
     from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.existence import settled
     from dg_localization.solver.place.placements import MOST_STEPS, refine_in_box
+    from dg_localization.solver.search.budget import Budget
 
     start = time.perf_counter()
     if not COMPILED:
@@ -157,12 +173,12 @@ def load_kernels() -> float:
             _joined_simplices(dimension, closed=True),
             _cross_polytope(dimension),
         ):
-            len(solve_in_pieces(problem, CallBudget(options)).hypotheses)
+            len(solve_in_pieces(problem, Budget(options)).hypotheses)
             # Needed only where the placement of several pieces is hard to prove.
             bounds = np.stack([problem.lower, problem.upper])
             refine_in_box(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
-    len(solve_in_pieces(_braced_block(), CallBudget(options)).hypotheses)
-    for hypothesis in solve_in_pieces(_braced_grid(9, 7), CallBudget(options)).hypotheses:
+    len(solve_in_pieces(_braced_block(), Budget(options)).hypotheses)
+    for hypothesis in solve_in_pieces(_braced_grid(9, 7), Budget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
         bool(hypothesis.proved)
     exact = 1.0 - np.eye(3)

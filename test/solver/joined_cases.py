@@ -10,8 +10,8 @@ from solver_cases import Case, covers, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions
 from dg_localization.solver.assemble.answer import solve_in_pieces
-from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.decompose.decomposition import Decomposition
+from dg_localization.solver.search.budget import Budget
 
 PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '5000'))
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
@@ -19,7 +19,7 @@ FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 
 def solve_as_one(problem, options=None, cancel=None, progress=None, within=None):
     """Solve a problem without taking it to pieces."""
-    budget = CallBudget(options or SolverOptions(), cancel, progress)
+    budget = Budget(options or SolverOptions(), cancel, progress)
     whole = Decomposition((tuple(range(problem.n_points)),), ())
     return solve_in_pieces(problem, budget, within, whole)
 

@@ -15,8 +15,7 @@ from dg_localization.solver.contract.back_projection import (
     back_project as rows_back_to,
     far_squared_distance,
 )
-from dg_localization.solver.contract.projection import project
-from dg_localization.solver.contract.rows import T_LOWER, T_UPPER, make_rows
+from dg_localization.solver.contract.projection import T_LOWER, T_UPPER, make_rows, project
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 AXIS = 0, 1
@@ -129,42 +128,6 @@ def test_nothing_is_lost_on_the_way_back(seed):
     along = (squared[0] - squared[1] + squared[AXIS]) / (2.0 * root)
     assert (coordinates[0, 2:] <= along[2:] + 1e-12).all()
     assert (coordinates[1, 2:] >= along[2:] - 1e-12).all()
-
-
-def test_an_unknown_pair_follows_from_its_projection():
-    """s_ij = (t_i - t_j)^2 + s'_ij, all else being exact (Eq. 21)."""
-    positions = np.array([[0, 0], [5, 0], [2, 7], [-3, 4]])
-    squared = squared_distances(positions)
-    box = box_of(1.0 * squared, 1.0 * squared)
-    box[1, 2, 3] = box[1, 3, 2] = math.inf
-    box[0, 2, 3] = box[0, 3, 2] = 0.0
-    projected, *rest = project_along_axis(box)
-    assert projected[1, 2, 3] == math.inf
-    for pair in ((2, 3), (3, 2)):
-        projected[0][pair] = projected[1][pair] = 9.0
-    assert back_project(box, projected, *rest)
-    assert holds(box, squared)
-    assert box[1, 2, 3] - box[0, 2, 3] < 1e-11
-
-
-@pytest.mark.parametrize('wide', [(0, 2), (1, 2), (0, 1)])
-def test_a_wide_side_follows_from_the_height(wide):
-    """
-    A = t^2 + p, B = u^2 + p and C = (t + u)^2 are used each in its turn (Eqs. 18 and 19).
-
-    The triangle has t = 6, u = 4 and p = 9, and its obtuse sister t = 6, u = -4.
-    """
-    positions = np.array([[0, 0], [10, 0], [6, 3]])
-    squared = squared_distances(positions)
-    box = box_of(1.0 * squared, 1.0 * squared)
-    box[0][wide] = box[0][wide[::-1]] = 0.8 * squared[wide]
-    box[1][wide] = box[1][wide[::-1]] = 1.2 * squared[wide]
-    projected, *rest = project_along_axis(box)
-    projected[:2, 0, 2] = projected[:2, 2, 0] = 9.0
-    for _ in range(3):
-        assert back_project(box, projected, *rest)
-    assert holds(box, squared)
-    assert box[1][wide] - box[0][wide] < 1e-10
 
 
 def test_a_gap_of_the_height_becomes_a_gap_of_the_sides():

@@ -68,16 +68,6 @@ def test_exclude_loses_nothing_but_the_gap(box, gap):
     assert range_before[0] <= box[LOWER, 0, 1] and box[UPPER, 0, 1] <= range_before[1]
 
 
-def test_of_two_gaps_the_wider_is_remembered():
-    box = np.zeros((4, 2, 2))
-    box[UPPER, 0, 1] = box[UPPER, 1, 0] = 12.0
-    for gap in ((1.0, 2.0), (4.0, 7.0), (9.0, 10.0)):
-        assert exclude(box, 0, 1, *gap)
-    assert box[:, 0, 1].tolist() == [0.0, 12.0, 4.0, 7.0]
-    assert exclude(box, 0, 1, 6.0, 9.0)
-    assert box[:, 0, 1].tolist() == [0.0, 12.0, 4.0, 9.0]
-
-
 @LAWS
 @given(boxes(), SORTED)
 def test_the_parts_of_a_cut_box_lose_nothing_but_what_is_between_them(box, ends):

@@ -10,10 +10,10 @@ import pytest
 from solver_cases import box_of
 
 from dg_localization import SolverOptions
-from dg_localization.solver.box import LOWER, UPPER, cut_at
+from dg_localization.solver.box import LOWER, UPPER, Status, cut_at
 from dg_localization.solver.contract.fixed_point import Pruned
-from dg_localization.solver.contract.status import Status
-from dg_localization.solver.search.branch_and_prune import Budget, pave
+from dg_localization.solver.search.branch_and_prune import pave
+from dg_localization.solver.search.budget import Budget
 
 PAIR = 0, 1
 PROBES = np.linspace(0.0, 16.0, 161)
@@ -64,7 +64,7 @@ def test_an_unfinished_box_is_pending_and_not_counted():
         asked.append(box)
         return Status.UNFINISHED if len(asked) == 3 else Status.CONTRACTED
 
-    budget.stopped = lambda: len(asked) == 3
+    budget.is_over = lambda: len(asked) == 3
     cover = search(status_of, budget)
     assert cover.processed == 2 and held(cover.pending).all()
 

@@ -8,16 +8,13 @@ import pytest
 from solver_cases import bounds, box_of, random_case, squared_distances
 
 from benchmarks.pieces import neighbors, uwb_fleet
-from dg_localization import Problem, SolverOptions
-from dg_localization.solver.contract import fixed_point
-from dg_localization.solver.contract.status import Status
-from dg_localization.solver.search.pruning import Pruner
-from dg_localization.solver.search.splitting import choose_split
+from dg_localization.solver.box import Status
+from dg_localization.solver.search.branch_and_prune import Pruner, choose_split
 
 
 def contracted(case):
     """Return (the box of a problem after one contraction, whether anything is left)."""
-    pruner = Pruner(case.problem, case.options)
+    pruner = Pruner(case.problem, case.options.resolution)
     pruned = pruner.prune(pruner.whole())
     return pruned.box, pruned.status is not Status.EMPTY
 
@@ -40,7 +37,7 @@ def test_contraction_is_deterministic_and_leaves_no_trace():
     """A pruner used for something else in between says the same."""
     for seed in range(50):
         case = random_case(seed)
-        pruner = Pruner(case.problem, case.options)
+        pruner = Pruner(case.problem, case.options.resolution)
         first = pruner.prune(pruner.whole())
         assert first.status is Status.CONTRACTED
         between = pruner.whole()
@@ -60,46 +57,10 @@ def test_the_largest_ranges_are_split_inside():
     assert low_end == high_start == pytest.approx(1.35e308)
 
 
-@pytest.mark.parametrize('dimension', [1, 2, 3])
-def test_an_unknown_pair_of_an_exact_fleet_becomes_exact(dimension):
-    """Enough exact distances pin the one that is missing, to a few parts in 1e9."""
-    rng = np.random.default_rng(dimension)
-    for _ in range(20):
-        positions = rng.integers(-50, 51, size=(dimension + 4, dimension)) + rng.random(dimension)
-        squared = squared_distances(positions)
-        if squared[0, 1] < 100.0:
-            continue
-        lower, upper = squared * (1 - 1e-15), squared * (1 + 1e-15)
-        lower[0, 1] = lower[1, 0] = 0.0
-        upper[0, 1] = upper[1, 0] = np.inf
-        pruner = Pruner(Problem(lower, upper, dimension), random_case(0).options)
-        box = pruner.prune(pruner.whole()).box
-        assert box[1, 0, 1] - box[0, 0, 1] < 1e-4 * squared[0, 1]
-
-
-@pytest.mark.parametrize(('n_points', 'local'), [(16, []), (18, [10]), (25, [10, 16]), (31, [20])])
-def test_a_few_points_are_projected_before_all(n_points, local, monkeypatch):
-    counts = []
-    apply_axes = fixed_point.apply_axes
-
-    def noted(*args):
-        if not counts or counts[-1] != args[-1]:
-            counts.append(args[-1])
-        return apply_axes(*args)
-
-    monkeypatch.setattr(fixed_point, 'apply_axes', noted)
-    pruner = Pruner(uwb_fleet(n_points, 8, seed=0), SolverOptions())
-    pruned = pruner.prune(pruner.whole())
-    assert pruned.status is Status.CONTRACTED
-    assert counts == [*local, n_points]
-    squared = squared_distances(neighbors(n_points, 8, 2, seed=0)[0])
-    assert ((pruned.box[0] <= squared) & (squared <= pruned.box[1])).all()
-
-
 @pytest.mark.parametrize('n_points', [17, 20, 21, 30])
 def test_no_placement_of_a_fleet_of_wide_distances_is_lost(n_points):
     for seed in range(20):
-        pruner = Pruner(uwb_fleet(n_points, 5 + seed % 4, seed), SolverOptions())
+        pruner = Pruner(uwb_fleet(n_points, 5 + seed % 4, seed), 0.05)
         pruned = pruner.prune(pruner.whole())
         squared = squared_distances(neighbors(n_points, 5 + seed % 4, 2, seed)[0])
         assert pruned.status is not Status.EMPTY, seed

@@ -84,43 +84,8 @@ def test_a_frame_without_extent_may_have_any_direction(dimension, size, width):
         assert (along[:, 0] - reach <= enclosure[:, 1, 0]).all()
 
 
-@pytest.mark.parametrize('size', [1.0, 1e-12, 1e12])
-def test_exact_distances_give_exact_coordinates(size):
-    positions = np.array([[0, 0, 0], [3, 0, 0], [1, 2, 0], [2, -1, 2], [-1, -2, -3]]) * size
-    enclosure = enclose_coordinates(
-        squared_distances(positions), squared_distances(positions), (0, 1, 2, 3)
-    )
-    np.testing.assert_allclose(enclosure[:, 0], positions, atol=1e-13 * size)
-    np.testing.assert_allclose(enclosure[:, 1], positions, atol=1e-13 * size)
-
-
-def test_the_enclosure_is_no_wider_than_its_reasons():
-    """A triangle's apex: x from Eq. (7), y from its squared height, by brute force."""
-    lower, upper = bounds(3, {(0, 1): (99.0, 101.0), (0, 2): (24.0, 26.0), (1, 2): (84.0, 86.0)})
-    enclosure = enclose_coordinates(lower, upper, (0, 1, 2))
-    c, a, b = np.meshgrid(*(np.linspace(lower[p], upper[p], 41) for p in ((0, 1), (0, 2), (1, 2))))
-    x = (a - b + c) / (2.0 * np.sqrt(c))
-    y = np.sqrt(a - x * x)
-    assert enclosure[2].T == pytest.approx(
-        np.array([[x.min(), x.max()], [y.min(), y.max()]]), abs=2e-3
-    )
-
-
-def test_what_the_distances_do_not_bound_is_infinite():
-    lower, upper = bounds(3, {(0, 1): (4.0, 4.0)})
-    enclosure = enclose_coordinates(lower, upper, (0, 1, 2))
-    assert enclosure[0].tolist() == [[0.0, 0.0], [0.0, 0.0]]
-    assert enclosure[1, :, 0] == pytest.approx([2.0, 2.0])
-    assert np.isinf(enclosure[2, :, 0]).all()
-
-
 @pytest.mark.parametrize('frame', [(0,), (0, 0), (0, 1, 1)])
 def test_a_frame_names_different_points(frame):
     lower, upper = bounds(3, {(0, 1): (4.0, 4.0)})
     with pytest.raises(ValueError, match='frame is'):
         enclose_coordinates(lower, upper, frame)
-
-
-def test_distances_without_a_placement_have_no_coordinates():
-    lower, upper = bounds(3, {(0, 1): (1.0, 1.0), (1, 2): (1.0, 1.0), (0, 2): (9.0, 9.0)})
-    assert enclose_coordinates(lower, upper, (0, 1, 2)) is None

@@ -3,7 +3,7 @@
 
 """Parts solved by the workers of an executor: the same answer, stopped as promptly."""
 
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
 import pickle
 import threading
@@ -92,13 +92,6 @@ def test_workers_give_the_same_answer(name, max_boxes):
     result = solve(PROBLEMS[name], options, executor=executor)
     assert (executor.n_tasks > 0) == ('large' in name or 'many' in name)
     check_same(result, solve(PROBLEMS[name], options))
-
-
-def test_threads_give_the_same_answer():
-    options = SolverOptions(max_boxes=10**6)
-    problem = PROBLEMS['one large piece']
-    with ThreadPoolExecutor(2) as executor:
-        check_same(solve(problem, options, executor=executor), solve(problem, options))
 
 
 def test_processes_give_the_same_answer():

@@ -4,22 +4,12 @@
 """The paper's fleet (Section 5.1) against the paper and against its exact hulls."""
 
 from joined_cases import solve_as_one
-import numpy as np
 import pytest
-from solver_cases import box_of, covers
+from solver_cases import covers
 
 from dg_localization import Verdict, solve
-from dg_localization.solver.contract.triangles import smooth_triangles
 
 # Figure 9, D2: the pairs that only the triangle inequalities bound.
-PAPER_D2 = {
-    (0, 3): (0.11, 221.94),
-    (0, 4): (0.16, 219.89),
-    (0, 5): (0.11, 221.94),
-    (2, 4): (0.65, 185.39),
-    (2, 5): (0.77, 187.27),
-    (3, 4): (0.97, 173.06),
-}
 
 
 def holds_hull(hypothesis, hull):
@@ -27,15 +17,6 @@ def holds_hull(hypothesis, hull):
         hypothesis.lower[pair] <= low and high <= hypothesis.upper[pair]
         for pair, (low, high) in hull.items()
     )
-
-
-def test_smoothing_turns_d1_into_d2(paper_fleet):
-    problem = paper_fleet.problem()
-    box = box_of(problem.lower, problem.upper)
-    points = np.arange(paper_fleet.N_POINTS)
-    assert smooth_triangles(box, np.zeros_like(box), points)
-    for pair, ends in PAPER_D2.items():
-        assert box[:2][:, *pair] == pytest.approx(ends, abs=0.02), pair
 
 
 def test_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
@@ -46,16 +27,6 @@ def test_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
     assert (done.processed, done.empty, done.kept) == (4, 0, 4), 'one box for each triangle'
     assert all(hypothesis.proved for hypothesis in result.hypotheses)
     assert not any(hypothesis.flexible for hypothesis in result.hypotheses)
-    for hull in paper_fleet.exact_hulls:
-        assert sum(holds_hull(hypothesis, hull) for hypothesis in result.hypotheses) == 1
-
-
-def test_in_one_piece_the_eight_solutions_are_found_without_a_wasted_box(paper_fleet):
-    """The count of the paper, whose method knows no pieces."""
-    result = solve_as_one(paper_fleet.problem())
-    done = result.statistics
-    assert (done.processed, done.empty, done.kept) == (15, 0, 8)
-    assert len(result.hypotheses) == 8
     for hull in paper_fleet.exact_hulls:
         assert sum(holds_hull(hypothesis, hull) for hypothesis in result.hypotheses) == 1
 

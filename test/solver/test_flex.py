@@ -4,14 +4,7 @@
 """A curve of placements next to isolated ones (the paper's Figure 7)."""
 
 from flex import (
-    SQUARED_M2,
-    cover,
-    cover_distance_m,
-    flex_curve_m,
-    flex_placements,
-    isolated_placements,
     linkage,
-    unknown_bounds_m,
 )
 import numpy as np
 import pytest
@@ -32,28 +25,6 @@ def test_two_isolated_hypotheses_and_a_flex(result):
     assert sorted(hypothesis.flexible for hypothesis in result.hypotheses) == [False, False, True]
     assert sorted(len(hypothesis.boxes) for hypothesis in result.hypotheses)[:2] == [1, 1]
     assert all(hypothesis.proved for hypothesis in result.hypotheses)
-
-
-def test_no_placement_of_the_curve_is_lost(result):
-    around = flex_placements(np.linspace(0.0, 2.0 * np.pi, 2000))
-    for placement in (*around, *isolated_placements()):
-        squared = squared_distances(placement)
-        # The coordinates are rounded; the known distances are not the question here.
-        for (i, j), squared_m2 in SQUARED_M2.items():
-            assert squared[i, j] == pytest.approx(squared_m2, rel=1e-14)
-            squared[i, j] = squared[j, i] = squared_m2
-        assert covers(result, squared)
-
-
-def test_the_cover_shrinks_with_the_resolution():
-    curve_m = flex_curve_m()
-    resolutions_m = np.array([1.6, 0.8, 0.4, 0.2])
-    distances_m = []
-    for resolution_m in resolutions_m:
-        _, flex = cover(resolution_m)
-        distances_m.append(cover_distance_m(unknown_bounds_m(flex), curve_m))
-    assert (distances_m <= 0.8 * resolutions_m).all()
-    assert np.polyfit(np.log(resolutions_m), np.log(distances_m), 1)[0] > 0.9
 
 
 def two_grids(width, dimension=2, error=1e-9):

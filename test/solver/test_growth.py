@@ -3,7 +3,6 @@
 
 """Rigid pieces in space, placed point by point: what is found, and that nothing is lost."""
 
-from hypothesis import given, settings, strategies as st
 from joined_cases import FIRST_SEED, PROBLEMS, grown_case, missing
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from test_pieces_never_lose import first_and_last
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import growing as solver
-from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.contract.paving import regions_of_point
 
 CHUNK = 100
 GROWN_PROBLEMS = max(1, PROBLEMS // 10)
@@ -41,21 +38,6 @@ def neighbors_in_space(n_points, degree, seed, relative_error=0.01):
     return positions, Problem(lower, upper, 3)
 
 
-@settings(deadline=None, derandomize=True)
-@given(
-    places=st.lists(st.tuples(*[st.integers(-9, 9)] * 3), min_size=2, max_size=6),
-    slack=st.sampled_from([0.0, 1e-12, 0.1, 3.0]),
-    margin=st.sampled_from([0.0, 1e-9, 0.5, 20.0]),
-)
-def test_regions_hold_the_point(places, slack, margin):
-    points = np.array(places, dtype=float)
-    squared = squared_distances(points)[0, 1:]
-    enclosure = np.stack([points[1:] - margin, points[1:] + margin], axis=1)
-    regions = regions_of_point(enclosure, np.maximum(squared - slack, 0.0), squared + slack, 0.01)
-    inside = (regions[:, LOWER] <= points[0]) & (points[0] <= regions[:, UPPER])
-    assert inside.all(axis=1).any()
-
-
 def test_weakly_held_points_do_not_keep_a_piece_from_an_answer():
     """Fleets of neighbors in space on which halves of boxes were split without end."""
     for seed in range(3):
@@ -63,29 +45,6 @@ def test_weakly_held_points_do_not_keep_a_piece_from_an_answer():
         result = solve(problem, SolverOptions(max_boxes=8000))
         assert result.verdict is Verdict.COVERED
         assert not missing(result, positions, squared_distances(positions))
-
-
-def test_more_points_are_kept_as_they_grew_and_one_placement_is_proved():
-    """Two exact distances a point, the others wide, and more points than a search contracts."""
-    rng = np.random.default_rng(4)
-    positions = rng.random((64, 3))
-    squared = squared_distances(positions)
-    width = 0.1 * (1.0 - np.eye(64))
-    for point in range(1, 64):
-        nearest = np.argsort(squared[point, :point])[:2]
-        width[point, nearest] = width[nearest, point] = 0.0
-    measured = (np.sqrt(squared) < 0.5) | (width == 0.0)
-    low = np.maximum(0.0, np.sqrt(squared) - 0.3 * width)
-    lower = np.where(width > 0.0, low**2, squared) * measured
-    upper = np.where(measured, np.where(width > 0.0, (low + width) ** 2, squared), np.inf)
-    result = solve(Problem(lower, upper, 3), SolverOptions(max_boxes=1000, max_seconds=60.0))
-    assert result.verdict is Verdict.COVERED
-    (piece,) = result.pieces
-    assert any(hypothesis.proved for hypothesis in piece.hypotheses)
-    assert not missing(result, positions, squared)
-    done = result.statistics
-    assert done.processed == done.empty + done.split + done.kept
-    assert done.kept == sum(len(hypothesis.boxes) for hypothesis in piece.hypotheses)
 
 
 @pytest.mark.filterwarnings('error')

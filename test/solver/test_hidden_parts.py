@@ -36,22 +36,6 @@ def holds(piece, positions):
     return any(((h.lower <= high) & (low <= h.upper)).all() for h in piece.hypotheses)
 
 
-def test_each_part_is_solved_once_and_all_placements_are_found():
-    lower, upper, positions = strip_with_a_pendant()
-    result = solve(Problem(lower, upper))
-    assert result.verdict is Verdict.COVERED
-    strip, pendant = sorted(result.pieces, key=lambda piece: -len(piece.points))
-    assert (len(strip.points), len(pendant.points)) == (10, 3)
-    # Three faces, at each of which what follows is mirrored or not.
-    assert len(strip.hypotheses) == 8
-    assert all(h.proved for h in strip.hypotheses)
-    assert holds(strip, positions)
-    done = result.statistics
-    assert done.processed == done.empty + done.split + done.kept
-    # A box for each part, each combination, and the pendant point in each of these.
-    assert done.processed <= 4 + 8 + 8
-
-
 def test_a_chirality_across_parts_rules_out_mirrored_ones():
     lower, upper, positions = strip_with_a_pendant()
     corners = positions[[0, 1, 9]]

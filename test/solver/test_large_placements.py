@@ -4,30 +4,13 @@
 """Placements of large pieces, and reviews of patches that are given up."""
 
 import numpy as np
-import pytest
 from solver_cases import squared_distances
 
 from benchmarks.large import fleet
 from dg_localization import SolverOptions, Verdict, solve
 from dg_localization.solver.assemble.tasks import Subproblem, solve_subproblem
-from dg_localization.solver.place.placements import scaled_by_pivots
 from dg_localization.solver.problem import Problem
-
-
-@pytest.mark.parametrize('dimension', [2, 3])
-def test_exact_lengths_from_pivots_give_the_placement(dimension):
-    positions = np.random.default_rng(0).random((40, dimension)) * 100.0
-    squared = squared_distances(positions)
-    pivots = np.array([0, 7, 21, 30, 39])
-    found = scaled_by_pivots(np.sqrt(squared[pivots]), pivots, dimension)
-    np.testing.assert_allclose(squared_distances(found), squared, rtol=1e-6, atol=1e-6)
-
-
-def test_pivots_on_a_line_are_no_error():
-    positions = np.array([[x, 0.0] for x in range(5)])
-    lengths = np.sqrt(squared_distances(positions))
-    found = scaled_by_pivots(lengths[:3], np.arange(3), 2)
-    assert np.isfinite(found).all()
+from dg_localization.solver.search.budget import Budget
 
 
 def test_a_thousand_points_have_a_proved_placement():
@@ -53,7 +36,7 @@ def test_a_search_that_cannot_end_in_time_is_given_up():
     problem = Problem(np.where(near, squared, 0.0), np.where(near, 1.001 * squared, np.inf))
     options = SolverOptions(max_boxes=12, resolution=0.01)
     whole, hopeless = (
-        solve_subproblem(Subproblem(problem, None, x), options) for x in (False, True)
+        solve_subproblem(Subproblem(problem, None, x), Budget(options)) for x in (False, True)
     )
     assert whole.statistics.processed == 12
     assert whole.cover.pending
@@ -62,6 +45,6 @@ def test_a_search_that_cannot_end_in_time_is_given_up():
     assert not hopeless.hypotheses
     assert hopeless.statistics.processed + hopeless.statistics.pending > 12
     enough = SolverOptions(max_boxes=1000, resolution=0.01)
-    ended = [solve_subproblem(Subproblem(problem, None, x), enough) for x in (False, True)]
+    ended = [solve_subproblem(Subproblem(problem, None, x), Budget(enough)) for x in (False, True)]
     assert ended[0].statistics.processed == ended[1].statistics.processed
     assert len(ended[0].hypotheses) == len(ended[1].hypotheses) > 8

@@ -4,13 +4,12 @@
 """Range reduction on the line (Section 4.2) against brute force over arrangements."""
 
 from fractions import Fraction
-import itertools
 import math
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from solver_cases import box_of, sign, squared_distances
+from solver_cases import box_of, squared_distances
 
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.contract.line import (
@@ -18,8 +17,8 @@ from dg_localization.solver.contract.line import (
     _set_roots,
     reduce_line,
 )
+from dg_localization.solver.contract.projection import whole_lanes
 from dg_localization.solver.contract.reduction import make_workspace
-from dg_localization.solver.contract.rows import whole_lanes
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 SAME, FREE, OPPOSITE = -1, 0, 1
@@ -127,13 +126,6 @@ def test_three_points_are_reduced_to_the_exact_hull(side):
     assert checked > 40
 
 
-def test_the_two_branches_leave_a_gap():
-    box = three_points({(0, 1): (2.0, 2.0), (1, 2): (5.0, 5.0), (0, 2): (0.0, 100.0)})
-    assert reduce(box)
-    assert np.sqrt(box[:, 0, 2]) == pytest.approx([3.0, 7.0, 3.0, 7.0])
-    assert box[0, 0, 2] <= 9.0 <= box[2, 0, 2] < box[3, 0, 2] <= 49.0 <= box[1, 0, 2]
-
-
 def test_gaps_are_rounded_inward_on_the_way_to_the_line_and_on_the_way_back():
     """An end of a gap belongs to the box: its root, and its square, may not lie in the gap."""
     rng = np.random.default_rng(3)
@@ -148,45 +140,3 @@ def test_gaps_are_rounded_inward_on_the_way_to_the_line_and_on_the_way_back():
         assert _narrow_to_distances(box, distance, 2)
         low_m2, high_m2 = map(Fraction, box[2:, 0, 1].tolist())
         assert low_m2 >= low_m**2 and high_m2 <= high_m**2
-
-
-@pytest.mark.parametrize(('side', 'distance_m'), [(SAME, 3.0), (OPPOSITE, 7.0)])
-def test_a_side_leaves_one_branch(side, distance_m):
-    box = three_points({(0, 1): (2.0, 2.0), (1, 2): (5.0, 5.0), (0, 2): (0.0, 100.0)})
-    sigma = np.zeros((3, 3), dtype=np.int8)
-    sigma[0, 2] = sigma[2, 0] = side
-    assert reduce(box, 1, sigma)
-    assert np.sqrt(box[:2, 0, 2]) == pytest.approx([distance_m] * 2)
-
-
-def test_a_contradiction_is_a_proof():
-    box = three_points({(0, 1): (2.0, 2.0), (1, 2): (5.0, 5.0), (0, 2): (4.0, 6.0)})
-    assert not reduce(box)
-
-
-def test_unions_over_all_intermediate_points_are_intersected():
-    """
-    Hulls taken after each point keep [1, 9]; the intersection of the unions leaves one distance.
-
-    By way of one point d is 1 or 9, by way of another 3 or 9.
-    """
-    x = np.array([0.0, 4.0, 3.0, 9.0])
-    squared = squared_distances(x[:, None])
-    box = box_of(squared, squared)
-    box[0, 0, 3] = box[0, 3, 0] = 0.0
-    box[1, 0, 3] = box[1, 3, 0] = 1e6
-    box[:2, 1, 2] = box[:2, 2, 1] = [0.0, 1e6]  # 1 would follow from the others, too
-    assert reduce(box)
-    assert np.sqrt(box[:2, 0, 3]) == pytest.approx([9.0, 9.0])
-
-
-def test_coordinates_enumerated_one_by_one():
-    """All 3^4 arrangements of five points with two choices each: the box holds each of them."""
-    for x in itertools.product([-2, 1, 4], repeat=4):
-        squared = squared_distances(np.array([0.0, *x])[:, None])
-        box = box_of(squared, squared)
-        sides = np.array([0, *(sign(value) for value in x)])
-        sigma = -np.outer(sides, sides).astype(np.int8)
-        np.fill_diagonal(sigma, 0)
-        assert reduce(box, 0, sigma)
-        assert holds(box, squared)

@@ -10,11 +10,11 @@ import pytest
 from scipy.optimize import linprog
 from solver_cases import bounds, squared_distances
 
-from dg_localization import Problem, SolverOptions
+from dg_localization import Problem
 from dg_localization.solver.contract.linearization import Linearization
 from dg_localization.solver.contract.simplex import set_multipliers, set_table
 from dg_localization.solver.place.placements import MOST_STEPS, place
-from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.branch_and_prune import Pruner
 
 N_POINTS = 8
 RELATIVE_ERROR = 0.01
@@ -37,7 +37,7 @@ def test_pairs_are_narrowed_and_the_truth_is_kept():
     gains = []
     for seed in range(8):
         squared, problem = fleet(seed)
-        pruner = Pruner(problem, SolverOptions())
+        pruner = Pruner(problem, 0.05)
         box = pruner.prune(pruner.whole()).box
         before = box[1] - box[0]
         pairs = np.argwhere(np.triu(np.isinf(problem.upper)))

@@ -10,14 +10,13 @@ from solver_cases import bounds, random_case, squared_distances
 
 from benchmarks.pieces import neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
-from dg_localization.solver.assemble import large_pieces, pieces
+from dg_localization.solver.assemble import pieces
 from dg_localization.solver.patches import neighborhoods, solver
 from dg_localization.solver.patches.chains import ChainGraph
 
 SEEDS = range(max(200, PROBLEMS // 20))
 CHUNK = 100
 CHUNKS = [SEEDS[first : first + CHUNK] for first in range(0, len(SEEDS), CHUNK)]
-ROUNDING = 1e-9
 
 
 def first_and_last(seeds):
@@ -30,11 +29,12 @@ def small_patches(request, monkeypatch):
     monkeypatch.setattr(pieces, 'MOST_WHOLE', 3)
     # They are not tried in one box first.
     monkeypatch.setattr(pieces, 'MOST_CONTRACTED', 0)
-    monkeypatch.setattr(pieces, 'MOST_TOGETHER', 0)
+    monkeypatch.setattr(pieces, 'LEAST_PARTED', 99)
+    monkeypatch.setattr(pieces, 'LARGEST_ERROR', -1.0)
     monkeypatch.setattr(solver, 'PATCH_POINTS', 4)
     monkeypatch.setattr(neighborhoods, 'SEAM_POINTS', 5)
     if request.param == 'chained':
-        monkeypatch.setattr(large_pieces, 'MOST_TOGETHER', 0)
+        monkeypatch.setattr(pieces, 'MOST_TOGETHER', 0)
     return request.param
 
 

@@ -9,11 +9,9 @@ import math
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from solver_cases import bounds, box_of, orientation, squared_distances
+from solver_cases import box_of, orientation, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint
-from dg_localization.solver.box import components
-from dg_localization.solver.place.hypotheses import place_everywhere
 from dg_localization.solver.place.placements import MOST_STEPS, place
 from dg_localization.solver.place.proofs import agrees, chirality_signs
 
@@ -96,33 +94,3 @@ def test_placing_exact_distances_restores_the_fleet(dimension, size):
         squared = squared_distances(positions)
         placed = place(box_of(squared, squared), dimension, MOST_STEPS)
         np.testing.assert_allclose(squared_distances(placed), squared, atol=1e-9 * size**2)
-
-
-def test_placing_what_is_known_to_overflow_only():
-    squared = 1e308 * (1.0 - np.eye(3))
-    box = box_of(squared, squared)
-    box[1, 0, 1] = box[1, 1, 0] = math.inf
-    assert np.isfinite(place(box, 2, MOST_STEPS)).all()
-
-
-def test_placing_coincident_points():
-    placed = place(np.zeros((4, 3, 3)), 2, MOST_STEPS)
-    assert np.array_equal(placed, np.zeros((3, 2)))
-
-
-def test_groups_that_are_not_connected_are_placed_apart():
-    lower, upper = bounds(4, {(0, 1): (1.0, 1.0), (2, 3): (4.0, 4.0)})
-    lower[0, 2] = lower[2, 0] = 100.0
-    placed = place_everywhere(box_of(lower, upper), 2)
-    squared = squared_distances(placed)
-    assert squared[0, 1] == pytest.approx(1.0) and squared[2, 3] == pytest.approx(4.0)
-    assert (squared >= lower - 1e-9).all()
-
-
-def test_boxes_that_touch_are_one_component():
-    """Intervals of one pair: [0, 1] and [1, 2] touch, [2.5, 3] and [3, 4] do, [6, 7] is alone."""
-    intervals = [(3.0, 4.0), (0.0, 1.0), (6.0, 7.0), (2.5, 3.0), (1.0, 2.0)]
-    boxes = np.zeros((5, 2, 2, 2))
-    for box, ends in zip(boxes, intervals, strict=True):
-        box[:, 0, 1] = box[:, 1, 0] = ends
-    assert components(boxes.reshape(len(boxes), 2, -1)).tolist() == [0, 1, 2, 0, 1]

@@ -129,12 +129,6 @@ def test_a_bound_that_is_no_double_is_rounded_outward(number, as_array):
     assert upper == math.nextafter(lower, math.inf)
 
 
-def test_whole_numbers_beside_doubles_keep_their_value():
-    problem = Problem([[0, BEYOND], [BEYOND, 0.0]], [[0, BEYOND], [BEYOND, 0.0]])
-    assert int(problem.lower[0, 1]) < BEYOND < int(problem.upper[0, 1])
-    assert problem.lower[1, 1] == 0.0
-
-
 @pytest.mark.parametrize(
     ('constraints', 'text'),
     [
@@ -277,12 +271,6 @@ def test_a_problem_is_its_own_copy():
         problem.upper[0, 1] = 5.0
 
 
-def test_lists_and_integers_will_do():
-    problem = Problem([[0, 1], [1, 0]], [[0, 4], [4, 0]])
-    assert problem.n_points == 2
-    assert problem.upper.dtype == np.float64
-
-
 SOME_PAIRS = {
     'n_points': 4,
     'i': [0, 1, 3],
@@ -351,11 +339,6 @@ def test_a_listed_pair_of_which_nothing_is_known_is_left_out():
 def test_wrong_pairs(wrong, text):
     with pytest.raises(InvalidProblemError, match=text):
         Problem.from_pairs(**{**SOME_PAIRS, **wrong})
-
-
-def test_no_pairs_at_all():
-    problem = Problem.from_pairs(3, [], [], [], [])
-    assert np.isinf(problem.upper[0, 1]) and solve(problem).n_hypotheses == 1
 
 
 @pytest.mark.parametrize(

@@ -16,17 +16,14 @@ from dg_localization.interval.rounding import sqrt_down, sqrt_up
 from dg_localization.interval.scalars import sub
 from dg_localization.solver.contract.axis_bounds import (
     axis_coordinate,
-    coordinate_difference_down,
     coordinate_difference_up,
     squared_height,
 )
-from dg_localization.solver.contract.projection import project
-from dg_localization.solver.contract.rows import T_LOWER, T_UPPER, make_rows
+from dg_localization.solver.contract.projection import T_LOWER, T_UPPER, make_rows, project
 
 mpmath = pytest.importorskip('mpmath')
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
-SCALES = (1.0, 1e-12, 1e12)
 # Room for the rounding of a bound: a few units of the largest term it is made of.
 UNITS = 1e-14
 
@@ -101,32 +98,6 @@ def test_axis_coordinate_holds_every_triangle(seed):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_axis_coordinate_is_no_wider_than_its_range(seed):
-    """By brute force in d, at all ends of A and B; the cut |t| <= sqrt(A) has to hold besides."""
-    for box, _ in random_triangles(seed, zero_length=False):
-        d_low, d_high = lengths(box[2])
-        if d_low == 0.0:
-            continue
-        low, high = axis_coordinate(*box[0], *box[1], d_low, d_high)
-        d = np.linspace(d_low, d_high, 2001)
-        t = np.array([(a - b) / (2 * d) + d / 2 for a, b in itertools.product(box[0], box[1])])
-        size = max(d_high, box[0][1] / d_low, box[1][1] / d_low)
-        # Between two samples t is convex in d, and misses its minimum by its second order.
-        step = 2.0 * size * ((d[1] - d[0]) / d_low) ** 2 + UNITS * size
-        assert low >= max(t.min(), -math.sqrt(box[0][1])) - step, box
-        assert high <= min(t.max(), math.sqrt(box[0][1])) + step, box
-
-
-def test_axis_coordinate_of_an_exact_triangle_is_exact():
-    for scale in SCALES:
-        low, high = axis_coordinate(
-            *(scale * x for x in (25.0, 25.0, 20.0, 20.0)), *(2 * [5.0 * math.sqrt(scale)])
-        )
-        assert low <= 3.0 * math.sqrt(scale) <= high
-        assert high - low <= 3e-15 * math.sqrt(scale)
-
-
-@pytest.mark.parametrize('seed', range(3))
 def test_squared_height_holds_every_triangle(seed):
     rng = np.random.default_rng(seed)
     for box, sides in random_triangles(seed):
@@ -137,34 +108,12 @@ def test_squared_height_holds_every_triangle(seed):
                 assert low <= height <= high, (box, a, b, c)
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_squared_height_is_no_wider_than_its_range(seed):
-    for box, _ in random_triangles(seed, zero_length=False):
-        if box[2][0] <= 0.0:
-            continue
-        low, high = squared_height(*box[0], *box[1], *box[2])
-        a, b, c = np.meshgrid(*(np.linspace(*ends, 41) for ends in box), indexing='ij')
-        height = a - (a - b + c) ** 2 / (4 * c)
-        largest = max(box[0][1], box[1][1], box[2][1])
-        size = largest + largest**2 / box[2][0]
-        assert low >= max(height.min(), 0.0) - UNITS * size, box
-        # The maximum may lie inside; what the grid misses is of second order in its step.
-        steps = [(ends[1] - ends[0]) / 40 for ends in box]
-        missed = 3.0 * sum(steps) ** 2 * size / (largest * box[2][0])
-        assert high <= height.max() + missed + UNITS * size, box
-
-
-def test_squared_height_tells_impossible_triangles():
-    low, high = squared_height(1.0, 1.1, 1.0, 1.1, 100.0, 101.0)
-    assert low > high
-
-
 def difference_of_coordinates(ends, d_low, d_high):
     """Bound t_2 - t_3 along the axis from 0 to 1, with the ends of A_2, B_2, A_3 and B_3."""
     a_i, b_i, a_j, b_j = ends
     i_low, i_high = sub(*a_i, *b_i)
     j_low, j_high = sub(*a_j, *b_j)
-    low = coordinate_difference_down(i_low, j_high, d_low, d_high)
+    low = -coordinate_difference_up(j_high, i_low, d_low, d_high)
     return low, coordinate_difference_up(i_high, j_low, d_low, d_high)
 
 
@@ -269,23 +218,6 @@ def test_a_projected_gap_holds_no_end_of_the_gap_wherever_the_points_are_along_t
             assert not gap_low < end - along**2 < gap_high
 
 
-@LAWS
-@given(st.integers(0, 2**32))
-def test_a_smaller_box_gives_a_smaller_range(seed):
-    rng = np.random.default_rng(seed)
-    outer = np.sort(rng.random((3, 2)) * 100.0, axis=1)
-    inner = np.sort(outer[:, :1] + (outer[:, 1:] - outer[:, :1]) * rng.random((3, 2)), axis=1)
-    slack = 1e-12 * 100.0 / max(outer[2, 0], 1e-3)
-
-    def ranges(box):
-        a, b, c = (tuple(ends) for ends in box.tolist())
-        return axis_coordinate(*a, *b, *lengths(c)), squared_height(*a, *b, *c)
-
-    for (low, high), (inner_low, inner_high) in zip(ranges(outer), ranges(inner), strict=True):
-        if inner_low <= inner_high:
-            assert low <= inner_low + slack * 100.0 and inner_high <= high + slack * 100.0
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_ranges_are_attained(seed):
     """At ends, where the derivative vanishes, or where the cuts |t| <= sqrt(A) are met."""
@@ -355,14 +287,3 @@ def test_coordinates_that_contradict_each_other_are_a_proof():
     assert project_box(box, 0, 1) is not None
     box[:2, 0, 2] = box[:2, 2, 0] = 1e-3
     assert project_box(box, 0, 1) is None
-
-
-def test_axis_coordinate_with_many_digits():
-    """The minimum over d is sqrt(A - B), at d = sqrt(A - B), to the last digits."""
-    with mpmath.workdps(50):
-        for a_low, b_high in ((3.0, 1.0), (1e12, 1.0), (1e-12, 1e-13)):
-            exact = mpmath.sqrt(mpmath.mpf(a_low) - mpmath.mpf(b_high))
-            low, _ = axis_coordinate(
-                a_low, 2 * a_low, 0.5 * b_high, b_high, 0.5 * float(exact), 2.0 * float(exact)
-            )
-            assert low <= exact and (exact - low) / exact < UNITS

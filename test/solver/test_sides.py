@@ -3,15 +3,13 @@
 
 """What two chiralities say of a box: bounds of the product of two oriented volumes."""
 
-from fractions import Fraction
-
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from solver_cases import bounds, box_of, determinant, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, Verdict, solve
-from dg_localization.solver.contract.chiralities import chiralities_are_possible, volume_product
+from dg_localization.solver.contract.sides import chiralities_are_possible, volume_product
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
@@ -39,69 +37,6 @@ def test_volume_product_holds_the_exact_product(seed):
     assert low <= exact <= high
     if width == 0.0:
         assert high - low <= 1e-13 * float(max(squared.max(), 1)) ** dimension
-
-
-def difference(x, y):
-    return x[0] - y[1], x[1] - y[0]
-
-
-def product(x, y):
-    corners = [a * b for a in x for b in y]
-    return min(corners), max(corners)
-
-
-def interval_determinant(rows):
-    """Expand a determinant of pairs of rationals along its first row, as the kernel does."""
-    if len(rows) == 1:
-        return rows[0][0]
-    if len(rows) == 2:
-        return difference(product(rows[0][0], rows[1][1]), product(rows[0][1], rows[1][0]))
-    total = (0, 0)
-    for c in range(3):
-        minor = [[row[(c + k) % 3] for k in (1, 2)] for row in rows[1:]]
-        term = product(rows[0][c], interval_determinant(minor))
-        total = total[0] + term[0], total[1] + term[1]
-    return total
-
-
-@LAWS
-@given(st.integers(0, 2**32))
-def test_volume_product_is_no_wider_than_exact_intervals_make_it(seed):
-    """Every inner product is an exact range; their determinant is left to interval arithmetic."""
-    rng = np.random.default_rng(seed)
-    dimension = int(rng.integers(1, 4))
-    positions = rng.integers(-9, 10, size=(2 * dimension + 2, dimension))
-    squared = squared_distances(positions) * 2.0 ** rng.choice([-80, 0, 80])
-    width = float(rng.choice([0.0, 1e-9, 0.3]))
-    box = box_of(squared * (1.0 - width), squared * (1.0 + width))
-    p, q = (rng.permutation(len(positions))[: dimension + 1].astype(np.int64) for _ in range(2))
-
-    def inner_product(i, j):
-        def ends(*pair):
-            return np.array([Fraction(x) for x in box[:2][:, *pair].tolist()])
-
-        low, high = difference(ends(i, q[0]) + ends(p[0], j), ends(i, j) + ends(p[0], q[0]))
-        return low / 2, high / 2
-
-    expected = interval_determinant([[inner_product(i, j) for j in q[1:]] for i in p[1:]])
-    low, high = volume_product(box, p, q)
-    slack = Fraction(1e-14 * float(max(squared.max(), 1e-300)) ** dimension)
-    assert low <= expected[0] <= low + slack
-    assert high - slack <= expected[1] <= high
-
-
-@pytest.mark.parametrize('dimension', [1, 2, 3])
-@pytest.mark.parametrize('size', [1e-320, 1e-110, 1e110, 1e160, 1e300])
-def test_volume_product_of_any_size_is_not_nan(dimension, size):
-    squared = size * (1.0 - np.eye(4))
-    low, high = volume_product(box_of(squared, squared), *2 * [np.arange(dimension + 1)])
-    assert low <= high and high > 0.0
-
-
-def test_volume_product_of_the_unbounded_is_unbounded():
-    box = box_of(*bounds(3, {(0, 1): (1.0, 1.0)}))
-    simplex = np.array([0, 1, 2])
-    assert volume_product(box, simplex, simplex) == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize('dimension', [1, 2, 3])

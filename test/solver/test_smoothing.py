@@ -76,10 +76,3 @@ def test_a_flat_triangle_is_none():
             *bounds(3, {(0, 1): (side, side), (1, 2): (side, side), (0, 2): (4 * side, 4 * side)})
         )
         assert smooth(box)
-
-
-def test_only_the_named_points_are_looked_at():
-    box = box_of(*bounds(4, {(0, 1): (1.0, 1.0), (1, 2): (1.0, 1.0), (1, 3): (1.0, 1.0)}))
-    assert smooth(box, np.array([0, 1, 2]))
-    assert 4.0 <= box[1, 0, 2] < 4.0 + 1e-12
-    assert box[1, 0, 3] == np.inf

@@ -5,21 +5,9 @@
 
 import numpy as np
 import pytest
-from solver_cases import bounds, box_of, squared_distances
+from solver_cases import bounds, squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
-from dg_localization.solver.box import GAP_LOWER, GAP_UPPER
-from dg_localization.solver.search.splitting import choose_split
-
-
-def test_a_box_is_split_at_the_gap_that_leaves_least_of_its_range():
-    lower, upper = np.zeros((3, 3)), np.zeros((3, 3))
-    box = box_of(lower, upper)
-    for (i, j), ends in {(0, 1): (1.0, 10.0, 4.0, 9.0), (0, 2): (3.0, 5.0, 3.2, 4.9)}.items():
-        box[:, [i, j], [j, i]] = np.square(ends)[:, None]
-    i, j, low_end, high_start = choose_split(box, np.zeros((3, 3)), 0.05)
-    assert (i, j) == (0, 2)
-    assert (low_end, high_start) == (box[GAP_LOWER, 0, 2], box[GAP_UPPER, 0, 2])
 
 
 def test_exact_pairs_beside_wide_ones_do_not_make_a_patch_flexible():
@@ -57,13 +45,6 @@ def test_a_wide_triangle_takes_one_box_whose_ends_are_all_placements(dimension):
     # The far end of the first pair needs both others at their longest.
     ends = [(np.sqrt(result.lower[i, j]), np.sqrt(result.upper[i, j])) for i, j in ranges_m]
     assert ends == [pytest.approx(end) for end in ((3.0, 7.0), (1.0, 4.0), (1.0, 3.0))]
-
-
-def test_three_points_on_a_line_are_split_where_they_cannot_be():
-    ranges = {(0, 1): (9.0, 10.0), (0, 2): (1.0, 1.1)}
-    result = solve(Problem(*bounds(3, ranges), 1))
-    assert result.verdict is Verdict.COVERED
-    assert result.n_hypotheses == 2
 
 
 def test_three_points_on_a_line_are_told_apart():

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from dg_localization.interval.kernels import until
-from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces, unexamined
@@ -25,11 +24,13 @@ from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import JointKind, Piece, Result, Statistics, Verdict
+from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.search.search import search_in_one_box
 
 
 def solve_in_pieces(
     problem: Problem,
-    budget: CallBudget,
+    budget: Budget,
     within: Sequence[Bounds] | None = None,
     decomposition: Decomposition | None = None,
 ) -> Result:
@@ -59,7 +60,7 @@ def solve_in_pieces(
 def _solved(
     problem: Problem,
     decomposition: Decomposition | None,
-    budget: CallBudget,
+    budget: Budget,
     within: Sequence[Bounds] | None,
 ) -> SolvedPieces:
     """Return the solved pieces of a fleet; one that was not examined where none are known."""
@@ -90,9 +91,9 @@ def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
     )
 
 
-def _solved_in_one_box(problem: Problem, budget: CallBudget) -> SolvedPieces | None:
+def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
     """Return a fleet as the one piece that it is where a single box covers it, or None."""
-    cover = budget.search_in_one_box(problem)
+    cover = search_in_one_box(problem, budget)
     if cover.pending:
         return None
     points = tuple(range(problem.n_points))
@@ -102,7 +103,7 @@ def _solved_in_one_box(problem: Problem, budget: CallBudget) -> SolvedPieces | N
     return SolvedPieces([SolvedPiece(points, [], list(hypotheses))])
 
 
-def _infeasible(points: Points, problem: Problem, budget: CallBudget) -> Result:
+def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
     """Return the answer that there is no placement, with the piece that is left without any."""
     spent = budget.spent
     statistics = Statistics(
@@ -117,7 +118,7 @@ def _infeasible(points: Points, problem: Problem, budget: CallBudget) -> Result:
     return Result(Verdict.INFEASIBLE, statistics, (piece,), (), 0, Nothing(problem.n_points))
 
 
-def _result(product: Product, budget: CallBudget) -> Result:
+def _result(product: Product, budget: Budget) -> Result:
     """Return the answer that the pieces and their combinations are."""
     solved, combinations = product.solved, product.combinations
     pieces = tuple(

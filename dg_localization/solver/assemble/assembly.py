@@ -12,9 +12,10 @@ known distances bound the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+import math
 
 from dg_localization.solver.assemble.combinations import Combination, Combinations
 from dg_localization.solver.assemble.contraction import MOST_WORK_TOGETHER, contracted, smoothed
@@ -24,8 +25,8 @@ from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import Bounds, bounds_within, restricted
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.graph import Points
-from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.search.budget import Budget
 
 
 class Assembly:
@@ -34,7 +35,7 @@ class Assembly:
     def __init__(
         self,
         problem: Problem,
-        options: SolverOptions,
+        budget: Budget,
         solved: SolvedPieces,
         combinations: Combinations,
         linker: Linker | None,
@@ -45,7 +46,7 @@ class Assembly:
         self.combinations = combinations
         self._linker = linker
         self._within = within
-        self._untightened = replace(options, tighten_seconds=0.0)
+        self._unlimited = budget.again(replace(budget.options, max_seconds=math.inf))
         self._every = tuple(range(problem.n_points))
 
     def __getstate__(self) -> dict[str, object]:
@@ -67,9 +68,9 @@ class Assembly:
     def bounds(
         self,
         combination: Combination,
-        options: SolverOptions | None = None,
+        budget: Budget | None = None,
         in_twos: bool = False,
-        stopped: Callable[[], bool] = lambda: False,
+        is_tightened: bool = False,
     ) -> Bounds | None:
         """
         Return the bounds of all pairs in a combination; None where it holds no placement.
@@ -99,7 +100,7 @@ class Assembly:
             if in_twos:
                 return smoothed(problem, self._within)
             # What the first time says of flat pieces tells the sides of those at their ends.
-            bounds = contracted(problem, options or self._untightened, self._within, stopped)
+            bounds = contracted(problem, budget or self._unlimited, self._within, is_tightened)
             if bounds is None:
                 return None
         return bounds

@@ -5,21 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dg_localization.solver.assemble.subproblem import Bounds, as_box, parts_within
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, Status
 from dg_localization.solver.contract.fixed_point import Contractor, Goal
-from dg_localization.solver.contract.groups import groups_of
-from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.linear import groups_of
 from dg_localization.solver.contract.triangles import smooth_triangles
-from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.search.branch_and_prune import Budget
-from dg_localization.solver.search.pruning import Pruner
-from dg_localization.solver.search.splitting import EXPLAINED_FACTOR
+from dg_localization.solver.search.branch_and_prune import EXPLAINED_FACTOR, Pruner
+from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.tightening import tighten
 
 MOST_CONTRACTED = 40
@@ -42,30 +39,27 @@ MOST_SMOOTHED = 300
 
 def contracted(
     problem: Problem,
-    options: SolverOptions,
+    budget: Budget,
     within: Sequence[Bounds] | None = None,
-    stopped: Callable[[], bool] = lambda: False,
+    is_tightened: bool = False,
 ) -> Bounds | None:
-    """Contract a problem once and tighten it; None proves that it has no placement."""
-    n_points = problem.n_points
-    budget = Budget(options)
+    """Contract a problem once, and tighten it if asked; None proves that it has no placement."""
+    n_points, resolution_m = problem.n_points, budget.options.resolution
     box = as_box((problem.lower, problem.upper))
-    if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and stopped()):
+    if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and budget.is_over()):
         if not _smooth(box):
             return None
     if n_points <= MOST_CONTRACTED:
         contractor = Contractor(problem)
         n_axes = max(1, len(contractor.axes))
-        goal = Goal(options.resolution, EXPLAINED_FACTOR, MOST_SWEEPS, n_axes)
+        goal = Goal(resolution_m, EXPLAINED_FACTOR, MOST_SWEEPS, n_axes)
         groups = groups_of(problem.lower, problem.upper)
-        pruned = contractor.contract(box, groups, goal, stopped)
+        pruned = contractor.contract(box, groups, goal, budget.is_over)
         if pruned.status is Status.EMPTY:
             return None
         box = pruned.box
-        if options.tighten_seconds > 0.0:
-            tightened = tighten(
-                Pruner(problem, options), box, lambda: stopped() or budget.tightening_stopped()
-            )
+        if is_tightened and not budget.leaves_wide():
+            tightened = tighten(Pruner(problem, resolution_m), box, budget.leaves_wide)
             if tightened is None:
                 return None
             box = tightened

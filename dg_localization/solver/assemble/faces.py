@@ -15,7 +15,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.chiralities import volume_product
+from dg_localization.solver.contract.sides import volume_product
 from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.place.rigidity import RANK_TOLERANCE
 from dg_localization.solver.result import Hypothesis

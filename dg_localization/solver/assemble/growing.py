@@ -21,24 +21,28 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.contraction import MOST_TOGETHER
 from dg_localization.solver.assemble.subproblem import Bounds, parts_within
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.axes import axes_of, rank_axes
-from dg_localization.solver.contract.combination import combine
+from dg_localization.solver.contract.coordinate_boxes import distances_to_region, regions_of_point
 from dg_localization.solver.contract.coordinates import enclose_in_frame
-from dg_localization.solver.contract.groups import groups_of
-from dg_localization.solver.contract.paving import distances_to_region, regions_of_point
+from dg_localization.solver.contract.linear import combine, groups_of
+from dg_localization.solver.contract.linearization import (
+    choose_axis,
+    complete_frame,
+    point_errors_m,
+)
 from dg_localization.solver.contract.reduction import MOST_THROUGH, apply_axes, make_workspace
-from dg_localization.solver.contract.reference import choose_axis, complete_frame, point_errors_m
 from dg_localization.solver.contract.sides import sides_of
 from dg_localization.solver.contract.triangles import smooth_triangles
-from dg_localization.solver.contract.widths import is_explained
+from dg_localization.solver.contract.widths import axes_of, is_explained, rank_axes
 from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
 MOST_SEEDS = 2000
 """So many seeds are looked at."""
@@ -308,37 +312,31 @@ def is_grown(n_points: int, dimension: int) -> bool:
 
 
 def solve_grown(
-    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+    problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Cover | None:
     """Solve a piece in space point by point; return None where there is nothing to begin with."""
     if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None
     is_large = problem.n_points > MOST_TOGETHER
     if within is None and not is_large:
-        in_one_box = budget.search_in_one_box(problem, ONE_BOX_SHARE * share)
+        in_one_box = search_in_one_box(problem, budget, ONE_BOX_SHARE * share)
         if not in_one_box.pending:
             return in_one_box
-    left_s = budget.seconds_left()
-    growth_share = GROWTH_SHARE_ALONE if is_large else GROWTH_SHARE
-    end_s = budget.seconds() + growth_share * share * left_s
-    growth = Growth(
-        problem,
-        budget.options.resolution,
-        lambda: budget.is_over() or budget.seconds() > end_s,
-    )
+    growth_share = share * (GROWTH_SHARE_ALONE if is_large else GROWTH_SHARE)
+    growth = Growth(problem, budget.options.resolution, budget.has_passed(growth_share))
     grown = growth.run()
     if grown is None:
         return None
-    budget.count_split()
+    budget.spend(Statistics(processed=1, split=1))
     boxes = [growth.bounds(partial) for partial in grown]
     boxes = parts_within(boxes, within)
     if any(len(partial.points) < problem.n_points for partial in grown):
-        return budget.search(problem, share, boxes)
+        return search_share(problem, budget, share, boxes)
     if is_large and budget.keep(len(boxes)):
         return Cover(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
-    cover = budget.search(problem, share, boxes, most_boxes, at_gaps=True)
+    cover = search_share(problem, budget, share, boxes, most_boxes, at_gaps=True)
     if cover.processed >= len(boxes):
         # Growth came to its end and examined everything; what follows makes its boxes narrower.
-        budget.accept_pending(cover)
+        accept_pending(cover, budget)
     return cover

@@ -14,12 +14,10 @@ chiralities and least distances between the two may rule out either side.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import (
     EITHER,
     FREE,
@@ -40,6 +38,7 @@ from dg_localization.solver.assemble.subproblem import (
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
 from dg_localization.solver.problem import Chirality, Problem, Side, SideConstraint, points_of
 from dg_localization.solver.result import Joint, JointKind
+from dg_localization.solver.search.budget import Budget
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
@@ -56,7 +55,7 @@ class Linker:
         self,
         problem: Problem,
         solved: SolvedPieces,
-        budget: CallBudget,
+        budget: Budget,
         within: Sequence[Bounds] | None,
     ) -> None:
         self._problem = problem
@@ -65,7 +64,6 @@ class Linker:
         self._pieces = solved.pieces
         self._budget = budget
         self._of_two: dict[tuple[int, ...], tuple[Points, Bounds] | None] = {}
-        self._options = replace(budget.options, tighten_seconds=0.0)
         self._crossing: dict[int, set[int]] = {}
         for i, j in crossing_pairs(problem, solved.pieces):
             self._crossing.setdefault(i, set()).add(j)
@@ -282,7 +280,7 @@ class Linker:
         if problem is None:
             return None
         within = restricted_boxes(self._within, points)
-        return contracted(problem, self._options, within, self._budget.is_over)
+        return contracted(problem, self._budget, within)
 
 
 def crossing_pairs(problem: Problem, pieces: Sequence[SolvedPiece]) -> list[Pair]:

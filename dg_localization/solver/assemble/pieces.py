@@ -21,11 +21,13 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import WORK_PER_LOOK, until
-from dg_localization.solver.assemble.budget import GRACE_S, CallBudget
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, MOST_TOGETHER
+from dg_localization.solver.assemble.contraction import (
+    MOST_CONTRACTED,
+    MOST_TOGETHER,
+    MOST_WORK_TOGETHER,
+)
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.growing import is_grown, solve_grown
-from dg_localization.solver.assemble.large_pieces import is_known_well, solve_large
 from dg_localization.solver.assemble.product import Product
 from dg_localization.solver.assemble.solved_pieces import (
     Search,
@@ -45,10 +47,74 @@ from dg_localization.solver.assemble.subproblem import (
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Points, pairs_of
-from dg_localization.solver.patches.solver import MOST_WHOLE
+from dg_localization.solver.patches.answers import PatchAnswers
+from dg_localization.solver.patches.solver import MOST_WHOLE, PatchSolver
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Joint, JointKind
+from dg_localization.solver.search.budget import GRACE_S, Budget
+from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
+
+MOST_UNREVIEWED = 30
+"""Up to so many points a piece as a whole rules out as much as reviews of its patches, and sooner,
+where distances are wide. Few choices of larger pieces are contracted."""
+
+PATCHES_SHARE = 0.5
+"""Patches may take this part of the time of a piece that is contracted afterwards,"""
+
+PATCHES_SHARE_ALONE = 0.7
+"""and this part where what follows is a placement."""
+
+MOST_WORK = 1_000_000
+"""Choices times the cube of the points, up to which each choice is contracted as a whole. Of more
+choices, few would be in time; chains bound those better that are not."""
+
+LARGEST_ERROR = 0.1
+"""One box is tried first where half of the distances with an upper bound, measured or known from
+anchors and earlier pieces, are known to this fraction of that bound. Others are hardly ever
+covered by one box."""
+
+
+def is_known_well(problem: Problem) -> bool:
+    """Return whether distances are known so well that one box may cover all placements."""
+    known = np.isfinite(problem.upper) & (problem.upper > 0.0)
+    errors = 1.0 - np.sqrt(problem.lower[known] / problem.upper[known])
+    return len(errors) > 0 and bool(np.median(errors) <= LARGEST_ERROR)
+
+
+def solve_large(
+    problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
+) -> Search | None:
+    """Solve a large piece in patches; return None where its neighborhoods are not rigid."""
+    is_whole = problem.n_points <= MOST_TOGETHER
+    share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
+    is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
+    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
+    if solved is None:
+        return None
+    if solved.is_empty():
+        return Search(problem, [], [])
+    answers = PatchAnswers(problem, solved, within, budget.is_over)
+    most = budget.options.max_hypotheses
+    if not is_whole:
+        return Search(problem, [], [], answers.hypotheses(most), solved)
+    boxes = answers.boxes(most)
+    is_done = solved.is_one_body and solved.is_complete()
+    if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
+        return Search(problem, [], [], answers.hypotheses(most), solved)
+    budget.go_on_from(solved.n_boxes() - solved.n_pending())
+    if not is_done:
+        # Halves of wide distances would be parts of the hypotheses that the patches tell apart.
+        at_gaps = solved.is_complete() and not is_known_well(problem)
+        cover = search_share(problem, budget, share, boxes, at_gaps=at_gaps)
+        return Search(problem, cover.kept, cover.pending)
+    is_split = len(boxes) * problem.n_points**3 <= MOST_WORK_TOGETHER
+    most_boxes = 2 * len(boxes) if is_split else len(boxes)
+    cover = search_share(problem, budget, PATCHES_SHARE * share, boxes, most_boxes)
+    # The patches were examined to the end, and so is what they allow.
+    accept_pending(cover, budget)
+    return Search(problem, cover.kept, cover.pending)
+
 
 LEAST_PARTED = 9
 """A piece of fewer points is searched as a whole in less time than in its parts."""
@@ -70,7 +136,7 @@ class PieceSolver:
         self,
         problem: Problem,
         decomposition: Decomposition,
-        budget: CallBudget,
+        budget: Budget,
         within: Sequence[Bounds] | None,
         share: float = 1.0,
     ) -> None:
@@ -187,7 +253,7 @@ class PieceSolver:
             starts = [(box[LOWER], box[UPPER]) for box in search.pending]
             self._budget.take_back(len(starts))
             share = self._share_of_all / (len(searches) - x)
-            cover = self._budget.search(search.problem, share, starts)
+            cover = search_share(search.problem, self._budget, share, starts)
             search.kept += cover.kept
             search.pending, search.found = cover.pending, None
             piece.gather(self._budget.is_overdue)
@@ -216,7 +282,7 @@ class PieceSolver:
 
 
 def search_piece(
-    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+    problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Search:
     """Solve a piece in its parts, where it has any and they are done, or as one."""
     parts = _hidden_parts(problem, budget)
@@ -225,13 +291,13 @@ def search_piece(
 
 
 def search_together(
-    problem: Problem, budget: CallBudget, share: float, within: Sequence[Bounds] | None
+    problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Search:
     """Solve a piece as one, for one choice of what it is given, with a share of what is left."""
     cover = solve_grown(problem, budget, share, within)
     if cover is None and problem.n_points > MOST_WHOLE:
         if within is None and problem.n_points <= MOST_TOGETHER and is_known_well(problem):
-            cover = budget.search_in_one_box(problem)
+            cover = search_in_one_box(problem, budget)
             if cover.pending:
                 boxes = np.array(cover.kept + cover.pending)
                 within = [(boxes[:, LOWER].min(axis=0), boxes[:, UPPER].max(axis=0))]
@@ -241,11 +307,11 @@ def search_together(
             if large is not None:
                 return large
     if cover is None:
-        cover = budget.search(problem, share, within)
+        cover = search_share(problem, budget, share, within)
     return Search(problem, cover.kept, cover.pending)
 
 
-def _hidden_parts(problem: Problem, budget: CallBudget) -> Decomposition | None:
+def _hidden_parts(problem: Problem, budget: Budget) -> Decomposition | None:
     """Return the parts of a piece, None where it has one part only or the time is over."""
     parts = None
     if LEAST_PARTED <= problem.n_points <= MOST_TOGETHER:
@@ -261,7 +327,7 @@ def _hidden_parts(problem: Problem, budget: CallBudget) -> Decomposition | None:
 def _search_in_parts(
     problem: Problem,
     parts: Decomposition,
-    budget: CallBudget,
+    budget: Budget,
     share: float,
     within: Sequence[Bounds] | None,
 ) -> Search | None:
@@ -273,7 +339,7 @@ def _search_in_parts(
     budget.go_on_from(sum(n_boxes - n_pending for n_boxes, n_pending in counts))
     if not all(piece.is_finished for piece in solved.pieces):
         return None
-    boxes, start_of = Product(problem, solved, budget, within).boxes(budget.is_over)
+    boxes, start_of = Product(problem, solved, budget, within).boxes()
     if not budget.keep(len(boxes)):
         return None
     found = hypotheses_of(problem, boxes, budget.is_overdue, start_of)

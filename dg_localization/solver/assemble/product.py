@@ -6,16 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 import math
-import time
 
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.assembly import Assembly
-from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
 from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
@@ -27,12 +25,10 @@ from dg_localization.solver.assemble.subproblem import (
     parts_within,
 )
 from dg_localization.solver.box import UPPER, FloatArray
-from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import (
     MOST_SMALL,
     hulls_of,
-    never,
     place_problem,
 )
 from dg_localization.solver.place.placements import (
@@ -45,6 +41,7 @@ from dg_localization.solver.place.placements import (
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, JointKind
+from dg_localization.solver.search.budget import Budget
 
 MOST_REFINED = 100
 """Up to so many points a placement is refined by least squares, which takes their cube of time."""
@@ -100,11 +97,11 @@ class Product:
         self,
         problem: Problem,
         solved: SolvedPieces,
-        budget: CallBudget,
+        budget: Budget,
         within: Sequence[Bounds] | None,
     ) -> None:
         self._problem = problem
-        self._cancelled = budget.is_cancelled
+        self._budget = budget
         self._options = budget.options
         self.solved = solved
         self._within = within
@@ -113,20 +110,14 @@ class Product:
         network = linker.network(solved.joints) if linker else Network()
         counts = [len(piece.hypotheses) for piece in solved.pieces]
         self.combinations = Combinations(counts, network)
-        self._assembly = Assembly(
-            problem, budget.options, solved, self.combinations, linker, within
-        )
+        self._assembly = Assembly(problem, budget, solved, self.combinations, linker, within)
         # More is known than distances within pieces, or holds all of them together.
         self._is_crossed = _is_crossed(problem, solved)
         self._is_tied = within is not None or _has_loop(solved)
         self._is_counted = not (self._is_crossed or self._is_tied)
         self.number = 0 if self.combinations.contradiction is not None else self._count(budget)
 
-    def __getstate__(self) -> dict[str, object]:
-        """Return what is pickled: whoever might cancel the call is not."""
-        return vars(self) | {'_cancelled': never}
-
-    def _count(self, budget: CallBudget) -> int:
+    def _count(self, budget: Budget) -> int:
         """
         Return how many hypotheses there are at most, 0 as a proof that there is none.
 
@@ -143,7 +134,7 @@ class Product:
         is_listed = self._is_crossed or not self.combinations.is_exact
         if is_listed and self.combinations.lists_all_sides:
             listing = _Listing(self._options.max_hypotheses, max(1, MOST_LISTED // n_points**2))
-            self._list(listing, budget.is_over)
+            self._list(listing, budget)
             if listing.is_complete and not budget.is_over():
                 self._is_counted = True
                 self.hypotheses = tuple(listing.found)
@@ -158,18 +149,14 @@ class Product:
         """Lower and upper bounds in m^2 of all squared distances, over all combinations."""
         return self._assembly.hull or Nothing(self._problem.n_points).bounds
 
-    def _limit(self) -> Callable[[], bool]:
-        """Return what stops a list that is asked for now: it may take as long as the call."""
-        end = time.perf_counter() + self._options.max_seconds
-        return lambda: self._cancelled() or time.perf_counter() > end
-
     @cached_property
     @default_environment()
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The first combinations, but those that turn out to hold no placement."""
         most = self._options.max_hypotheses
         listing = _Listing(most, STEPS_PER_HYPOTHESIS * most)
-        self._list(listing, self._limit())
+        # A list that is asked for may take as long as the call.
+        self._list(listing, self._budget.again())
         lower, upper = self.bounds if not listing.is_complete else (np.array(1), np.array(0))
         if not listing.found and (lower <= upper).all():
             # Placements may be in any of the combinations that were not looked at.
@@ -194,12 +181,10 @@ class Product:
         if not (is_plain and is_single):
             return True
         first = _Listing(1, STEPS_PER_HYPOTHESIS)
-        self._list(first, self._limit())
+        self._list(first, self._budget.again())
         return not (first.found and first.found[0].proved)
 
-    def boxes(
-        self, stopped: Callable[[], bool]
-    ) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]]:
+    def boxes(self) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]]:
         """
         Return a box for each combination, or one for all where there are too many to list.
 
@@ -215,51 +200,46 @@ class Product:
             listed = [(first, hull)] if first and hull else []
         else:
             every = self.combinations.listed(lambda _: True)
-            bounds_of = partial(self._assembly.bounds, in_twos=not is_small, stopped=stopped)
+            bounds_of = partial(self._assembly.bounds, budget=self._budget, in_twos=not is_small)
             listed = [(c, bounds) for c in every if (bounds := bounds_of(c))]
         for combination, bounds in listed:
             for part in parts_within([bounds], self._within):
                 found.append(as_box(part))
                 of.append(combination)
-        return found, lambda x: None if stopped() else self._laid(of[x], stopped)
+        return found, lambda x: self._laid(of[x])
 
-    def _laid(self, combination: Combination, stopped: Callable[[], bool]) -> FloatArray | None:
+    def _laid(self, combination: Combination) -> FloatArray | None:
         """Return the placements of pieces, laid against each other and fitted to all bounds."""
-        known = self._problem.pairs
-        for positions in self._assembly.placements(combination, 0.0, 1):
+        known, stopped = self._problem.pairs, self._budget.is_over
+        for positions in self._assembly.placements(combination, 0.0, int(not stopped())):
             return refined(positions, known.pairs, known.lower, known.upper, MARGIN, stopped)
         return None
 
-    def _list(self, listing: _Listing, stopped: Callable[[], bool]) -> None:
+    def _list(self, listing: _Listing, budget: Budget) -> None:
         """Build hypotheses, less tight ones from when there is no time left."""
         if len(self.solved.pieces) == 1:
             listing.found = list(self.solved.pieces[0].hypotheses)
             return
-        end = time.perf_counter() + self._options.tighten_seconds
 
         def is_possible(combination: Combination) -> bool:
             if not (self._is_crossed or self._is_tied) or not listing.may_step():
                 return True
-            return self._assembly.bounds(combination, stopped=stopped) is not None
+            return self._assembly.bounds(combination, budget) is not None
 
         for combination in self.combinations.listed(is_possible):
             if not listing.may_step() or len(listing.found) >= listing.most:
                 listing.is_complete = False
                 return
-            left_s = max(0.0, end - time.perf_counter())
-            options = replace(self._options, tighten_seconds=left_s)
-            is_first = not listing.found
-            listing.found += self._hypotheses(combination, options, stopped, is_first)
+            listing.found += self._hypotheses(combination, budget, not listing.found)
 
     def _hypotheses(
         self,
         combination: Combination,
-        options: SolverOptions,
-        stopped: Callable[[], bool],
+        budget: Budget,
         is_first: bool,
     ) -> Iterator[Hypothesis]:
         """Yield the whole fleet as a combination has it, one for each part that is connected."""
-        bounds = self._assembly.bounds(combination, options, stopped=stopped)
+        bounds = self._assembly.bounds(combination, budget, is_tightened=True)
         if bounds is None:
             return
         chosen = [
@@ -271,8 +251,8 @@ class Product:
         for hull, numbers in hulls_of(parts):
             boxes = [parts[x][: UPPER + 1] for x in numbers]
             found: tuple[FloatArray | None, bool] = (None, False)
-            if is_first or not stopped():
-                found = self._placement(combination, hull, boxes, stopped)
+            if is_first or not budget.is_over():
+                found = self._placement(combination, hull, boxes, budget.is_over)
             yield Hypothesis(hull[0], hull[1], np.stack(boxes), *found, flexible)
 
     @cached_property

@@ -15,16 +15,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from itertools import islice
-import time
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds
-from dg_localization.solver.options import Cancel, SolverOptions
-from dg_localization.solver.place.hypotheses import hypotheses_of
-from dg_localization.solver.place.unplaced_hypotheses import unplaced_hypotheses_of
+from dg_localization.solver.options import SolverOptions
+from dg_localization.solver.place.hypotheses import lazy_hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Statistics
 from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search
 
 PARTS_PER_TASK = 16
@@ -32,9 +31,6 @@ PARTS_PER_TASK = 16
 
 LOOK_S = 0.02
 """How long to wait for a task before looking whether the call was cancelled."""
-
-LEAST_S = 1e-9
-"""A search with less time than this left does not look at a single box."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,6 @@ class Subproblem:
     problem: Problem | None  # None where its bounds contradict each other
     within: Sequence[Bounds] | None
     all_or_nothing: bool = False  # a cover with boxes that were not examined is of no use
-    is_placed: bool = True  # placements are sought at once, not when somebody asks for them
 
 
 @dataclass(frozen=True)
@@ -56,106 +51,81 @@ class SolvedSubproblem:
     hypotheses: Sequence[Hypothesis]
 
 
-class _BoxLimit:
-    """Stops a search that has more boxes to examine than it may."""
-
-    def __init__(
-        self,
-        most_boxes: int,
-        cancel: Cancel | None,
-        progress: Callable[[Statistics], None] | None,
-    ) -> None:
-        self._most_boxes = most_boxes
-        self._cancel = cancel
-        self._progress = progress
-        self._is_lost = False
-
-    def __call__(self, statistics: Statistics) -> None:
-        """Note the statistics after a box: each that is pending takes one box at least."""
-        self._is_lost = statistics.processed + statistics.pending > self._most_boxes
-        if self._progress:
-            self._progress(statistics)
-
-    def is_set(self) -> bool:
-        """Return whether to stop."""
-        return self._is_lost or bool(self._cancel and self._cancel.is_set())
-
-
-def solve_subproblem(
-    part: Subproblem,
-    options: SolverOptions,
-    cancel: Cancel | None = None,
-    progress: Callable[[Statistics], None] | None = None,
-) -> SolvedSubproblem:
+def solve_subproblem(part: Subproblem, budget: Budget) -> SolvedSubproblem:
     """Solve one part."""
     if part.problem is None:
         return SolvedSubproblem(Cover(), Statistics(), ())
-    if part.all_or_nothing:
-        cancel = progress = _BoxLimit(options.max_boxes, cancel, progress)
     # One box at a time, so that no answer depends on the processors of a worker.
-    args = part.problem, options, cancel, progress, part.within
-    cover, statistics = search(*args)
+    cover = search(part.problem, budget, part.within, all_or_nothing=part.all_or_nothing)
+    statistics = cover.statistics(len(cover.pending), budget.seconds())
     if part.all_or_nothing and cover.pending:
         return SolvedSubproblem(cover, statistics, ())
-    of_cover = hypotheses_of if part.is_placed else unplaced_hypotheses_of
-    return SolvedSubproblem(cover, statistics, of_cover(part.problem, cover.kept + cover.pending))
+    hypotheses = lazy_hypotheses_of(part.problem, cover.kept + cover.pending)
+    return SolvedSubproblem(cover, statistics, hypotheses)
+
+
+def solve_subproblems(
+    parts: Iterable[Subproblem],
+    budget: Budget,
+    most_boxes: int,
+    stopped: Callable[[], bool],
+) -> Iterator[SolvedSubproblem]:
+    """Solve independent parts, in their order and with all that is left of a budget."""
+
+    def solved_here(part: Subproblem) -> SolvedSubproblem:
+        solved = solve_subproblem(part, budget.part(1.0, most_boxes))
+        budget.spend(solved.statistics)
+        return solved
+
+    if budget.executor is None:
+        for part in parts:
+            if stopped():
+                return
+            yield solved_here(part)
+        return
+    limits = budget.part(1.0, most_boxes)
+    for part, solved in _solved_by_workers(budget.executor, parts, limits, stopped):
+        if budget.boxes_left() < limits.options.max_boxes:
+            # This process would have given it fewer boxes.
+            solved = solved_here(part)
+        else:
+            budget.spend(solved.statistics)
+            budget.report(Statistics())
+        yield solved
 
 
 @default_environment()
-def _solve_batch(
-    parts: Sequence[Subproblem], options: SolverOptions, prepare: Callable[[], object]
-) -> list[SolvedSubproblem]:
+def _solve_batch(parts: Sequence[Subproblem], options: SolverOptions) -> list[SolvedSubproblem]:
     """Solve parts one after another, in a worker; those that there is time for."""
-    prepare()
-    start = time.perf_counter()
+    budget = Budget(options)
     solved: list[SolvedSubproblem] = []
     for part in parts:
-        passed_s = time.perf_counter() - start
-        if passed_s >= options.max_seconds:
+        if budget.is_over():
             break
-        solved.append(solve_subproblem(part, _left_of(options, passed_s)))
+        solved.append(solve_subproblem(part, Budget(budget.remaining())))
     return solved
 
 
-def _left_of(options: SolverOptions, passed_s: float) -> SolverOptions:
-    """Return the options with what is left of the time."""
-    return options.limited(
-        options.max_boxes,
-        max(LEAST_S, options.max_seconds - passed_s),
-        max(0.0, options.tighten_seconds - passed_s),
-    )
-
-
-class Workers:
-    """Solves parts in the workers of an executor."""
-
-    def __init__(self, executor: Executor, prepare: Callable[[], object]) -> None:
-        self._executor = executor
-        self._prepare = prepare
-
-    def solved(
-        self,
-        parts: Iterable[Subproblem],
-        options: SolverOptions,
-        stopped: Callable[[], bool],
-    ) -> Iterator[tuple[Subproblem, SolvedSubproblem]]:
-        """Solve parts, each within the same limits."""
-        start = time.perf_counter()
-        waiting: list[tuple[list[Subproblem], Future[list[SolvedSubproblem]]]] = []
-        left = iter(parts)
-        try:
-            while not stopped() and (batch := list(islice(left, PARTS_PER_TASK))):
-                limits = _left_of(options, time.perf_counter() - start)
-                args = batch, limits, self._prepare
-                waiting.append((batch, self._executor.submit(_solve_batch, *args)))
-            for batch, future in waiting:
-                solved = _wait_for(future, stopped)
-                yield from zip(batch, solved, strict=False)
-                if len(solved) < len(batch):
-                    return
-        finally:
-            for _, future in waiting:
-                future.cancel()
+def _solved_by_workers(
+    executor: Executor,
+    parts: Iterable[Subproblem],
+    limits: Budget,
+    stopped: Callable[[], bool],
+) -> Iterator[tuple[Subproblem, SolvedSubproblem]]:
+    """Solve parts in the workers of an executor, each within the same limits."""
+    waiting: list[tuple[list[Subproblem], Future[list[SolvedSubproblem]]]] = []
+    left = iter(parts)
+    try:
+        while not stopped() and (batch := list(islice(left, PARTS_PER_TASK))):
+            waiting.append((batch, executor.submit(_solve_batch, batch, limits.remaining())))
+        for batch, future in waiting:
+            solved = _wait_for(future, stopped)
+            yield from zip(batch, solved, strict=False)
+            if len(solved) < len(batch):
+                return
+    finally:
+        for _, future in waiting:
+            future.cancel()
 
 
 def _wait_for(

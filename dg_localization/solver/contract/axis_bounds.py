@@ -84,22 +84,14 @@ def axis_coordinate(
 
 
 @kernel
-def coordinate_difference_down(low: float, high: float, d_lower: float, d_upper: float) -> float:
+def coordinate_difference_up(high: float, low: float, d_lower: float, d_upper: float) -> float:
     """
-    Bound t_i - t_j = ((A_i - B_i) - (A_j - B_j)) / (2 d) from below, in which d / 2 cancels.
+    Bound t_i - t_j = ((A_i - B_i) - (A_j - B_j)) / (2 d) from above, in which d / 2 cancels.
 
     Every squared distance occurs once and the quotient is monotone in d on either side of zero,
-    so the corner named by the sign of the numerator gives the tightest bound.
+    so the corner named by the sign of the numerator, A_i - B_i from above less A_j - B_j from
+    below, gives the tightest bound. Minus the bound of t_j - t_i is that from below.
     """
-    low = down(low - high)
-    if d_lower == 0.0:
-        return -math.inf if low < 0.0 else 0.0
-    return down(low / (2.0 * (d_lower if low < 0.0 else d_upper)))
-
-
-@kernel
-def coordinate_difference_up(high: float, low: float, d_lower: float, d_upper: float) -> float:
-    """Bound t_i - t_j from above, by A_i - B_i from above and A_j - B_j from below; as before."""
     high = up(high - low)
     if d_lower == 0.0:
         return math.inf if high > 0.0 else 0.0

@@ -15,8 +15,6 @@ branches of a root are intersected apart and joined last (Eq. 20).
 
 from __future__ import annotations
 
-import math
-
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 from dg_localization.interval.scalars import reverse_square, square
@@ -29,12 +27,10 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
-from dg_localization.solver.contract.rows import (
-    NEW_T_LOWER,
+from dg_localization.solver.contract.projection import (
     T_LOWER,
     T_UPPER,
     Rows,
-    lanes_of,
 )
 
 
@@ -183,77 +179,6 @@ def _difference(
 
 
 @kernel(inlined=True)
-def _count_gains(rows: Rows, x: int, count: int) -> tuple[int, int]:
-    """Count the pairs of a row with later ones that have something to gain."""
-    ends, along, across = rows.ends, rows.along, rows.across
-    x_t_lower, x_t_upper = ends[T_LOWER, x], ends[T_UPPER, x]
-    t_lower, t_upper = ends[T_LOWER], ends[T_UPPER]
-    lower, upper = rows.squared[LOWER, x], rows.squared[UPPER, x]
-    along_lower, along_upper = along[LOWER, x], along[UPPER, x]
-    across_lower, across_upper = across[LOWER, x], across[UPPER, x]
-    gap_lower, gap_upper = across[GAP_LOWER, x], across[GAP_UPPER, x]
-    n_open = 0
-    n_others = 0
-    for y in range(lanes_of(count)):
-        low, high = _difference(
-            (along_lower[y], along_upper[y]),
-            (x_t_lower, x_t_upper),
-            (t_lower[y], t_upper[y]),
-            (lower[y], upper[y]),
-            (across_lower[y], across_upper[y]),
-        )
-        square_low = square_down(max(0.0, low, -high))
-        square_high = square_up(max(-low, high))
-        new_t_lower = max(t_lower[y], down(x_t_lower - high))
-        new_t_upper = min(t_upper[y], up(x_t_upper - low))
-        is_open = (
-            (low > high)
-            | (up(gap_lower[y] + square_high) < down(gap_upper[y] + square_low))
-            | (down(t_lower[y] + low) > x_t_lower)
-            | (up(t_upper[y] + high) < x_t_upper)
-            | (new_t_lower > new_t_upper)
-            | (down(square_low + across_lower[y]) > lower[y])
-            | (up(square_high + across_upper[y]) < upper[y])
-        )
-        is_other = (new_t_lower > t_lower[y]) | (new_t_upper < t_upper[y])
-        is_later = (x < y) & (y < count)
-        n_open += 1 if is_open & is_later else 0
-        n_others += 1 if is_other & is_later else 0
-    return n_open, n_others
-
-
-@kernel(inlined=True)
-def _narrow_coordinates(rows: Rows, x: int, count: int) -> None:
-    """Narrow the coordinates of the points in later rows by that of the point in row `x`."""
-    ends, along, across = rows.ends, rows.along, rows.across
-    x_t_lower, x_t_upper = ends[T_LOWER, x], ends[T_UPPER, x]
-    t_lower, t_upper, new_t_lower = ends[T_LOWER], ends[T_UPPER], ends[NEW_T_LOWER]
-    lower, upper = rows.squared[LOWER, x], rows.squared[UPPER, x]
-    along_lower, along_upper = along[LOWER, x], along[UPPER, x]
-    across_lower, across_upper = across[LOWER, x], across[UPPER, x]
-    for y in range(lanes_of(count)):
-        low, high = _difference(
-            (along_lower[y], along_upper[y]),
-            (x_t_lower, x_t_upper),
-            (t_lower[y], t_upper[y]),
-            (lower[y], upper[y]),
-            (across_lower[y], across_upper[y]),
-        )
-        new_t_lower[y] = max(t_lower[y], down(x_t_lower - high) if x < y else -math.inf)
-    for y in range(lanes_of(count)):
-        low, high = _difference(
-            (along_lower[y], along_upper[y]),
-            (x_t_lower, x_t_upper),
-            (t_lower[y], t_upper[y]),
-            (lower[y], upper[y]),
-            (across_lower[y], across_upper[y]),
-        )
-        t_upper[y] = min(t_upper[y], up(x_t_upper - low) if x < y else math.inf)
-    for y in range(lanes_of(count)):
-        t_lower[y] = new_t_lower[y]
-
-
-@kernel(inlined=True)
 def _narrow_pair(box: FloatArray, rows: Rows, x: int, y: int) -> bool:
     """Narrow s_ij and both coordinates from the reduced distance in the orthogonal space."""
     ends, across = rows.ends, rows.across
@@ -288,23 +213,6 @@ def _narrow_pair(box: FloatArray, rows: Rows, x: int, y: int) -> bool:
     return True
 
 
-@kernel(inlined=True)
-def _narrow_row(box: FloatArray, rows: Rows, x: int, count: int) -> bool:
-    """
-    Narrow the pairs of a row with later ones, as if one after the other.
-
-    Where they narrow nothing but the coordinates of later points, these are narrowed at once.
-    """
-    n_open, n_others = _count_gains(rows, x, count)
-    if n_open > 0:
-        for y in range(x + 1, count):
-            if not _narrow_pair(box, rows, x, y):
-                return False
-    elif n_others > 0:
-        _narrow_coordinates(rows, x, count)
-    return True
-
-
 @kernel(borrows=True)
 def back_project(box: FloatArray, rows: Rows, count: int, a: int, b: int) -> bool:
     """
@@ -315,8 +223,9 @@ def back_project(box: FloatArray, rows: Rows, count: int, a: int, b: int) -> boo
     # The axis itself is narrowed by the points only, after the pairs.
     last = count - 1
     for x in range(last):
-        if not _narrow_row(box, rows, x, last):
-            return False
+        for y in range(x + 1, last):
+            if not _narrow_pair(box, rows, x, y):
+                return False
     for x in range(last):
         if not _narrow_point(box, rows, last, a, b, x):
             return False

@@ -19,8 +19,7 @@ from dg_localization.interval.rounding import sqrt_down, sqrt_up
 from dg_localization.interval.scalars import reverse_square
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.axis_bounds import axis_coordinate
-from dg_localization.solver.contract.projection import project
-from dg_localization.solver.contract.rows import new_rows
+from dg_localization.solver.contract.projection import new_rows, project
 
 
 def enclose_coordinates(

@@ -18,19 +18,16 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
-from dg_localization.solver.box import FloatArray, IntArray
-from dg_localization.solver.contract.axes import axes_of, rank_axes
-from dg_localization.solver.contract.chiralities import chiralities_are_possible
-from dg_localization.solver.contract.combination import combine
-from dg_localization.solver.contract.groups import Groups
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
+from dg_localization.solver.contract.linear import Groups, combine
 from dg_localization.solver.contract.reduction import MOST_THROUGH, apply_axes, make_workspace
-from dg_localization.solver.contract.sides import sides_of
-from dg_localization.solver.contract.status import Status
+from dg_localization.solver.contract.sides import chiralities_are_possible, sides_of
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.contract.widths import (
+    axes_of,
     is_finished,
     largest_gain,
-    remember_widths,
+    rank_axes,
     widest_gap_m,
 )
 from dg_localization.solver.problem import Problem
@@ -75,12 +72,8 @@ SCHEDULES = (
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
 
-MOST_IDLE_TESTS, MOST_IDLE_TESTS_OF_LARGER = 4, 2
-"""So many tests of the same sweep without such a gain end it: later axes are known less well. One
-of a larger fleet takes many times as long."""
-
-LARGER = (20, 20, 12)
-"""A fleet of more points than this is a larger one, by dimension."""
+MOST_IDLE_TESTS = 4
+"""So many tests of the same sweep without such a gain end it: later axes are known less well."""
 
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
@@ -141,8 +134,6 @@ class Contractor:
         self._box, self._points, self._distance = work.box, work.points, work.distance
         fitting = (s for s in SCHEDULES[dimension - 1] if n_points <= s.most_points)
         self._schedule = next(fitting)
-        is_larger = n_points > LARGER[dimension - 1]
-        self._most_idle = MOST_IDLE_TESTS_OF_LARGER if is_larger else MOST_IDLE_TESTS
         self._widths_of_sweep = np.zeros((n_points, n_points))
         self._widths_of_test = np.zeros((n_points, n_points))
         self._in_order = np.arange(n_points)
@@ -185,7 +176,7 @@ class Contractor:
                 best = axes[: len(groups.edges)]
                 status = self._project(best, local[sweep], stopped)
             else:
-                remember_widths(box, self._widths_of_sweep)
+                np.subtract(box[UPPER], box[LOWER], out=self._widths_of_sweep)
                 status = self._project_and_combine(axes, groups, goal, explained, stopped)
                 if status is None and largest_gain(box, self._widths_of_sweep) < LEAST_GAIN:
                     return Status.CONTRACTED
@@ -207,7 +198,7 @@ class Contractor:
         n_idle = 0
         for first in range(0, max(1, len(axes)), goal.axes_per_test):
             some = axes[first : first + goal.axes_per_test]
-            remember_widths(box, self._widths_of_test)
+            np.subtract(box[UPPER], box[LOWER], out=self._widths_of_test)
             status = self._project(some, self._n_points, stopped)
             if status is not None:
                 return status
@@ -222,7 +213,7 @@ class Contractor:
             if stopped():
                 return Status.UNFINISHED
             n_idle = n_idle + 1 if largest_gain(box, self._widths_of_test) < LEAST_GAIN else 0
-            if n_idle == self._most_idle:
+            if n_idle == MOST_IDLE_TESTS:
                 return Status.CONTRACTED
         return None
 

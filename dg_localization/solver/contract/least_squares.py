@@ -15,8 +15,11 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import FloatArray
-from dg_localization.solver.contract.linearization import Linearization
-from dg_localization.solver.contract.reference import SMALLEST_WIDTH, reference_distance_m2
+from dg_localization.solver.contract.linearization import (
+    SMALLEST_WIDTH,
+    Linearization,
+    reference_distance_m2,
+)
 
 LEAST_WIDTH_RATIO = 1e-3
 """No width counts as less than this fraction of the largest: the normal equations square it."""

@@ -29,7 +29,7 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
-from dg_localization.solver.contract.rows import lanes_of
+from dg_localization.solver.contract.projection import lanes_of
 
 BOTH = 2
 """The side of two points with constraints for the same side and for opposite ones."""

@@ -20,9 +20,12 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.linearization import (
     Linearization,
     bound_linear_function,
+    complete_frame,
     narrow_to_linear,
     new_linearization,
+    point_errors_m,
     set_displacements,
+    set_reference,
     set_residuals,
 )
 from dg_localization.solver.contract.newton import (
@@ -30,7 +33,6 @@ from dg_localization.solver.contract.newton import (
     narrow_bounds,
     narrow_displacements,
 )
-from dg_localization.solver.contract.reference import complete_frame, point_errors_m, set_reference
 from dg_localization.solver.contract.simplex import set_multipliers, set_table
 
 MOST_PROGRAM_STEPS = 4

@@ -6,8 +6,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from dg_localization.interval.kernels import kernel
+import numpy as np
+
+from dg_localization.interval.kernels import COMPILED, kernel
 from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
 from dg_localization.interval.scalars import square
 from dg_localization.solver.box import (
@@ -21,11 +24,14 @@ from dg_localization.solver.box import (
 )
 from dg_localization.solver.contract.axis_bounds import (
     axis_coordinate,
-    coordinate_difference_down,
     coordinate_difference_up,
     squared_height,
 )
-from dg_localization.solver.contract.rows import (
+
+LANES = 8 if COMPILED else 1
+"""Rows are done so many pairs at a time."""
+
+(
     A_LOWER,
     A_UPPER,
     B_LOWER,
@@ -34,9 +40,45 @@ from dg_localization.solver.contract.rows import (
     DIFFERENCE_UPPER,
     T_LOWER,
     T_UPPER,
-    Rows,
-    lanes_of,
-)
+) = range(8)
+"""The planes of `Rows.ends`."""
+
+
+class Rows(NamedTuple):
+    """
+    Scratch arrays of one projection along an axis (a, b); w is n in whole lanes.
+
+    The last row stands for the common image of a and b, the others for the projected points.
+    """
+
+    points: IntArray  # (n,): what each row is in the box that is projected
+    ends: FloatArray  # (8, w): bounds of A, B, A - B and t (Eq. 7)
+    squared: FloatArray  # (2, n, w): s_ij before the projection, in m^2
+    along: FloatArray  # (2, n, w): bounds of t_i - t_j, in m
+    across: FloatArray  # (4, n, w): the projected box, in m^2
+
+
+def whole_lanes(count: int) -> int:
+    """Return the width of a row of so many points, in whole lanes."""
+    return (count + LANES - 1) // LANES * LANES
+
+
+def make_rows(n_points: int) -> Rows:
+    """Allocate the scratch arrays of a projection."""
+    width = (n_points + LANES - 1) // LANES * LANES
+    return Rows(
+        np.zeros(n_points, dtype=np.int64),
+        np.zeros((8, width)),
+        np.zeros((2, n_points, width)),
+        np.zeros((2, n_points, width)),
+        np.zeros((4, n_points, width)),
+    )
+
+
+# Plain Python calls the functions above, which never wait for a compiler.
+lanes_of = kernel(whole_lanes)
+new_rows = kernel(make_rows)
+
 
 LEAST_AXIS_RATIO = 0.3
 """A pair serves as an axis when its squared distance is known to this ratio of its bounds."""
@@ -177,7 +219,7 @@ def _set_along(rows: Rows, x: int, stop: int, d_lower: float, d_upper: float) ->
     along_lower, along_upper = rows.along[LOWER, x], rows.along[UPPER, x]
     x_low, x_high, x_t_lower, x_t_upper = low[x], high[x], t_lower[x], t_upper[x]
     for y in range(stop):
-        direct = coordinate_difference_down(x_low, high[y], d_lower, d_upper)
+        direct = -coordinate_difference_up(high[y], x_low, d_lower, d_upper)
         along_lower[y] = max(direct, down(x_t_lower - t_upper[y]))
     for y in range(stop):
         direct = coordinate_difference_up(x_high, low[y], d_lower, d_upper)

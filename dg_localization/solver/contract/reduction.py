@@ -27,12 +27,11 @@ from dg_localization.solver.box import (
     exclude,
     narrow,
 )
-from dg_localization.solver.contract.axes import rank_points
 from dg_localization.solver.contract.back_projection import back_project
 from dg_localization.solver.contract.line import reduce_line
-from dg_localization.solver.contract.projection import is_axis, project
-from dg_localization.solver.contract.rows import Rows, lanes_of, make_rows
+from dg_localization.solver.contract.projection import Rows, is_axis, lanes_of, make_rows, project
 from dg_localization.solver.contract.sides import Sides, set_sigma
+from dg_localization.solver.contract.widths import rank_points
 
 SMALL_FLEET = 7
 """Up to so many points all axes are applied, before linear combinations and in projections."""

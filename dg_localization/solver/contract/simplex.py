@@ -24,8 +24,7 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.linearization import Linearization
-from dg_localization.solver.contract.reference import SMALLEST_WIDTH
+from dg_localization.solver.contract.linearization import SMALLEST_WIDTH, Linearization
 
 MOST_EXCHANGES = 60
 

@@ -10,21 +10,14 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray
-
-
-@kernel(borrows=True)
-def remember_widths(box: FloatArray, widths: FloatArray) -> None:
-    """Write the width of every pair in m^2."""
-    n_points = box.shape[1]
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            widths[i, j] = box[UPPER, i, j] - box[LOWER, i, j]
+from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.pair_bounds import pairs_among
+from dg_localization.solver.problem import Problem
 
 
 @kernel(borrows=True)
 def largest_gain(box: FloatArray, widths: FloatArray) -> float:
-    """Return the largest relative reduction of a width since `remember_widths`."""
+    """Return the largest relative reduction of a width from those before."""
     n_points = box.shape[1]
     gain = 0.0
     for i in range(n_points):
@@ -104,3 +97,49 @@ def is_finished(
 ) -> bool:
     """Return whether a box is narrower than the resolution or no wider than the errors explain."""
     return is_narrow(box, resolution_m) or is_explained(box, explained, factor, resolution_m)
+
+
+def axes_of(problem: Problem) -> IntArray:
+    """
+    Return the axes a problem may be projected along.
+
+    In one dimension there is nothing to project: the axes stand for the faces with known sides,
+    and one for the line itself.
+    """
+    if problem.dimension > 1:
+        return np.stack(pairs_among(problem.n_points), axis=1)
+    faces = {side.face[0] for side in problem.sides}
+    faces.update(point for chirality in problem.chiralities for point in chirality.points)
+    return np.array([(face, face) for face in sorted(faces | {0})], dtype=np.int64)
+
+
+@kernel
+def rank_axes(box: FloatArray, axes: IntArray) -> IntArray:
+    """Return the axes in the order of how well the distances to their two ends are known."""
+    n_points = box.shape[1]
+    errors = np.empty((n_points, n_points))
+    for i in range(n_points):
+        # In one dimension an axis has the same point at both ends.
+        for j in range(i, n_points):
+            errors[i, j] = errors[j, i] = relative_error(box, i, j)
+    badness = np.empty(len(axes))
+    for x in range(len(axes)):
+        a, b = axes[x, 0], axes[x, 1]
+        known = 0.0
+        for i in range(n_points):
+            if i != a and i != b:
+                known += 1.0 / (0.01 + (errors[a, i] + errors[b, i]) + errors[a, b])
+        badness[x] = -known
+    # Stable, and so the same with and without numba.
+    return axes[np.argsort(badness, kind='mergesort')]
+
+
+@kernel
+def rank_points(box: FloatArray, a: int, b: int, points: IntArray) -> None:
+    """Order the points by how well their distances to the ends of an axis are known."""
+    n_points = box.shape[1]
+    errors = np.empty(n_points)
+    for i in range(n_points):
+        errors[i] = relative_error(box, a, i) + relative_error(box, b, i)
+    errors[a] = errors[b] = -1.0
+    points[:] = np.argsort(errors, kind='mergesort')

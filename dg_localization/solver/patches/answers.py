@@ -19,7 +19,12 @@ from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.known_pairs import Ambiguities
 from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.existence import settled
-from dg_localization.solver.place.hypotheses import LARGEST_M2
+from dg_localization.solver.place.hypotheses import (
+    LARGEST_M2,
+    LazyHypothesis,
+    Placement,
+    never,
+)
 from dg_localization.solver.place.placements import (
     MARGIN,
     QUICK,
@@ -29,11 +34,6 @@ from dg_localization.solver.place.placements import (
 )
 from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
 from dg_localization.solver.place.rigidity import is_flexible
-from dg_localization.solver.place.unplaced_hypotheses import (
-    Placement,
-    UnplacedHypothesis,
-    never,
-)
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -43,16 +43,12 @@ MOST_NUMBERS = 10**6
 MOST_PIVOTS = 60
 """Placements are laid out by the chains from so many points to all."""
 
-UNFOLDED = ((100, 6), (300, 1))
-"""How often a placement of up to so many points is unfolded where it does not agree: with more it
-takes seconds."""
-
 MOST_RANKED = 150
 """Up to so many points the rank of a placement is computed, which takes their cube of time; larger
 pieces count as flexible where their patches do not hold them together."""
 
 
-class ChainedHypothesis(UnplacedHypothesis):
+class ChainedHypothesis(LazyHypothesis):
     """
     A hypothesis of a large piece, which keeps the bounds of known pairs only.
 
@@ -201,8 +197,7 @@ class PatchAnswers:
         positions, proved = self._settled(positions)
         if proved or self._stopped():
             return positions, proved
-        times = next((number for most, number in UNFOLDED if len(start) <= most), 0)
-        return self._settled(sought(positions, *self._measured, self._stopped, times))
+        return self._settled(sought(positions, *self._measured, self._stopped))
 
     def _placement_in(
         self, start: FloatArray, choice: Mapping[int, int]

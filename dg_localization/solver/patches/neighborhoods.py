@@ -30,9 +30,6 @@ MOST_FILLED = 20
 FILLED_AT_ONCE = 4
 """A patch in a body is filled up to so many points, a few more at a time."""
 
-FEW, MOST_FILLED_OF_FEW = 60, 40
-"""Among this many points or fewer it may have more: what is not held together is searched then."""
-
 
 class Neighborhoods:
     """Neighborhoods in a graph."""
@@ -214,8 +211,7 @@ def _filled(known: Neighborhoods, wanted: Points, body: set[int]) -> Points:
     points = set(wanted)
     for point in wanted:
         points |= known.paths(point, wanted, body)
-    most_filled = MOST_FILLED_OF_FEW if len(known.neighbors) <= FEW else MOST_FILLED
-    for most in range(len(points), most_filled + 1, FILLED_AT_ONCE):
+    for most in range(len(points), MOST_FILLED + 1, FILLED_AT_ONCE):
         rigid = known.rigid_part(known.grown(points, most), wanted)
         if rigid:
             return rigid

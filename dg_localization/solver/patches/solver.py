@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dg_localization.solver.assemble.budget import CallBudget
 from dg_localization.solver.assemble.subproblem import Bounds, restricted, restricted_boxes
-from dg_localization.solver.assemble.tasks import Subproblem
+from dg_localization.solver.assemble.tasks import Subproblem, solve_subproblems
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.patches.known_pairs import Ambiguities, KnownPairs, Patch
@@ -32,6 +31,7 @@ from dg_localization.solver.patches.neighborhoods import (
     seam_patches,
 )
 from dg_localization.solver.problem import Problem, points_of
+from dg_localization.solver.search.budget import Budget
 
 MOST_WHOLE = 16
 """A piece of more points is solved in patches, in the plane."""
@@ -77,18 +77,16 @@ class PatchSolver:
     def __init__(
         self,
         problem: Problem,
-        budget: CallBudget,
+        budget: Budget,
         share: float,
         within: Sequence[Bounds] | None,
-        is_reviewed: bool = True,
-        is_placed: bool = True,
+        is_reviewed: bool,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
+        self._is_over = budget.has_passed(share)
         self._is_reviewed = is_reviewed
-        self._is_placed = is_placed
-        self._end_s = budget.seconds() + share * (budget.options.max_seconds - budget.seconds())
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
         self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
@@ -120,10 +118,6 @@ class PatchSolver:
             return SolvedPatches([empty], known)
         return SolvedPatches(patches, known, self._hold_together(bodies), n_unsolved)
 
-    def _is_over(self) -> bool:
-        """Return whether there is no time left for another patch."""
-        return self._budget.is_over() or self._budget.seconds() > self._end_s
-
     def _solved(
         self,
         chosen: Sequence[Points],
@@ -133,7 +127,7 @@ class PatchSolver:
     ) -> Iterator[Patch]:
         """Solve patches within what is known of their pairs, while there is time."""
         parts = (replace(self._part(p, known), all_or_nothing=all_or_nothing) for p in chosen)
-        solved = self._budget.solve_parts(parts, most_boxes, self._is_over)
+        solved = solve_subproblems(parts, self._budget, most_boxes, self._is_over)
         for points, found in zip(chosen, solved, strict=False):
             pending = {box[: UPPER + 1].tobytes() for box in found.cover.pending}
             yield Patch(points, list(found.hypotheses), pending)
@@ -143,7 +137,7 @@ class PatchSolver:
         bounds = known.among(points) if known else None
         problem = restricted(self._problem, points, bounds)
         within = restricted_boxes(self._within, points)
-        return Subproblem(problem, within, is_placed=self._is_placed)
+        return Subproblem(problem, within)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
         """Return the pairs of all patches, and a patch that is left without a hypothesis."""
@@ -164,7 +158,7 @@ class PatchSolver:
     def _further(
         self, known: KnownPairs, patches: Sequence[Patch], bodies: Sequence[set[int]]
     ) -> Iterator[Patch]:
-        """Return more patches about what is open."""
+        """Yield patches across the seams between bodies, and about what is open."""
         q = self._problem.dimension
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
         is_open = not self._hold_together(bodies) and not self._is_over()
@@ -174,15 +168,12 @@ class PatchSolver:
             for patch in patches
             if self._is_reviewed and patch.left.sum() > 1 and not self._is_over()
         ]
-        for chosen, most_boxes in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
+        for chosen, most in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
             self._tried.update(new)
-            for patch in self._solved(
-                [*filter(None, new)], known, most_boxes, all_or_nothing=True
-            ):
-                # One that takes many boxes is worth nothing, and nothing depends on it.
-                if not patch.pending:
-                    yield patch
+            solved = self._solved([*filter(None, new)], known, most, all_or_nothing=True)
+            # One that takes many boxes is worth nothing, and nothing depends on it.
+            yield from (patch for patch in solved if not patch.pending)
 
     def _hold_together(self, bodies: Sequence[set[int]]) -> bool:
         """Return whether one body has all points."""
@@ -190,14 +181,10 @@ class PatchSolver:
 
     def _review(self, patch: Patch, graph: Neighborhoods) -> Points:
         """Return a patch and all that its most open point measures, or nothing."""
-        point = _most_open(patch)
+        lengths = np.array([np.sqrt(h.lower) + np.sqrt(h.upper) for h in patch.remaining()])
+        # Its distances differ most between the hypotheses of the patch.
+        point = patch.points[int(np.argmax(np.ptp(lengths, axis=0).sum(axis=0)))]
         seed = self._measured.neighbors[point].union(patch.points)
         if not len(patch.points) < len(seed) <= REVIEW_POINTS:
             return ()
         return graph.rigid_part(graph.grown(seed, REVIEW_POINTS), patch.points)
-
-
-def _most_open(patch: Patch) -> int:
-    """Return the point whose distances differ most between the hypotheses of a patch."""
-    lengths = np.array([np.sqrt(h.lower) + np.sqrt(h.upper) for h in patch.remaining()])
-    return patch.points[int(np.argmax(np.ptp(lengths, axis=0).sum(axis=0)))]

@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from functools import cached_property
 import math
+from typing import TypeAlias
 
 import numpy as np
 
+from dg_localization.interval.environment import default_environment
 from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, component_hulls, sub_box
 from dg_localization.solver.place.existence import has_exact_pairs, settled
@@ -30,8 +32,15 @@ MOST_SMALL, MOST_DENSE = 12, 60
 """Few points, or exact distances of up to `MOST_DENSE`, are placed by known pairs alone where no
 box leads to a placement. With 16 few points, fleets of 20 robots take up to 2.5 times as long."""
 
+MOST_DRAWN = 4
+"""So many times distances are drawn at random, where the longest ones lead to no placement (as
+EMBED does: Havel, Kuntz, Crippen 1983)."""
+
 AT_ONCE = 60
 """Up to this many coordinates are placed whatever the time: that takes a millisecond or two."""
+
+Placement: TypeAlias = tuple[FloatArray | None, bool]
+"""A placement in m, None where none could be computed, and whether it is proved."""
 
 
 def never() -> bool:
@@ -115,27 +124,27 @@ def _end_of_placing(problem: Problem, stopped: Callable[[], bool]) -> Callable[[
 def _placement_by_known_pairs(
     problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool]
 ) -> tuple[FloatArray, bool]:
-    """Return a placement of many points, laid out by the longest distances in a box first."""
-    known = problem.pairs
-    first, second = known.pairs.T
-    start = scaled(boxes[0][UPPER], problem.dimension)
-    # There is more room in what was measured, but others may lie there as well.
-    in_box = boxes[0][LOWER, first, second], boxes[0][UPPER, first, second]
-    for lower, upper in ((known.lower, known.upper), in_box):
-        positions = sought(start, known.pairs, lower, upper, stopped)
+    """Return a placement laid out by distances drawn from a box, the longest ones first."""
+    known, box = problem.pairs, boxes[0]
+    rng = np.random.default_rng(0)
+    for attempt in range(1 + MOST_DRAWN):
+        drawn = np.triu(rng.random(box[UPPER].shape) if attempt else np.ones_like(box[UPPER]), 1)
+        squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
+        start = scaled(squared, problem.dimension)
+        positions = sought(start, known.pairs, known.lower, known.upper, stopped)
         positions, proved = settled(problem, with_known_chirality(problem, positions), boxes)
-        if proved:
-            return positions, True
-    return positions, False
+        if proved or stopped():
+            break
+    return positions, proved
 
 
-@dataclass
-class _Placed:
-    """What is known of the placements of a hypothesis; nothing where there was no time."""
-
-    positions: FloatArray | None = None
-    proved: bool = False
-    flexible: bool = True
+def _may_move(problem: Problem, found: Placement) -> bool:
+    """Return whether a placement is flexible; also where it is not proved."""
+    measured = np.isfinite(problem.upper)
+    if measured.all():
+        return False
+    positions, proved = found
+    return positions is None or not proved or is_flexible(positions, measured)
 
 
 def hypotheses_of(
@@ -146,26 +155,77 @@ def hypotheses_of(
 ) -> tuple[Hypothesis, ...]:
     """Return the hypotheses that the boxes of a cover form, in the order of their first box."""
     ended = _end_of_placing(problem, stopped)
-    measured = np.isfinite(problem.upper)
-    parts = hulls_of(boxes)
-    placed = [_Placed() for _ in parts]
-    for number, (each, (_, indices)) in enumerate(zip(placed, parts, strict=True)):
-        if number and ended():
-            break
-        with until(ended):
-            # Those of further boxes are computed only where the first ones prove nothing.
-            near = map(start_of, indices) if start_of else ()
-            inside = [boxes[index] for index in indices]
-            each.positions, each.proved = placement_in(problem, inside, near, stopped)
-            each.flexible = not measured.all() and (
-                not each.proved or is_flexible(each.positions, measured)
-            )
     hypotheses = []
-    for each, ((lower, upper), indices) in zip(placed, parts, strict=True):
-        bounds = np.array([boxes[index][: UPPER + 1] for index in indices])
-        found = each.positions, each.proved, each.flexible
-        hypotheses.append(Hypothesis(lower, upper, bounds, *found))
+    for number, (hull, indices) in enumerate(hulls_of(boxes)):
+        inside = [boxes[index] for index in indices]
+        found: Placement = (None, False)
+        flexible = True
+        if number == 0 or not ended():
+            with until(ended):
+                # Those of further boxes are computed only where the first ones prove nothing.
+                near = map(start_of, indices) if start_of else ()
+                found = placement_in(problem, inside, near, stopped)
+                flexible = _may_move(problem, found)
+        bounds = np.array([box[: UPPER + 1] for box in inside])
+        hypotheses.append(Hypothesis(hull[LOWER], hull[UPPER], bounds, *found, flexible))
     return tuple(hypotheses)
+
+
+class LazyHypothesis(Hypothesis):
+    """
+    A hypothesis whose placement is sought when it is first asked for.
+
+    What it is made of is not its fields: `dataclasses.replace` cannot copy it.
+    """
+
+    def _seek(self) -> Placement:
+        """Return a placement, and whether it is proved to agree."""
+        raise NotImplementedError
+
+    @cached_property
+    @default_environment()
+    def _placed(self) -> Placement:
+        return self._seek()
+
+    @property
+    def positions(self) -> FloatArray | None:
+        """One placement in m, shape (n, q); None where none could be computed."""
+        return self._placed[0]
+
+    @property
+    def proved(self) -> bool:
+        """Whether it meets every constraint of the problem and lies in a box."""
+        return self._placed[1]
+
+
+class LazyHypothesisOfBoxes(LazyHypothesis):
+    """A hypothesis of a part of a problem, whose placement is seldom asked for."""
+
+    _problem: Problem
+    _inside: list[FloatArray]
+
+    def __init__(self, problem: Problem, hull: FloatArray, inside: list[FloatArray]) -> None:
+        # The base class is frozen.
+        boxes = np.array([box[: UPPER + 1] for box in inside])
+        values = {'lower': hull[LOWER], 'upper': hull[UPPER], 'boxes': boxes}
+        self.__dict__.update(values, _problem=problem, _inside=inside)
+
+    def _seek(self) -> Placement:
+        return placement_in(self._problem, self._inside, [], never)
+
+    @cached_property
+    @default_environment()
+    def flexible(self) -> bool:
+        """Whether the placements are a continuum even without measurement errors, or may be."""
+        return _may_move(self._problem, self._placed)
+
+
+def lazy_hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis, ...]:
+    """Return the hypotheses of a cover, whose placements are sought only when asked for."""
+    return tuple(
+        LazyHypothesisOfBoxes(problem, hull, [boxes[index] for index in indices])
+        for hull, indices in hulls_of(boxes)
+    )
 
 
 def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:

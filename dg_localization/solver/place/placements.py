@@ -8,9 +8,8 @@ A first placement comes from the Cholesky factorization of the Gram matrix of a 
 (Section 3, Eqs. 1-3). Where few pairs of many points are known, classical scaling lays them out by
 the shortest chains of known pairs: between all of them, or from some pivots to all (Brandes, Pich,
 Graph Drawing 2006; de Silva, Tenenbaum 2004). Damped least squares over the pairs then moves all
-points together; the normal equations are sparse and solved by conjugate gradients. What lies
-folded in the plane or in space unfolds where there is one dimension more. Nothing here is rounded
-outward: whether a placement agrees is decided in `proofs` and `existence`.
+points together; the normal equations are sparse and solved by conjugate gradients. Nothing here is
+rounded outward: whether a placement agrees is decided in `proofs` and `existence`.
 """
 
 from __future__ import annotations
@@ -69,18 +68,6 @@ where each step has to be exact for mirror images to give the same answer."""
 MARGINS = (MARGIN, 0.02, 0.004)
 """Exact distances and wide ones cannot both be aimed at far inside the wide ones."""
 
-MOST_MISFIT = 1e-3
-"""A placement that misses its bounds by this part of the median distance has the right shape."""
-
-MOST_UNFOLDED = 6
-"""How often a placement is unfolded."""
-
-LIFTS = (0.3, 1.0)
-"""How far points are lifted into the additional dimension, in median known distances, in turns."""
-
-FLATTENINGS, FLATTENED = 12, 0.8
-"""A lifted placement is flattened so often, to this part of its height each time."""
-
 
 def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
     """Return the placement whose distances are closest to given ones (classical scaling)."""
@@ -130,62 +117,11 @@ def sought(
     lower: FloatArray,
     upper: FloatArray,
     stopped: Callable[[], bool],
-    most_unfolded: int = MOST_UNFOLDED,
 ) -> FloatArray:
-    """Seek a placement that meets the bounds of many pairs."""
-    known = pairs, lower, upper
-    finite = upper[np.isfinite(upper)]
-    if not len(finite):
-        return start
-    scale_m = float(np.sqrt(np.median(finite)))
-    best = start
+    """Move a placement into the bounds of many pairs, with one margin after another."""
     for margin in MARGINS:
-        best = refined(best, *known, margin, stopped)
-    misfit_m = _largest_misfit_m(best, *known)
-    for x in range(most_unfolded):
-        if misfit_m <= MOST_MISFIT * scale_m or stopped():
-            break
-        heights = LIFTS[x % 2] * scale_m * np.random.default_rng(x).standard_normal(len(best))
-        trial = _unfolded(best, heights, known, stopped)
-        for margin in MARGINS:
-            trial = refined(trial, *known, margin, stopped)
-        trial_misfit_m = _largest_misfit_m(trial, *known)
-        if trial_misfit_m < misfit_m:
-            best, misfit_m = trial, trial_misfit_m
-    return best
-
-
-def _unfolded(
-    positions: FloatArray,
-    heights: FloatArray,
-    known: tuple[IntArray, FloatArray, FloatArray],
-    stopped: Callable[[], bool],
-) -> FloatArray:
-    """Lift a placement by some heights into one dimension more, and flatten it step by step."""
-    dimension = positions.shape[1]
-    lifted = np.column_stack([positions, heights])
-    for _ in range(FLATTENINGS):
-        lifted = _turned_flat(refined(lifted, *known, MARGIN, stopped))
-        lifted[:, dimension] *= FLATTENED
-    lifted = _turned_flat(refined(lifted, *known, MARGIN, stopped))
-    return np.ascontiguousarray(lifted[:, :dimension])
-
-
-def _turned_flat(positions: FloatArray) -> FloatArray:
-    """Turn points such that the last axis is the one that they spread along least."""
-    if not np.isfinite(positions).all():
-        return positions
-    centered = positions - positions.mean(axis=0)
-    _, _, axes = np.linalg.svd(centered, full_matrices=False)
-    return np.ascontiguousarray(centered @ axes.T)
-
-
-def _largest_misfit_m(
-    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray
-) -> float:
-    """Return by how much the distance of a pair misses its bounds at worst."""
-    misfits, _ = misfits_of(positions, pairs, lower, upper, 0.0)
-    return float(np.abs(misfits).max(initial=0.0))
+        start = refined(start, pairs, lower, upper, margin, stopped)
+    return start
 
 
 def refined(

@@ -18,7 +18,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, rounding_error, square_down, square_up, up
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.pair_bounds import PairBounds
+from dg_localization.solver.pair_bounds import PairBounds, pairs_among
 from dg_localization.solver.problem import Problem
 
 UNSURE = 2
@@ -29,28 +29,14 @@ DETERMINANT_OPERATIONS = 64.0
 
 
 @kernel(borrows=True)
-def _compare_distances(positions: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
+def _compare_distances(
+    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray
+) -> int:
     """
-    Compare every squared distance, with all rounding, with its interval.
+    Compare the squared distances of pairs, with all rounding, with their intervals.
 
     Returns 1 when all lie inside, -1 when one lies outside, 0 when it is too close to call.
     """
-    n_points = len(positions)
-    answer = 1
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            compared = _compare_distance(positions, i, j, lower[i, j], upper[i, j])
-            if compared < 0:
-                return -1
-            answer = min(answer, compared)
-    return answer
-
-
-@kernel(borrows=True)
-def _compare_listed(
-    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray
-) -> int:
-    """Compare the squared distances of listed pairs with their intervals, as of all pairs."""
     answer = 1
     for x in range(len(pairs)):
         compared = _compare_distance(positions, pairs[x, 0], pairs[x, 1], lower[x], upper[x])
@@ -74,26 +60,9 @@ def _compare_distance(positions: FloatArray, i: int, j: int, lower: float, upper
     return 0 if low < lower or high > upper else 1
 
 
-def _distances_agree(problem: Problem, positions: FloatArray) -> bool:
-    """Return whether every squared distance of a placement lies in its interval, exactly."""
-    if not np.isfinite(positions).all():
-        return False
-    if problem.is_sparse:
-        return pairs_lie_within(problem.pairs, positions)
-    return _lie_between(problem.lower, problem.upper, positions)
-
-
-def _lie_between(lower: FloatArray, upper: FloatArray, positions: FloatArray) -> bool:
-    """Prove that all squared distances of a finite placement lie in their bounds, (n, n)."""
-    answer = _compare_distances(positions, lower, upper)
-    return (
-        answer > 0 if answer else _agree_exactly(positions, PairBounds.from_matrices(lower, upper))
-    )
-
-
 def pairs_lie_within(bounded: PairBounds, positions: FloatArray) -> bool:
     """Prove that the squared distances of some pairs of a finite placement lie in their bounds."""
-    answer = _compare_listed(positions, bounded.pairs, bounded.lower, bounded.upper)
+    answer = _compare_distances(positions, bounded.pairs, bounded.lower, bounded.upper)
     return answer > 0 if answer else _agree_exactly(positions, bounded)
 
 
@@ -123,7 +92,12 @@ def lies_in(box: FloatArray, positions: FloatArray) -> bool:
 
     True is a proof, as that of `agrees`.
     """
-    return bool(np.isfinite(positions).all()) and _lie_between(box[LOWER], box[UPPER], positions)
+    if not np.isfinite(positions).all():
+        return False
+    n_points = len(positions)
+    rows, columns = pairs_among(n_points)
+    ends = box[LOWER][rows, columns], box[UPPER][rows, columns]
+    return pairs_lie_within(PairBounds(n_points, rows * n_points + columns, *ends), positions)
 
 
 @kernel
@@ -230,7 +204,7 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
     True is a proof: distances are compared after outward rounding and chiralities by the signs of
     determinants, or both in exact rationals where rounding leaves it open.
     """
-    if not _distances_agree(problem, positions):
+    if not (np.isfinite(positions).all() and pairs_lie_within(problem.pairs, positions)):
         return False
     simplices = [
         (*side.face, apex) for side in problem.sides for apex in (side.first, side.second)

@@ -5,52 +5,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, Status
 from dg_localization.solver.contract.fixed_point import Pruned
-from dg_localization.solver.contract.status import Status
 from dg_localization.solver.contract.triangles import smooth_triangles
-from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Budget, Cover, pave
-from dg_localization.solver.search.pruning import Pruner
-from dg_localization.solver.search.splitting import split
+from dg_localization.solver.search.branch_and_prune import Cover, Pruner, pave, split
+from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.tightening import tighten
 
 
 def search(
     problem: Problem,
-    options: SolverOptions,
-    cancel: Cancel | None = None,
-    progress: Callable[[Statistics], None] | None = None,
+    budget: Budget,
     within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
     at_gaps: bool = False,
-) -> tuple[Cover, Statistics]:
+    all_or_nothing: bool = False,
+) -> Cover:
     """Cover all placements of a problem by boxes."""
-    budget = Budget(options, cancel)
     if _is_convex(problem):
-        cover = _cover_by_triangles(problem, within, budget, progress)
-        return cover, budget.statistics(cover, len(cover.pending))
-    pruner = Pruner(problem, options)
+        return _cover_by_triangles(problem, within, budget)
+    resolution_m = budget.options.resolution
+    pruner = Pruner(problem, resolution_m)
     whole = pruner.whole()
     if whole is None:
-        cover = Cover(empty=1)
-    else:
-        starts = [whole] if within is None else _common_parts(whole, within)
-        cover = pave(
-            starts,
-            lambda box: pruner.prune(box, budget.stopped),
-            lambda pruned: split(pruned, options.resolution, at_gaps),
-            budget,
-            progress,
-        )
+        return Cover(empty=1)
+    cover = pave(
+        [whole] if within is None else _common_parts(whole, within),
+        lambda box: pruner.prune(box, budget.is_over),
+        lambda pruned: split(pruned, resolution_m, at_gaps),
+        budget,
+        all_or_nothing,
+    )
     if not cover.pending:
-        _tighten_kept(cover, pruner, budget)
-    return cover, budget.statistics(cover, len(cover.pending))
+        tightened = [tighten(pruner, box, budget.leaves_wide) for box in cover.kept]
+        left = [box for box in tightened if box is not None]
+        cover.empty += len(cover.kept) - len(left)
+        cover.kept = left
+    return cover
+
+
+def search_share(
+    problem: Problem,
+    budget: Budget,
+    share: float,
+    within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+    most_boxes: int | None = None,
+    at_gaps: bool = False,
+) -> Cover:
+    """Cover the placements of a part of a problem with a share of what is left of a budget."""
+    part = budget.part(share, most_boxes)
+    cover = search(problem, part, within, at_gaps)
+    budget.spend(cover.statistics(len(cover.pending), part.seconds()))
+    return cover
+
+
+def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> Cover:
+    """Cover a problem by one box; else all is pending and counts nothing."""
+    part = budget.part(share, 1, is_silent=True)
+    cover = search(problem, part)
+    if not cover.pending:
+        budget.spend(cover.statistics(0, part.seconds()))
+        budget.report(Statistics())
+    return cover
+
+
+def accept_pending(cover: Cover, budget: Budget) -> None:
+    """Keep the boxes which a search left pending as they are, if so many may be."""
+    n_pending = len(cover.pending)
+    if budget.keep(n_pending):
+        budget.take_back(n_pending)
+        cover.kept, cover.pending = cover.kept + cover.pending, []
 
 
 def _is_convex(problem: Problem) -> bool:
@@ -69,7 +98,6 @@ def _cover_by_triangles(
     problem: Problem,
     within: Sequence[tuple[FloatArray, FloatArray]] | None,
     budget: Budget,
-    progress: Callable[[Statistics], None] | None,
 ) -> Cover:
     """Cover the placements of a convex problem by a box, or by one in each of some boxes."""
 
@@ -82,7 +110,7 @@ def _cover_by_triangles(
     if smoothed(whole).status is Status.EMPTY:
         return Cover(empty=1)
     starts = [whole] if within is None else _common_parts(whole, within)
-    return pave(starts, smoothed, lambda _: [], budget, progress)
+    return pave(starts, smoothed, lambda _: [], budget)
 
 
 def _common_parts(
@@ -97,11 +125,3 @@ def _common_parts(
         if (part[LOWER] <= part[UPPER]).all():
             parts.append(part)
     return parts
-
-
-def _tighten_kept(cover: Cover, pruner: Pruner, budget: Budget) -> None:
-    """Tighten the boxes that were kept; one that turns out to be empty is dropped."""
-    tightened = [tighten(pruner, box, budget.tightening_stopped) for box in cover.kept]
-    left = [box for box in tightened if box is not None]
-    cover.empty += len(cover.kept) - len(left)
-    cover.kept = left

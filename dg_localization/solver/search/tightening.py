@@ -17,12 +17,11 @@ from collections.abc import Callable
 import numpy as np
 
 from dg_localization.interval.kernels import until
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
 from dg_localization.solver.contract.fixed_point import Pruned
-from dg_localization.solver.contract.status import Status
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.search.pruning import Pruner
+from dg_localization.solver.search.branch_and_prune import Pruner
 
 WELL_EXPLAINED = 0.01
 """An interval this close to the first-order effect of the errors, relatively, is left alone."""

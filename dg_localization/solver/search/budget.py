@@ -1,0 +1,150 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a call may still take: boxes, time, and time to tighten bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+import math
+import time
+
+from dg_localization.solver.options import Cancel, SolverOptions
+from dg_localization.solver.result import Statistics
+
+GRACE_S = 0.005
+"""What takes long is left out so much later than the end: what is short still makes an answer."""
+
+LEAST_S = 1e-9
+"""A search with less time than this left does not look at a single box."""
+
+
+class _Stopped:
+    """Stops a search before its first box: what it covers is all pending."""
+
+    def is_set(self) -> bool:
+        return True
+
+
+class _Remembered:
+    """Stays set: a step that was stopped must not count as done, where an event is cleared."""
+
+    def __init__(self, cancel: Cancel) -> None:
+        self._cancel = cancel
+        self._was_set = False
+
+    def is_set(self) -> bool:
+        self._was_set = self._was_set or bool(self._cancel.is_set())
+        return self._was_set
+
+
+class Budget:
+    """The boxes and the time of a call or of a part of it; the clock starts when it is made."""
+
+    def __init__(
+        self,
+        options: SolverOptions,
+        cancel: Cancel | None = None,
+        progress: Callable[[Statistics], None] | None = None,
+        executor: Executor | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.options = options
+        self.spent = Statistics()
+        self.progress = progress
+        self.executor = executor
+        self._cancel = None if cancel is None else _Remembered(cancel)
+        self._clock = clock
+        self._start = clock()
+        self._cancelled_s = math.inf
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what is pickled: neither events, callables nor executors are."""
+        return vars(self) | {'_cancel': None, 'progress': None, 'executor': None}
+
+    def again(self, options: SolverOptions | None = None) -> Budget:
+        """Return a budget that starts now, with the same options or others."""
+        return Budget(options or self.options, self._cancel, clock=self._clock)
+
+    def part(self, share: float, most_boxes: int | None = None, is_silent: bool = False) -> Budget:
+        """Return the budget of a part that may take a share of what is left."""
+        boxes = self.boxes_left()
+        most_boxes = max(1, min(int(share * boxes), most_boxes or boxes))
+        options = self._limited(most_boxes, share * self.seconds_left())
+        progress = self.report if self.progress and not is_silent else None
+        cancel = self._cancel if boxes > 0 else _Stopped()
+        return Budget(options, cancel, progress, clock=self._clock)
+
+    def remaining(self) -> SolverOptions:
+        """Return the options with what is left of the time."""
+        return self._limited(self.options.max_boxes, self.seconds_left())
+
+    def _limited(self, max_boxes: int, max_seconds: float) -> SolverOptions:
+        tighten_seconds = max(0.0, self.options.tighten_seconds - self.seconds())
+        return self.options.limited(max_boxes, max(LEAST_S, max_seconds), tighten_seconds)
+
+    def seconds(self) -> float:
+        """Return the time since the call began."""
+        return self._clock() - self._start
+
+    def seconds_left(self) -> float:
+        """Return the time until the call has to come to an end."""
+        return self.options.max_seconds - self.seconds()
+
+    def boxes_left(self) -> int:
+        """Return how many boxes are left."""
+        return self.options.max_boxes - self.spent.processed
+
+    def is_over(self) -> bool:
+        """Return whether the call is to come to an end."""
+        if self._cancel and self._cancel.is_set():
+            self._cancelled_s = min(self._cancelled_s, self.seconds())
+            return True
+        return self.seconds() > self.options.max_seconds
+
+    def has_passed(self, share: float) -> Callable[[], bool]:
+        """Return what tells whether a share of the time that is left now has passed."""
+        end_s = self.seconds() + share * self.seconds_left()
+        return lambda: self.is_over() or self.seconds() > end_s
+
+    def is_overdue(self) -> bool:
+        """Return whether the call should have come to an end some time ago."""
+        if not self.is_over():
+            return False
+        return self.seconds() > min(self.options.max_seconds, self._cancelled_s) + GRACE_S
+
+    def leaves_wide(self) -> bool:
+        """Return whether boxes are to be left as wide as they are."""
+        return self.seconds() > self.options.tighten_seconds or self.is_over()
+
+    def report(self, statistics: Statistics) -> None:
+        """Report the effort so far, with that of the part at work."""
+        if self.progress:
+            self.progress(self.spent + statistics)
+
+    def spend(self, statistics: Statistics) -> None:
+        """Note the effort of a part."""
+        if self.boxes_left() <= 0:
+            # What the triangle inequalities alone rule out takes no box.
+            statistics = replace(statistics, processed=0, empty=0)
+        self.spent += statistics
+
+    def take_back(self, n_pending: int) -> None:
+        """Note that boxes which a search left pending are examined after all."""
+        self.spent = replace(self.spent, pending=self.spent.pending - n_pending)
+
+    def go_on_from(self, n_kept: int) -> None:
+        """Note that boxes which were kept are parts of boxes that are examined next."""
+        n_split = min(n_kept, self.spent.kept)
+        self.spent = replace(
+            self.spent, kept=self.spent.kept - n_split, split=self.spent.split + n_split
+        )
+
+    def keep(self, n_boxes: int) -> bool:
+        """Note that boxes found by other means than the search are kept, if so many may be."""
+        if n_boxes > self.boxes_left():
+            return False
+        self.spent += Statistics(processed=n_boxes, kept=n_boxes)
+        return True
