@@ -181,7 +181,7 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
         ('anchors.names', ['p', 'p'], "'p' is not allowed twice"),
         ('mounts.names', ['left'], "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
         ('mounts.names', ['a/left'], r'mounts.a.left.position: \(\) is not allowed'),
-        ('mounts.a.left.position', [0.0, 0.0], "name the sensor in 'mounts.names'"),
+        ('mounts.a.left.position', [0.0, 0.0], "name its point in 'mounts.names'"),
         ('elevations.names', ['a'], r'elevations.a: \(\) is not allowed'),
         ('elevations.names', ['a', 'a'], "'a' is not allowed twice"),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=inf'], 'must end in a finite number'),
@@ -226,16 +226,11 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
             "topic '/t' is named twice",
         ),
         ('solver.max_boxes', 0, "'solver.max_boxes': 0 is not allowed, it must be an int"),
-        (
-            'odometry.relative_error',
-            0.1,
-            'is unknown; the error of odometry is stated by odometry.t',
-        ),
         ('solver.resolutoin', 0.1, "'solver.resolutoin' is unknown; did you mean 'solver.resol"),
         ('anchors.names', ['x.y'], "'anchors.names': 'x.y' is not allowed"),
         ('min_separation', -0.1, "'min_separation': -0.1 is not allowed, it must be .* >= 0"),
         ('robot_max_speed.a', 'fast', "'robot_max_speed.a': 'fast' is not allowed"),
-        ('robot_max_speed.z', 1.0, "'robot_max_speed.z' is unknown; name the robot in 'robots'"),
+        ('robot_max_speed.z', 1.0, "'robot_max_speed.z' is unknown; name its point in 'robots'"),
         (
             'robot_odometry.a.translation_scale',
             0.0,
@@ -243,13 +238,13 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
             '>= 0.01 and <= 100',
         ),
         ('robot_odometry.b.latency', math.nan, "'robot_odometry.b.latency': nan is not allowed"),
-        ('robot_odometry.z.tilt', 0.1, "'robot_odometry.z.tilt' is unknown; name the robot in"),
+        ('robot_odometry.z.tilt', 0.1, "'robot_odometry.z.tilt' is unknown; name its point in"),
         (
             'robot_odometry.a.latencie',
             0.1,
             "'robot_odometry.a.latencie' is unknown; did you mean 'robot_odometry.a.latency'",
         ),
-        ('anchors.beacon.position', [0.0, 0.0], "name the anchor in 'anchors.names'"),
+        ('anchors.beacon.position', [0.0, 0.0], "name its point in 'anchors.names'"),
     ],
 )
 def test_wrong_value_is_refused_by_name_with_the_allowed_values(name, value, wanted):

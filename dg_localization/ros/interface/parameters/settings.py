@@ -4,7 +4,7 @@
 """The settings that the parameters stand for: checked one by one, then together."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 import math
@@ -39,6 +39,7 @@ from dg_localization.ros.interface.parameters.spec import (
     refused,
 )
 from dg_localization.ros.interface.parameters.table import (
+    NAMED,
     TABLE,
     fields_of,
     named_specs,
@@ -51,16 +52,6 @@ from dg_localization.solver.options import SolverOptions
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
-HINTS = {
-    'odometry.relative_error': 'the error of odometry is stated by odometry.translation_per_m, '
-    'odometry.rotation_per_rad and the like, along its way and not at full speed',
-    'anchors.': "name the anchor in 'anchors.names' and set anchors.NAME.position or "
-    'anchors.NAME.bound',
-    'mounts.': "name the sensor in 'mounts.names'",
-    'elevations.': "name the point in 'elevations.names'",
-    'robot_max_speed.': "name the robot in 'robots'",
-}
-"""By the beginning of a name that is unknown, what to set in its place."""
 
 
 @dataclass(frozen=True)
@@ -155,14 +146,14 @@ def _checked_table(given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: spec.check(name, given.get(name, spec.default)) for name, spec in TABLE.items()}
 
 
-def _suggestion(name: str, known: Iterable[str]) -> str:
-    for beginning, hint in HINTS.items():
-        if name.startswith(beginning):
-            return f'; {hint}'
-    of_robot = '.'.join(name.split('.')[:2]) + '.'
-    is_known = any(other.startswith(of_robot) for other in known)
-    if of_robot.startswith('robot_odometry.') and not is_known:
-        return "; name the robot in 'robots'"
+def _suggestion(name: str, known: Collection[str]) -> str:
+    """Return which name may be meant, or where to name a point that has parameters of its own."""
+    beginning = name.partition('.')[0] + '.'
+    of_point = '.'.join(name.split('.')[:2])
+    for one in NAMED:
+        is_own = any(spec.startswith(beginning) for spec in one.specs)
+        if is_own and not any(other.startswith(f'{of_point}.') for other in known):
+            return f"; name its point in '{one.names}'{close_name(name, known)}"
     return close_name(name, known)
 
 

@@ -226,7 +226,7 @@ def close_name(name: str, known: Iterable[str]) -> str:
 def refuse_unknown(
     given: Iterable[str],
     known: Collection[str],
-    hint: Callable[[str, Iterable[str]], str] = close_name,
+    hint: Callable[[str, Collection[str]], str] = close_name,
 ) -> None:
     """Raise `WrongParameterError`, with a hint, where a name that is given is not known."""
     for name in given:
