@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.load.sensors import STAMP, STAMP_OFFSET
 from dg_localization.ros.interface.links import Link
-from dg_localization.ros.node.localizer import Answer, LocalizerNode
+from dg_localization.ros.node.localizer import LocalizerNode, TimedEstimate
 from dg_localization.ros.node.worker import exit_code_despite_worker
 from dg_localization.ros.spinning import spin
 
@@ -40,7 +40,7 @@ class WatchedNode(LocalizerNode):
         end_s = time.thread_time()
         self._messages.extend((self._clock_s(), sec + 1e-9 * nanosec, end_s - begin_s, end_s))
 
-    def _publish(self, answer: Answer) -> None:
+    def _publish(self, answer: TimedEstimate) -> None:
         begin_s = time.thread_time()
         super()._publish(answer)
         estimate = answer.estimate

@@ -107,7 +107,7 @@ def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions
         )
 
 
-def answer(
+def answer_of(
     snapshot: Snapshot,
     constraints: Constraints,
     plans: Plans,

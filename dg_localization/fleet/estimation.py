@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from dg_localization import SolverOptions
 from dg_localization.fleet.answers import (
     Answer,
-    answer,
+    answer_of,
     open_remedies,
     shared_time,
     would_fix,
@@ -24,14 +24,14 @@ from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Explanation
 from dg_localization.fleet.contradictions.explanation import (
     explain_snapshot,
-    lineup_of,
     links_of_conflicts,
     not_searched,
+    observations_of,
     reason_of,
     suspects_in_window,
     suspects_of,
 )
-from dg_localization.fleet.contradictions.suspects import Lineup, Suspects
+from dg_localization.fleet.contradictions.suspects import Observations, Suspects
 from dg_localization.fleet.estimate import Estimate, FrameKind, Group
 from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import Plans, plan_frames
@@ -172,7 +172,7 @@ def _solve(
 ) -> tuple[Answer, Plans]:
     """Return the answer in frames of its own, and these."""
     (plans,) = plan_frames(snapshot, constraints, [constraints])
-    return answer(snapshot, constraints, plans, options, dropped, cancel), plans
+    return answer_of(snapshot, constraints, plans, options, dropped, cancel), plans
 
 
 def _without_data(snapshot: Snapshot, recalled: Recollection) -> Estimate:
@@ -294,12 +294,12 @@ def _explained(
     snapshot: Snapshot, constraints: Constraints, statistics: Statistics, cancel: Cancel | None
 ) -> Estimate:
     """Return the estimate when no placement agrees with all measurements."""
-    lineup = lineup_of(snapshot)
-    corrected = _corrected(snapshot, constraints, lineup, cancel)
+    observed = observations_of(snapshot)
+    corrected = _corrected(snapshot, constraints, observed, cancel)
     explanation, plans = corrected.explanation, corrected.plans
-    conflicts = links_of_conflicts(lineup, explanation)
-    suspects = suspects_of(lineup, explanation)
-    blamed = lineup.links_of(explanation.among.union(*explanation.conflicts))
+    conflicts = links_of_conflicts(observed, explanation)
+    suspects = suspects_of(observed, explanation)
+    blamed = observed.links_of(explanation.among.union(*explanation.conflicts))
     if corrected.answers:
         union = _union(corrected.answers, statistics)
         blamed = blamed.union(*(placement.dropped for placement in union.placements))
@@ -308,14 +308,14 @@ def _explained(
         estimate = replace(estimate, reason=reason)
     else:
         why = plans[0].reason if plans else ''
-        reason = reason_of(snapshot, lineup, explanation, why)
+        reason = reason_of(snapshot, observed, explanation, why)
         estimate = _estimate(
             snapshot, Verdict.INFEASIBLE, reason, conflicts, statistics=statistics
         )
     return replace(
         estimate,
         suspects=suspects,
-        suspected_sensors=tuple(sorted(lineup.offenders(suspects))),
+        suspected_sensors=tuple(sorted(observed.offenders(suspects))),
         forgotten=_forget_guilty(snapshot, blamed),
     )
 
@@ -339,7 +339,7 @@ class _Corrected(NamedTuple):
 
 
 def _corrected(
-    snapshot: Snapshot, constraints: Constraints, lineup: Lineup, cancel: Cancel | None
+    snapshot: Snapshot, constraints: Constraints, observed: Observations, cancel: Cancel | None
 ) -> _Corrected:
     """
     Return what to drop so that the rest agree, and what the rest say.
@@ -351,11 +351,11 @@ def _corrected(
     refuted: frozenset[Suspects] = frozenset()
     unsure: frozenset[Suspects] = frozenset()
     for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
-        explanation = explain_snapshot(snapshot, lineup, cancel, refuted | unsure)
+        explanation = explain_snapshot(snapshot, observed, cancel, refuted | unsure)
         every = unsure.union(explanation.corrections)
         ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
         explanation = replace(explanation, corrections=tuple(ordered))
-        found = _with_answers(snapshot, constraints, lineup, explanation, cancel)
+        found = _with_answers(snapshot, constraints, observed, explanation, cancel)
         if not found.answers:
             return found
         answer_of = dict(zip(explanation.corrections, found.answers, strict=True))
@@ -374,14 +374,14 @@ def _corrected(
 def _with_answers(
     snapshot: Snapshot,
     constraints: Constraints,
-    lineup: Lineup,
+    observed: Observations,
     explanation: Explanation,
     cancel: Cancel | None,
 ) -> _Corrected:
     """Return an explanation with the answers of its corrections, none where there is no frame."""
-    named = lineup.covered_by(snapshot.config.outlier_unit)
+    named = observed.covered_by(snapshot.config.outlier_unit)
     corrections = [
-        lineup.links_of(one for suspect in correction for one in named[suspect])
+        observed.links_of(one for suspect in correction for one in named[suspect])
         for correction in explanation.corrections
     ]
     alternatives = [constrain(snapshot, dropped) for dropped in corrections]
@@ -390,7 +390,7 @@ def _with_answers(
         return _Corrected(explanation, plans, [])
     shares = shared_time(snapshot.solver, len(corrections))
     answers = [
-        answer(snapshot, alternative, planned, options, dropped, cancel)
+        answer_of(snapshot, alternative, planned, options, dropped, cancel)
         for alternative, planned, dropped, options in zip(
             alternatives, plans, corrections, shares, strict=True
         )

@@ -16,11 +16,11 @@ IntArray = NDArray[np.int64]
 
 
 MOST_REMEMBERED = 64
-"""The pairs of so many points are listed once; they are needed again and again."""
+"""The pairs of a number of points are listed once; they are needed again and again."""
 
 
 def pairs_among(n_points: int) -> tuple[IntArray, IntArray]:
-    """Return the rows and the columns of all pairs of so many points, in their order."""
+    """Return the rows and the columns of all pairs of a number of points, in their order."""
     return _remembered(n_points) if n_points <= MOST_REMEMBERED else np.triu_indices(n_points, 1)
 
 
@@ -58,14 +58,17 @@ class PairBounds:
     def from_matrices(cls, lower: FloatArray, upper: FloatArray) -> PairBounds:
         """Return what symmetric matrices of bounds say of their pairs, shape (n, n)."""
         n_points = len(lower)
-        rows, columns = np.nonzero(np.triu(np.isfinite(upper) | (lower > 0.0), 1))
-        keys = rows * n_points + columns
-        return cls(n_points, keys, lower[rows, columns], upper[rows, columns])
+        rows, columns = pairs_among(n_points)
+        low, high = lower[rows, columns], upper[rows, columns]
+        known = (high < np.inf) | (low > 0.0)
+        return cls(n_points, (rows * n_points + columns)[known], low[known], high[known])
 
     @cached_property
     def pairs(self) -> IntArray:
         """The pairs in their order, the smaller point first, shape (m, 2)."""
-        return np.stack(np.divmod(self.keys, self.n_points), axis=1)
+        pairs = np.empty((len(self.keys), 2), dtype=np.int64)
+        np.divmod(self.keys, self.n_points, out=(pairs[:, 0], pairs[:, 1]))
+        return pairs
 
     @cached_property
     def measured(self) -> IntArray:

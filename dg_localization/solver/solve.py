@@ -160,7 +160,6 @@ def load_kernels() -> float:
     from dg_localization.solver.assemble.answer import solve_in_pieces
     from dg_localization.solver.decompose.decomposition import pieces_of
     from dg_localization.solver.place.existence import settled
-    from dg_localization.solver.place.placements import MOST_STEPS, refine_in_box
     from dg_localization.solver.search.budget import Budget
 
     start = time.perf_counter()
@@ -174,9 +173,6 @@ def load_kernels() -> float:
             _cross_polytope(dimension),
         ):
             len(solve_in_pieces(problem, Budget(options)).hypotheses)
-            # Needed only where the placement of several pieces is hard to prove.
-            bounds = np.stack([problem.lower, problem.upper])
-            refine_in_box(np.eye(problem.n_points, dimension), bounds, MOST_STEPS)
     len(solve_in_pieces(_braced_block(), Budget(options)).hypotheses)
     for hypothesis in solve_in_pieces(_braced_grid(9, 7), Budget(options)).hypotheses:
         np.isfinite(hypothesis.upper)

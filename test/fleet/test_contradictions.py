@@ -246,7 +246,7 @@ def test_one_wrong_range_never_costs_the_truth(seed, size):
 
 def test_what_was_proved_to_be_contradictory_is_not_answered_as_if_it_were_not(monkeypatch):
     """The second solve may be the one that has no time to see it."""
-    real, calls = estimation_room.answer, []
+    real, calls = estimation_room.answer_of, []
 
     def answer(snapshot, constraints, plans, options, dropped=frozenset(), cancel=None):
         calls.append(dropped)
@@ -254,7 +254,7 @@ def test_what_was_proved_to_be_contradictory_is_not_answered_as_if_it_were_not(m
             return CONTRADICTION
         return real(snapshot, constraints, plans, options, dropped, cancel)
 
-    monkeypatch.setattr(estimation_room, 'answer', answer)
+    monkeypatch.setattr(estimation_room, 'answer_of', answer)
     localizer = make_localizer(max_outliers=1)
     feed(localizer)
     placements = localizer.step(NOW_S).placements

@@ -28,7 +28,7 @@ NAMED_BY = {
     BOXES_3D: 'class_{}',
 }
 PATTERNS = tuple(dict.fromkeys(NAMED_BY.values()))
-NOBODY, STRANGER = 77, 88
+IGNORED, STRANGER = 77, 88
 
 ANYTHING = (
     *(None, '', 'x', b'y', True, -1, 0, 1, 255, 2**31, 2**64, 10**400, -0.0, 1e-320, 1e308),
@@ -51,7 +51,7 @@ class IdFleet:
         self.random = fleet.random
         points = fleet.config.points
         self.ids = {p.format(k): name for p in PATTERNS for k, name in enumerate(points)}
-        self.ids |= {pattern.format(NOBODY): '-' for pattern in PATTERNS}
+        self.ids |= {pattern.format(IGNORED): '-' for pattern in PATTERNS}
         self.links = [
             Link(f'/{type_name}', type_name, LinkKey(LinkKind.PEERS, ANY_OBSERVER, ''))
             for type_name in (RADIOS, FRAMES)
@@ -80,7 +80,7 @@ class IdFleet:
         name, count = NAMED_BY[link.type_name], len(reading.target_ids)
         how = self.random.choice(('targets', 'stamp', 'values', 'nobody', 'observer'))
         if how == 'observer' and isinstance(reading, IdentifiedReading) and reading.observer_id:
-            wrong = name.format(self.random.choice((NOBODY, STRANGER)))
+            wrong = name.format(self.random.choice((IGNORED, STRANGER)))
             return self._message(link, replaced(reading, observer_id=wrong))
         if how == 'stamp':
             late_s = self.fleet.now_s + self.random.choice((-4.0, 5.0, -self.fleet.now_s))
@@ -89,7 +89,7 @@ class IdFleet:
             return self._message(link, self._without_values(reading))
         # A robot does not measure itself; the observer of cameras is that of the link.
         own = self._observer_of(link, reading)
-        others = (NOBODY,) if how == 'nobody' else (STRANGER, own)
+        others = (IGNORED,) if how == 'nobody' else (STRANGER, own)
         ids = tuple(name.format(self.random.choice(others)) for _ in range(count))
         return self._message(link, replaced(reading, target_ids=ids))
 

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from dg_localization.fleet import LinkKey, LinkKind  # noqa: E402
-from dg_localization.ros.interface.discovery import MOST_STRANGERS, TopicFinder  # noqa: E402
+from dg_localization.ros.interface.discovery import MOST_UNKNOWN, TopicFinder  # noqa: E402
 from dg_localization.ros.interface.links import Template, parse_link  # noqa: E402
 
 RANGE, RAY = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
@@ -110,5 +110,5 @@ def test_wrong_types_of_strangers_are_not_reported():
 
 
 def test_only_a_few_strangers_are_listened_to():
-    topics = [(f'/a/range/z{number}', RANGE) for number in range(2 * MOST_STRANGERS)]
-    assert len(found(*topics, ('/a/range/b', RANGE))) == MOST_STRANGERS + 1
+    topics = [(f'/a/range/z{number}', RANGE) for number in range(2 * MOST_UNKNOWN)]
+    assert len(found(*topics, ('/a/range/b', RANGE))) == MOST_UNKNOWN + 1

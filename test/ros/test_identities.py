@@ -22,8 +22,8 @@ from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionRea
 from dg_localization.ros.bags.report import inputs_tree  # noqa: E402
 from dg_localization.ros.interface.identities import (  # noqa: E402
     MOST_CAMERAS,
-    MOST_STRANGERS,
-    OTHER_STRANGERS,
+    MOST_UNKNOWN,
+    OTHER_UNKNOWN,
     parse_ids,
 )
 from dg_localization.ros.interface.intake import Intake  # noqa: E402
@@ -138,8 +138,8 @@ def test_strangers_cannot_fill_the_memory(localizer, intake):
     for first in range(100, 10_000, 100):
         targets = ' '.join(f'{number}:1.0' for number in range(first, first + 100))
         take(intake, f'/uwb {TEXT} *', String(data=f'7 {targets}'))
-    assert len(counts(localizer)) == MOST_STRANGERS + 1
-    assert f'range a->{OTHER_STRANGERS}' in counts(localizer)
+    assert len(counts(localizer)) == MOST_UNKNOWN + 1
+    assert f'range a->{OTHER_UNKNOWN}' in counts(localizer)
     take(intake, f'/uwb {TEXT} *', String(data=f'7 {"x" * 20_000}:1.0'))
     assert max(map(len, counts(localizer))) < 100
 

@@ -8,7 +8,6 @@ import math
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
-import pytest
 from solver_cases import box_of, squared_distances
 
 from dg_localization.solver.box import UPPER
@@ -22,7 +21,6 @@ from dg_localization.solver.contract.reduction import make_workspace
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 SAME, FREE, OPPOSITE = -1, 0, 1
-PAIRS = (0, 1), (1, 2), (0, 2)
 
 
 def reduce(box, merged=-1, sigma=None, points=None):
@@ -41,14 +39,6 @@ def reduce(box, merged=-1, sigma=None, points=None):
         return False
     box[pairs] = across[:, :count, :count]
     return True
-
-
-def three_points(ranges_m):
-    """Return the box of three points from distances {(i, j): (low, high)} in m."""
-    box = np.zeros((4, 3, 3))
-    for (i, j), (low, high) in ranges_m.items():
-        box[:2, i, j] = box[:2, j, i] = [low * low, high * high]
-    return box
 
 
 def holds(box, squared, slack=0.0):
@@ -86,44 +76,6 @@ def test_no_arrangement_is_lost(seed):
     assert holds(box, squared)
     assert (box[0] >= before[0]).all() and (box[1] <= before[1]).all()
     assert np.array_equal(box, box.transpose(0, 2, 1))
-
-
-def arrangements(ranges, side):
-    """Return sampled distances (d_01, d_12, d_02) in m with points 0 and 2 on sides of point 1."""
-    ij, jk = np.meshgrid(*(np.linspace(*ranges[pair], 101) for pair in PAIRS[:2]))
-    branches = [abs(ij - jk)] * (side != OPPOSITE) + [ij + jk] * (side != SAME)
-    samples = np.concatenate([np.stack([ij, jk, ik], axis=-1).reshape(-1, 3) for ik in branches])
-    low, high = ranges[0, 2]
-    return samples[(low <= samples[:, 2]) & (samples[:, 2] <= high)]
-
-
-@pytest.mark.parametrize('side', [SAME, FREE, OPPOSITE])
-def test_three_points_are_reduced_to_the_exact_hull(side):
-    """Brute force finds all of what is left; a side may leave more of its own two pairs."""
-    rng = np.random.default_rng(5 + side)
-    sigma = np.zeros((3, 3), dtype=np.int8)
-    sigma[0, 2] = sigma[2, 0] = side
-    checked = 0
-    for _ in range(800):
-        low = rng.random(3) * 10.0
-        high = low + rng.choice([0.0, 0.1, 3.0], 3) * rng.random(3)
-        ranges = dict(zip(PAIRS, zip(low.tolist(), high.tolist(), strict=True), strict=True))
-        box = three_points(ranges)
-        left = reduce(box, 1, sigma)
-        solutions = arrangements(ranges, side)
-        if len(solutions) == 0:
-            continue
-        checked += 1
-        assert left
-        slack = 0.02 * (high - low)[:2].sum() + 1e-11
-        for pair, column in zip(PAIRS, solutions.T, strict=True):
-            reduced_low, reduced_high = np.sqrt(box[:2][:, *pair])
-            assert reduced_low <= column.min() + 1e-11
-            assert reduced_high >= column.max() - 1e-11
-            if side == FREE or pair == (0, 2):
-                assert reduced_low >= column.min() - slack
-                assert reduced_high <= column.max() + slack
-    assert checked > 40
 
 
 def test_gaps_are_rounded_inward_on_the_way_to_the_line_and_on_the_way_back():

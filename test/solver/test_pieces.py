@@ -10,7 +10,6 @@ from solver_cases import bounds, orientation, squared_distances
 
 from dg_localization import (
     Chirality,
-    JointKind,
     Problem,
     Side,
     SideConstraint,
@@ -48,21 +47,6 @@ def strip_m(length):
 def strip(length, **constraints):
     fours = [range(2 * k, 2 * k + 4) for k in range(length)]
     return known(strip_m(length), fours, **constraints)
-
-
-def test_two_fours_that_share_a_robot_take_a_box_each():
-    result = solve(known(TWO_FOURS_M, FOURS))
-    assert result.verdict is Verdict.COVERED
-    assert result.statistics.processed == 2
-    assert [piece.points for piece in result.pieces] == list(FOURS)
-    (joint,) = result.joints
-    assert (joint.pieces, joint.points, joint.kind) == ((0, 1), (3,), JointKind.HINGE)
-    assert result.n_hypotheses == 1
-    for piece in result.pieces:
-        (hypothesis,) = piece.hypotheses
-        assert hypothesis.proved and not hypothesis.flexible
-    (hypothesis,) = result.hypotheses
-    assert hypothesis.proved and hypothesis.flexible
 
 
 @pytest.mark.parametrize('angle_rad', np.linspace(0.0, 6.0, 13))

@@ -152,18 +152,6 @@ def test_constraints_of_wrong_types(constraints, text):
         Problem(*bounds(4, TRIANGLE), **constraints)
 
 
-def test_integers_of_numpy_and_lists_of_points_will_do():
-    problem = Problem(
-        *bounds(4, TRIANGLE),
-        dimension=np.int64(2),
-        sides=[SideConstraint([np.int32(0), 1], np.uint8(2), 3, -1)],
-        chiralities=[Chirality(np.array([0, 1, 2]), np.int64(-1))],
-    )
-    assert problem.sides == (SideConstraint((0, 1), 2, 3, Side.SAME),)
-    assert problem.chiralities == (Chirality((0, 1, 2), -1),)
-    assert type(problem.dimension) is int
-
-
 @pytest.mark.parametrize(
     ('constraint', 'text'),
     [
@@ -301,13 +289,6 @@ def test_bounds_of_listed_pairs_are_rounded_outward():
     pairs = Problem.from_pairs(**given).pairs
     lower, upper = pairs.lower.tolist(), pairs.upper.tolist()
     assert lower[0] < wide < upper[0] and upper[1] > Fraction(4, 3)
-
-
-def test_a_listed_pair_of_which_nothing_is_known_is_left_out():
-    given = {**SOME_PAIRS, 'lower': [0.0, 0.0, 1.0], 'upper': [np.inf, 2.0, np.inf]}
-    problem = Problem.from_pairs(**given)
-    assert problem.pairs.pairs.tolist() == [[1, 2], [2, 3]]
-    assert problem.pairs.measured.tolist() == [[1, 2]]
 
 
 @pytest.mark.parametrize(

@@ -218,45 +218,6 @@ def test_a_projected_gap_holds_no_end_of_the_gap_wherever_the_points_are_along_t
             assert not gap_low < end - along**2 < gap_high
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_ranges_are_attained(seed):
-    """At ends, where the derivative vanishes, or where the cuts |t| <= sqrt(A) are met."""
-    for box, _ in random_triangles(seed, zero_length=False):
-        (a_low, a_high), (b_low, b_high), (c_low, c_high) = box
-        d_low, d_high = lengths(box[2])
-        if c_low == 0.0:
-            continue
-        with mpmath.workdps(60):
-            exact = []
-            for a, b in itertools.product(*((mpmath.mpf(x) for x in ends) for ends in box[:2])):
-                ends = [mpmath.mpf(d_low), mpmath.mpf(d_high)]
-                turn = mpmath.sqrt(a - b) if a > b else ends[0]
-                inner = [turn] if ends[0] < turn < ends[1] else []
-                exact.extend((a - b) / (2 * d) + d / 2 for d in ends + inner)
-            root_a, root_b = mpmath.sqrt(a_high), mpmath.sqrt(b_high)
-            expected = (
-                max(min(exact), -root_a, d_low - root_b),
-                min(max(exact), root_a, d_high + root_b),
-            )
-            low, high = axis_coordinate(*box[0], *box[1], d_low, d_high)
-            size = max(a_high, b_high) / d_low + d_high
-            assert 0 <= expected[0] - low <= UNITS * size, box
-            assert 0 <= high - expected[1] <= UNITS * size, box
-
-        corners = [
-            a - (a - b + c) ** 2 / (4 * c)
-            for a, b, c in itertools.product(*(map(Fraction, ends) for ends in box))
-        ]
-        (a_low, a_high), (b_low, b_high), (c_low, c_high) = (map(Fraction, x) for x in box)
-        right_at_b = a_low - c_high <= b_high <= a_high - c_low
-        right_at_a = b_low - c_high <= a_high <= b_high - c_low
-        highest = min(a_high, b_high) if right_at_a or right_at_b else max(corners)
-        low, high = squared_height(*box[0], *box[1], *box[2])
-        size = float(max(a_high, b_high, c_high)) ** 2 / float(c_low)
-        assert 0 <= max(min(corners), 0) - Fraction(low) <= UNITS * size, box
-        assert 0 <= Fraction(high) - highest <= UNITS * size, box
-
-
 HUGE = 1.7e308
 
 

@@ -179,16 +179,6 @@ def test_progress_is_told_once_a_box(paper_fleet):
 
 
 @pytest.mark.parametrize('dimension', [1, 2, 3])
-def test_a_single_point(dimension):
-    problem = Problem([[0.0]], [[0.0]], dimension)
-    result = solve(problem)
-    assert result.verdict is Verdict.COVERED
-    check_claims(problem, result)
-    (hypothesis,) = result.hypotheses
-    assert hypothesis.proved and not hypothesis.flexible
-
-
-@pytest.mark.parametrize('dimension', [1, 2, 3])
 @pytest.mark.parametrize(
     'ends', [(4.0, 9.0), (4.0, 4.0), (0.0, 0.0), (0.0, np.inf), (9.0, np.inf)]
 )

@@ -28,7 +28,7 @@ from dg_localization.solver.options import Cancel
 class Effort(IntEnum):
     """How hard to look for a contradiction."""
 
-    GLANCE = 0
+    PAIRS = 0
     """At pairs, triangles and angles only: takes a millisecond, and shows most contradictions."""
 
     BRIEF = 1
@@ -134,7 +134,7 @@ class _Oracle:
         late = time.monotonic() > self._deadline_s
         if self._solves_left <= 0 or late or self._cancelled():
             raise _LimitReachedError
-        self._solves_left -= effort is not Effort.GLANCE
+        self._solves_left -= effort is not Effort.PAIRS
 
     def _cancelled(self) -> bool:
         """Return whether to stop."""
@@ -300,15 +300,15 @@ class _Search:
             return None
         part, effort = found
         conflict = self._minimize(part, effort)
-        if effort is Effort.GLANCE:
+        if effort is Effort.PAIRS:
             conflict = self._minimize(conflict, Effort.BRIEF)
         self.among = frozenset()
         return conflict
 
     def _where(self, observations: Suspects, most: Effort) -> tuple[Suspects, Effort] | None:
         """Return a part of observations that contradicts itself, and how hard it is to see."""
-        if self._oracle(observations, Effort.GLANCE):
-            return observations, Effort.GLANCE
+        if self._oracle(observations, Effort.PAIRS):
+            return observations, Effort.PAIRS
         for region in self._regions:
             part = region & observations
             if part and part != observations and self._oracle(part, Effort.BRIEF):

@@ -11,7 +11,7 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.conflicts import Explanation, Limits, explain
 from dg_localization.fleet.contradictions.oracle import ContradictionOracle, regions_of
 from dg_localization.fleet.contradictions.suspects import (
-    Lineup,
+    Observations,
     Suspect,
     SuspectKind,
     Suspects,
@@ -31,7 +31,7 @@ OF_SETTINGS = (
 )
 
 
-def lineup_of(snapshot: Snapshot) -> Lineup:
+def observations_of(snapshot: Snapshot) -> Observations:
     """Return who can be wrong in a snapshot."""
     config = snapshot.config
     return line_up(snapshot.keys, snapshot.detections, config.sensors, config.anchors)
@@ -39,7 +39,7 @@ def lineup_of(snapshot: Snapshot) -> Lineup:
 
 def explain_snapshot(
     snapshot: Snapshot,
-    lineup: Lineup,
+    observed: Observations,
     cancel: Cancel | None = None,
     refuted: Collection[Suspects] = (),
 ) -> Explanation:
@@ -51,23 +51,23 @@ def explain_snapshot(
     config = snapshot.config
     kinds = list(SuspectKind)
     return explain(
-        lineup.observations,
-        regions_of(snapshot, lineup),
-        [lineup.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
-        ContradictionOracle(snapshot, lineup, cancel),
+        observed.observations,
+        regions_of(snapshot, observed),
+        [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
+        ContradictionOracle(snapshot, observed, cancel),
         Limits(
             config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds, cancel
         ),
         refuted,
-        {one: lineup.robots[one] for one in sorted(lineup.of_anchors)},
+        {one: observed.robots[one] for one in sorted(observed.of_anchors)},
     )
 
 
-def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]:
+def suspects_of(observed: Observations, explanation: Explanation) -> tuple[Suspect, ...]:
     """Return whom an explanation makes suspect, with one name for what is of one sensor."""
     found: Suspects = frozenset()
     if explanation.corrections:
-        found = found.union(*map(lineup.in_short, explanation.corrections))
+        found = found.union(*map(observed.in_short, explanation.corrections))
     elif explanation.culprits or explanation.together:
         found = frozenset(explanation.culprits).union(*explanation.together)
     else:
@@ -75,9 +75,9 @@ def suspects_of(lineup: Lineup, explanation: Explanation) -> tuple[Suspect, ...]
     return tuple(sorted(found))
 
 
-def links_of_conflicts(lineup: Lineup, explanation: Explanation) -> tuple[Conflict, ...]:
+def links_of_conflicts(observed: Observations, explanation: Explanation) -> tuple[Conflict, ...]:
     """Return the conflicts of an explanation as links, without those that need none."""
-    links = (lineup.links_of(conflict) for conflict in explanation.conflicts if conflict)
+    links = (observed.links_of(conflict) for conflict in explanation.conflicts if conflict)
     return tuple(tuple(sorted(keys)) for keys in links)
 
 
@@ -91,7 +91,9 @@ def not_searched(config: FleetConfig, explanation: Explanation) -> str:
     )
 
 
-def reason_of(snapshot: Snapshot, lineup: Lineup, explanation: Explanation, frame: str) -> str:
+def reason_of(
+    snapshot: Snapshot, observed: Observations, explanation: Explanation, frame: str
+) -> str:
     """
     Return why a contradiction leaves no placements.
 
@@ -100,7 +102,7 @@ def reason_of(snapshot: Snapshot, lineup: Lineup, explanation: Explanation, fram
     config, links = snapshot.config, {link.key: link for link in snapshot.links}
 
     def listed(observations: Suspects) -> str:
-        keys = sorted(lineup.links_of(observations))
+        keys = sorted(observed.links_of(observations))
         return ', '.join(str(links.get(key, key)) for key in keys)
 
     if frozenset() in explanation.conflicts:

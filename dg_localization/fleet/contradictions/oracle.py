@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether some observations of a snapshot contradict each other: a glance, or the solver."""
+"""Whether some observations of a snapshot contradict each other: by pairs alone, or the solver."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dg_localization.fleet.answers import answer
+from dg_localization.fleet.answers import answer_of
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Effort
-from dg_localization.fleet.contradictions.suspects import Lineup, Links, Suspects
+from dg_localization.fleet.contradictions.suspects import Links, Observations, Suspects
 from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.arrays import Interval
@@ -32,16 +32,16 @@ class ContradictionOracle:
     Parameters
     ----------
     snapshot : Snapshot
-    lineup : Lineup
+    observed : Observations
         Its observations.
     cancel : Cancel, optional
         Stops a search of the solver when set.
 
     """
 
-    def __init__(self, snapshot: Snapshot, lineup: Lineup, cancel: Cancel | None) -> None:
+    def __init__(self, snapshot: Snapshot, observed: Observations, cancel: Cancel | None) -> None:
         self._snapshot = snapshot
-        self._lineup = lineup
+        self._observed = observed
         self._cancel = cancel
         self._everything = frozenset(snapshot.keys)
         options = snapshot.config.solver
@@ -51,7 +51,7 @@ class ContradictionOracle:
 
     def __call__(self, observations: Suspects, effort: Effort) -> bool:
         """Return whether no placement agrees with observations: true is a proof."""
-        links = self._lineup.links_of(observations)
+        links = self._observed.links_of(observations)
         dropped = self._everything - links
         constraints = constrain(self._snapshot, dropped)
         if constraints.contradictory:
@@ -59,13 +59,15 @@ class ContradictionOracle:
         points = self._points_of(links, constraints)
         if not points:
             return False
-        if effort is Effort.GLANCE:
+        if effort is Effort.PAIRS:
             return not _triangles_hold(constraints.of(points))
         if effort is Effort.BRIEF:
             found = solve(constraints.of(points).problem(), self._brief, self._cancel)
             return found.verdict is Verdict.INFEASIBLE
         (plans,) = plan_frames(self._snapshot, constraints, [constraints])
-        whole = answer(self._snapshot, constraints, plans, self._thorough, dropped, self._cancel)
+        whole = answer_of(
+            self._snapshot, constraints, plans, self._thorough, dropped, self._cancel
+        )
         return whole.verdict is Verdict.INFEASIBLE
 
     def _points_of(self, links: Links, constraints: Constraints) -> tuple[int, ...]:
@@ -93,17 +95,17 @@ def _triangles_hold(constraints: Constraints) -> bool:
     )
 
 
-def regions_of(snapshot: Snapshot, lineup: Lineup) -> tuple[Suspects, ...]:
+def regions_of(snapshot: Snapshot, observed: Observations) -> tuple[Suspects, ...]:
     """Return parts of the observations that concern few robots, small ones first."""
-    return tuple(dict.fromkeys(_regions(snapshot, lineup)))
+    return tuple(dict.fromkeys(_regions(snapshot, observed)))
 
 
-def _regions(snapshot: Snapshot, lineup: Lineup) -> Iterator[Suspects]:
+def _regions(snapshot: Snapshot, observed: Observations) -> Iterator[Suspects]:
     """Yield robots among the anchors, then pairs of these, then robots with their neighbors."""
     config = snapshot.config
     ends = {
         one: frozenset((config.robot_of(one.name), config.robot_of(one.target)))
-        for one in lineup.observations
+        for one in observed.observations
     }
     anchors = frozenset(config.anchors)
     free = [robot for robot in config.robots if robot not in anchors]

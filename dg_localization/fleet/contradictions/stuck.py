@@ -22,8 +22,8 @@ LEAST_WAY_M = 0.5
 LEAST_TURN_RAD = 0.5
 """A robot that has gone or turned so far since a reading would read another value."""
 
-TIMES_MORE = 10
-"""Of so many times the readings nothing need be known of the motion."""
+UNKNOWN_MOTION_FACTOR = 10
+"""With this multiple of the readings, nothing need be known of the motion."""
 
 SHOWN = 3
 """So many ranges in a row show motion: one or two may be wrong."""
@@ -96,7 +96,7 @@ class StuckWatch:
         found = self._repetitions.get(key)
         if found is None or not 0 < least <= found.times or not found.motion:
             return ''
-        if found.motion == UNKNOWN_MOTION and found.times < TIMES_MORE * least:
+        if found.motion == UNKNOWN_MOTION and found.times < UNKNOWN_MOTION_FACTOR * least:
             return ''
         numbers = ' '.join(repr(number) for number in found.value)
         value = f'{numbers} m' if key.kind is LinkKind.RANGE else f'the ray ({numbers})'

@@ -81,9 +81,9 @@ Links: TypeAlias = frozenset[LinkKey]
 
 
 @dataclass(frozen=True)
-class Lineup:
+class Observations:
     """
-    Everybody who can be wrong at one time.
+    The observations of a snapshot, and the links, sensors and robots that they belong to.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def line_up(
     detections: Collection[tuple[str, str]],
     mounted: Collection[str],
     anchors: Collection[str] = (),
-) -> Lineup:
+) -> Observations:
     """
     Return who can be wrong of the ranges and bearings in use.
 
@@ -171,7 +171,7 @@ def line_up(
             robots.setdefault(Suspect(SuspectKind.ROBOT, name), set()).add(observation)
     by_sensor = {suspect: frozenset(sensors[suspect]) for suspect in sorted(sensors)}
     by_robot = {suspect: frozenset(robots[suspect]) for suspect in sorted(robots)}
-    return Lineup(links, by_sensor, by_robot, frozenset(anchors))
+    return Observations(links, by_sensor, by_robot, frozenset(anchors))
 
 
 def _observations(

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template
 
-MOST_STRANGERS = 16
+MOST_UNKNOWN = 16
 # As many names are remembered: nodes come and go for days, some with names of their own.
 MOST_NAMES = 4096
 
@@ -46,7 +46,7 @@ class TopicFinder:
         # What a name means does not change; which types it has does.
         self._link_of = lru_cache(MOST_NAMES)(self._link_named)
         self._found = set(self._explicit)
-        self._n_strangers = 0
+        self._n_unknown = 0
         self.wrong_types: dict[Link, tuple[str, ...]] = {}
         self.passed_over: list[Link] = []
 
@@ -63,7 +63,7 @@ class TopicFinder:
                     self.passed_over.append(link)
                 continue
             others = tuple(sorted(set(type_names) - {link.type_name}))
-            if others and not self._is_stranger(link):
+            if others and not self._is_unknown(link):
                 self.wrong_types[link] = others
             if link.type_name in type_names and topic not in self._found and self._admits(link):
                 self._found.add(topic)
@@ -76,17 +76,17 @@ class TopicFinder:
         links = (template.link_of(topic, self._points) for template in self._templates)
         found = [link for link in links if link is not None]
         wanted = [link for link in found if link.key not in self._replaced]
-        # `{observer}/{target}` takes `robot_1/odom` for a range to a stranger.
-        return min(wanted or found, key=self._is_stranger, default=None)
+        # `{observer}/{target}` takes `robot_1/odom` for a range to an unknown name.
+        return min(wanted or found, key=self._is_unknown, default=None)
 
-    def _is_stranger(self, link: Link) -> bool:
+    def _is_unknown(self, link: Link) -> bool:
         return not {link.key.observer, link.key.target} - {'', ANY_OBSERVER} <= self._points
 
     def _admits(self, link: Link) -> bool:
-        """Return False for a link to a stranger beyond the few that are worth counting."""
-        if not self._is_stranger(link):
+        """Return False for a link to an unknown name beyond the few that are worth counting."""
+        if not self._is_unknown(link):
             return True
-        if self._n_strangers == MOST_STRANGERS:
+        if self._n_unknown == MOST_UNKNOWN:
             return False
-        self._n_strangers += 1
+        self._n_unknown += 1
         return True

@@ -12,12 +12,12 @@ from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 
 LINE = re.compile(r'(?:"([^"]+)"|([^\s"]\S*))\s+([^\s"]+)')
 # What a table has for an id that stands for no robot or anchor.
-NOBODY = '-'
+IGNORED = '-'
 # A message may hold any id, and every name is kept in the counts.
-MOST_STRANGERS = 16
+MOST_UNKNOWN = 16
 MOST_CAMERAS = 256
 MOST_LISTED = 4
-OTHER_STRANGERS = 'other ids'
+OTHER_UNKNOWN = 'other ids'
 
 
 def parse_ids(texts: Iterable[str]) -> dict[str, str]:
@@ -57,7 +57,7 @@ class Identities:
 
     def __init__(self, table: Mapping[str, str], points: Iterable[str]) -> None:
         self._names = {**{point: point for point in points}, **table}
-        self._strangers: set[str] = set()
+        self._unknown: set[str] = set()
 
     def observer(self, link: Link, observer_id: str) -> str:
         """Return who measured; raise ValueError where link and message do not agree or say who."""
@@ -72,7 +72,7 @@ class Identities:
         name = self._names.get(observer_id)
         if name is None:
             raise ValueError(f"observer id '{observer_id}' is not in the parameter `ids`")
-        if name == NOBODY:
+        if name == IGNORED:
             raise ValueError(f"observer id '{observer_id}' is nobody's in the parameter `ids`")
         if named not in (ANY_OBSERVER, name):
             raise ValueError(
@@ -84,16 +84,16 @@ class Identities:
     def targets(self, reading: IdentifiedReading) -> Iterator[tuple[int, str]]:
         """Yield the row and the name of each target that is not to be passed over."""
         for row, target_id in enumerate(reading.target_ids):
-            name = self._names.get(target_id) or self._stranger(target_id)
-            if name != NOBODY:
+            name = self._names.get(target_id) or self._unknown_name(target_id)
+            if name != IGNORED:
                 yield row, name
 
-    def _stranger(self, target_id: str) -> str:
+    def _unknown_name(self, target_id: str) -> str:
         """Return a name for an id that is in no table, so that it is counted and shown."""
-        if len(self._strangers) < MOST_STRANGERS:
-            self._strangers.add(target_id)
-        if target_id not in self._strangers:
-            return OTHER_STRANGERS
+        if len(self._unknown) < MOST_UNKNOWN:
+            self._unknown.add(target_id)
+        if target_id not in self._unknown:
+            return OTHER_UNKNOWN
         return f'id {target_id[:40]}'
 
 

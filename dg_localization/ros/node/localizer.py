@@ -60,7 +60,7 @@ CLOCK = '/clock'
 LONGEST_REST_S = 0.01
 
 
-class Answer(NamedTuple):
+class TimedEstimate(NamedTuple):
     """An estimate, its serialized messages, the odometry that it is to, and how long it took."""
 
     estimate: Estimate
@@ -91,7 +91,7 @@ class LocalizerNode(ManagedNode):
     """
 
     _outputs: EstimatePublishers
-    _worker: EstimateWorker[Answer]
+    _worker: EstimateWorker[TimedEstimate]
     _warm_up_began_s: float
 
     def __init__(
@@ -218,7 +218,7 @@ class LocalizerNode(ManagedNode):
             self._worker.submit(self._localizer.snapshot(answer_s, self._pace.tighten_s))
             self._rate.count(now_s)
 
-    def _answer(self, snapshot: Snapshot, cancel: Event) -> Answer:
+    def _answer(self, snapshot: Snapshot, cancel: Event) -> TimedEstimate:
         """Answer a snapshot, and make the messages of it; in the thread of the worker."""
         began_s = time.perf_counter()
         estimate = self._localizer.estimate(snapshot, cancel)
@@ -230,10 +230,10 @@ class LocalizerNode(ManagedNode):
             messages_s=time.perf_counter() - ended_s,
         )
 
-    def _with_messages(self, estimate: Estimate) -> Answer:
+    def _with_messages(self, estimate: Estimate) -> TimedEstimate:
         given = self.settings
         how = given.fixed_frame, given.lifetime_s, given.least_deviation_m
-        return Answer(estimate, tuple(estimate_messages(estimate, *how)))
+        return TimedEstimate(estimate, tuple(estimate_messages(estimate, *how)))
 
     def _on_warm(self) -> None:
         """Log how long the solver took to be ready."""
@@ -266,7 +266,7 @@ class LocalizerNode(ManagedNode):
                 # To wait for the next tick would halve the rate of what takes a little longer.
                 self._on_tick()
 
-    def _publish(self, answer: Answer) -> None:
+    def _publish(self, answer: TimedEstimate) -> None:
         self._estimate = answer.estimate
         if answer.estimate.frame_change:
             self.get_logger().warning(
@@ -382,7 +382,7 @@ class LocalizerNode(ManagedNode):
         self.get_logger().info(text, **at_most_every(1.0))
         self._publish(self._no_estimate(reason))
 
-    def _no_estimate(self, reason: str) -> Answer:
+    def _no_estimate(self, reason: str) -> TimedEstimate:
         estimate = Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
         return self._with_messages(estimate)
 

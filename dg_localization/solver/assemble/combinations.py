@@ -65,7 +65,7 @@ class PieceLink:
         return self.site.number if self.site else -1
 
     def is_free(self, n_pairs: int) -> bool:
-        """Return whether so many pairs of hypotheses all go together, on any side."""
+        """Return whether all of a number of pairs of hypotheses go together, on any side."""
         is_open = all(sides in (FREE, EITHER) for sides in self.allowed.values())
         return is_open and len(self.allowed) == n_pairs
 
@@ -108,7 +108,7 @@ class Combination:
 
 
 class Combinations:
-    """All combinations of the hypotheses of pieces, so many of each, that a network allows."""
+    """All combinations of the hypotheses of pieces that a network allows."""
 
     def __init__(self, n_hypotheses: list[int], network: Network) -> None:
         self.left = [set(range(number)) for number in n_hypotheses]

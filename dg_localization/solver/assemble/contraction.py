@@ -20,10 +20,10 @@ from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.tightening import tighten
 
 MOST_CONTRACTED = 40
-"""Up to so many points are contracted together."""
+"""Up to this many points are contracted together."""
 
 MOST_TOGETHER = 60
-"""Up to so many points a piece is contracted as a whole: far pairs are bounded far better.
+"""Up to this many points a piece is contracted as a whole: far pairs are bounded far better.
 It takes seconds for more."""
 
 MOST_WORK_TOGETHER = 100_000
@@ -34,7 +34,7 @@ MOST_SWEEPS = 2
 """Later sweeps over all axes narrow hardly anything of what joints leave open."""
 
 MOST_SMOOTHED = 300
-"""Up to so many points chains of known distances bound those of their ends."""
+"""Up to this many points chains of known distances bound those of their ends."""
 
 
 def contracted(

@@ -40,12 +40,12 @@ from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
 MOST_SEEDS = 2000
-"""So many seeds are looked at."""
+"""This many seeds are looked at."""
 
 
 def _tetrahedra(neighbors: list[set[int]]) -> Iterator[tuple[int, ...]]:
@@ -109,14 +109,14 @@ LEAST_REGION = 0.01
 """Regions are made of boxes no smaller than this fraction of the longest distance."""
 
 LOCAL_POINTS = 12
-"""Axes project so many points, those best known from their ends."""
+"""Axes project this many points, those best known from their ends."""
 
 WELL_EXPLAINED = 2.0
-"""Axes are of use where pairs are wider than so many times what the errors explain."""
+"""Axes are of use where pairs are wider than this many times what the errors explain."""
 
 COMBINED_GROWTH = 1.15
 """Beyond `MOST_TOGETHER` points their pairs are combined only when they grew by this factor, and
-where a point can be is looked at again only when it measures so many times more of them."""
+where a point can be is looked at again only when it measures as much more of them."""
 
 REFERENCE_STEPS = 3
 """Steps of least squares towards a placement, by which frames are chosen."""
@@ -264,7 +264,7 @@ class Growth:
 
 
 def _is_outdated(trial: _Trial, n_links: int, n_points: int) -> bool:
-    """Return whether a point measures so many more placed ones that it is looked at again."""
+    """Return whether a point measures enough more placed ones to be looked at again."""
     growth = 1.0 if n_points <= MOST_TOGETHER else COMBINED_GROWTH
     return n_links > trial.n_links and n_links >= growth * trial.n_links
 
@@ -302,8 +302,7 @@ GROWTH_SHARE_ALONE = 0.85
 """and this part where what follows is a placement."""
 
 BOXES_PER_START, LEAST_BOXES = 2, 6
-"""Once all points are placed, so many boxes are looked at for each that grew, and at least
-so many."""
+"""The boxes that are looked at for each that grew, once all points are placed, and the least."""
 
 
 def is_grown(n_points: int, dimension: int) -> bool:
@@ -313,7 +312,7 @@ def is_grown(n_points: int, dimension: int) -> bool:
 
 def solve_grown(
     problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
-) -> Cover | None:
+) -> Paving | None:
     """Solve a piece in space point by point; return None where there is nothing to begin with."""
     if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None
@@ -333,7 +332,7 @@ def solve_grown(
     if any(len(partial.points) < problem.n_points for partial in grown):
         return search_share(problem, budget, share, boxes)
     if is_large and budget.keep(len(boxes)):
-        return Cover(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
+        return Paving(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
     cover = search_share(problem, budget, share, boxes, most_boxes, at_gaps=True)
     if cover.processed >= len(boxes):

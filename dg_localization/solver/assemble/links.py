@@ -44,7 +44,7 @@ MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
 
 MOST_COMPARED = 64
-"""Up to so many pairs of the pieces of one joint are compared by contraction; of more, each with
+"""Up to this many pairs of the pieces of one joint are compared by contraction; of more, each with
 the first alone."""
 
 

@@ -56,7 +56,7 @@ from dg_localization.solver.search.budget import GRACE_S, Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
 MOST_UNREVIEWED = 30
-"""Up to so many points a piece as a whole rules out as much as reviews of its patches, and sooner,
+"""Up to this size a piece as a whole rules out as much as reviews of its patches, and sooner,
 where distances are wide. Few choices of larger pieces are contracted."""
 
 PATCHES_SHARE = 0.5

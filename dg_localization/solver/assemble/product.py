@@ -27,14 +27,11 @@ from dg_localization.solver.assemble.subproblem import (
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import (
-    MOST_SMALL,
     hulls_of,
     place_problem,
 )
 from dg_localization.solver.place.placements import (
     MARGIN,
-    MOST_STEPS,
-    refine_in_box,
     refined,
     sought,
 )
@@ -43,23 +40,17 @@ from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, JointKind
 from dg_localization.solver.search.budget import Budget
 
-MOST_REFINED = 100
-"""Up to so many points a placement is refined by least squares, which takes their cube of time."""
-
-MOST_AT_ONCE = 20
-"""Up to so many rigid points a placement is first sought for all of them together."""
-
 MOST_LISTED = 6400
 """Choices times the square of the points, up to which they are looked at to count them."""
 
 MOST_APART = 64
-"""So many combinations of the parts of a piece are told apart, or as many hypotheses as asked."""
+"""As many combinations of the parts of a piece are told apart, or as many hypotheses as asked."""
 
 MOST_ATTEMPTS = 4
 """How often a placement is put together until it is proved to agree."""
 
 STEPS_PER_HYPOTHESIS = 16
-"""For each hypothesis to list, so many choices are looked at, to the end or on the way there."""
+"""The choices that are looked at for each hypothesis to list, to the end or on the way there."""
 
 
 @dataclass
@@ -305,22 +296,16 @@ class Product:
         bounds: FloatArray,
         stopped: Callable[[], bool],
     ) -> Iterator[FloatArray]:
-        """Yield placements that may agree: of all points together, and of pieces laid out."""
-        begins_at_once = problem.n_points <= MOST_AT_ONCE and not self._turns
-        if begins_at_once:
-            yield place_problem(problem, as_box((bounds[0], bounds[1])))
+        """Yield placements that may agree: pieces laid out, and all points together."""
+        known = problem.pairs.pairs
+        rows, columns = known.T
+        lower, upper = bounds[0][rows, columns], bounds[1][rows, columns]
         least_m = math.sqrt(bounds[0].max())
         for positions in self._assembly.placements(combination, least_m, MOST_ATTEMPTS):
             yield positions
-            if problem.n_points <= MOST_REFINED:
-                yield refine_in_box(positions, bounds, MOST_STEPS)
-        if problem.n_points <= MOST_CONTRACTED and not begins_at_once:
+            yield sought(positions, known, lower, upper, stopped)
+        if problem.n_points <= MOST_CONTRACTED:
             yield place_problem(problem, as_box((bounds[0], bounds[1])))
-        if problem.n_points <= MOST_SMALL:
-            known = problem.pairs.pairs
-            lower, upper = bounds[:, known[:, 0], known[:, 1]]
-            for positions in self._assembly.placements(combination, least_m, 1):
-                yield sought(positions, known, lower, upper, stopped)
 
 
 def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:

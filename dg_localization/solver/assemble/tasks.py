@@ -22,7 +22,7 @@ from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.place.hypotheses import lazy_hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Statistics
-from dg_localization.solver.search.branch_and_prune import Cover
+from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search
 
@@ -46,7 +46,7 @@ class Subproblem:
 class SolvedSubproblem:
     """The cover of a part, the effort, and the hypotheses that the cover makes."""
 
-    cover: Cover
+    cover: Paving
     statistics: Statistics
     hypotheses: Sequence[Hypothesis]
 
@@ -54,7 +54,7 @@ class SolvedSubproblem:
 def solve_subproblem(part: Subproblem, budget: Budget) -> SolvedSubproblem:
     """Solve one part."""
     if part.problem is None:
-        return SolvedSubproblem(Cover(), Statistics(), ())
+        return SolvedSubproblem(Paving(), Statistics(), ())
     # One box at a time, so that no answer depends on the processors of a worker.
     cover = search(part.problem, budget, part.within, all_or_nothing=part.all_or_nothing)
     statistics = cover.statistics(len(cover.pending), budget.seconds())

@@ -114,7 +114,7 @@ MOST_CONTRACTIONS = 8
 """at most so often before it is bisected."""
 
 MOST_LEAVES = 512
-"""When there are so many boxes, they are not bisected any more."""
+"""Boxes are bisected no more when there are this many."""
 
 
 @kernel

@@ -73,7 +73,7 @@ LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
 
 MOST_IDLE_TESTS = 4
-"""So many tests of the same sweep without such a gain end it: later axes are known less well."""
+"""A sweep ends after this many tests in a row without such a gain: later axes are known less."""
 
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
@@ -102,9 +102,9 @@ class Goal(NamedTuple):
     resolution_m : float
         It ends when every distance is known to this many meters,
     explained_factor : float
-        or no interval is more than so many times wider than the measurement errors explain,
+        or no interval is more than this many times wider than the measurement errors explain,
     max_sweeps : int
-        or after so many sweeps over all axes.
+        or after this many sweeps over all axes.
     axes_per_test : int
         After how many axes of a sweep to combine the measured pairs and look at the widths.
 

@@ -43,12 +43,6 @@ SMALLEST_WIDTH = 1e-13
 
 
 @kernel(inlined=True)
-def _width_m(box: FloatArray, i: int, j: int) -> float:
-    """Return about how wide the distance of a pair is, in m."""
-    return math.sqrt(box[UPPER, i, j]) - math.sqrt(box[LOWER, i, j])
-
-
-@kernel(inlined=True)
 def _orthogonal_part(
     positions: FloatArray, origin: int, point: int, basis: FloatArray, rank: int, arm: FloatArray
 ) -> float:
@@ -85,7 +79,7 @@ def point_errors_m(box: FloatArray, others: IntArray) -> FloatArray:
     for i in range(n_points):
         errors[i] = SMALLEST_WIDTH * extent
         for j in others:
-            errors[i] += _width_m(box, i, j)
+            errors[i] += math.sqrt(box[UPPER, i, j]) - math.sqrt(box[LOWER, i, j])
     return errors
 
 

@@ -33,7 +33,7 @@ from dg_localization.solver.contract.newton import (
     narrow_bounds,
     narrow_displacements,
 )
-from dg_localization.solver.contract.simplex import set_multipliers, set_table
+from dg_localization.solver.contract.simplex import set_program_multipliers, set_table
 
 MOST_PROGRAM_STEPS = 4
 """Most Newton steps with multipliers of linear programs, after those of least squares."""
@@ -150,7 +150,7 @@ def _bound_by_program(
                 row = linear.unknowns[i, axis]
                 if row >= 0 and target[i, axis] != 0.0:
                     table[n_rows - 2] += sign * target[i, axis] * table[row]
-        set_multipliers(linear, table, active, TOLERANCE, multipliers)
+        set_program_multipliers(linear, table, active, TOLERANCE, multipliers)
         for m in range(len(multipliers)):
             multipliers[m] *= sign
             explained += 0.5 * abs(multipliers[m]) * errors[m]

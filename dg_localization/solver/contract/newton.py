@@ -27,7 +27,7 @@ LEAST_NEWTON_GAIN = 0.1
 """A step that shortens no interval by more than this fraction is the last."""
 
 MOST_TIMES_AS_WIDE = 1.5
-"""A bound is not computed where the residuals alone make it so many times as wide as what is
+"""A bound is not computed where the residuals alone make it this many times as wide as what is
 known: it seldom cuts off an end."""
 
 

@@ -29,7 +29,7 @@ from dg_localization.solver.contract.axis_bounds import (
 )
 
 LANES = 8 if COMPILED else 1
-"""Rows are done so many pairs at a time."""
+"""The number of pairs of a row that are done at a time."""
 
 (
     A_LOWER,
@@ -59,7 +59,7 @@ class Rows(NamedTuple):
 
 
 def whole_lanes(count: int) -> int:
-    """Return the width of a row of so many points, in whole lanes."""
+    """Return the width of a row of a number of points, in whole lanes."""
     return (count + LANES - 1) // LANES * LANES
 
 

@@ -34,7 +34,7 @@ from dg_localization.solver.contract.sides import Sides, set_sigma
 from dg_localization.solver.contract.widths import rank_points
 
 SMALL_FLEET = 7
-"""Up to so many points all axes are applied, before linear combinations and in projections."""
+"""Up to this many points all axes are applied, before linear combinations and in projections."""
 
 MOST_THROUGH = 16
 """On the line, points are compared through this many of the best known others."""

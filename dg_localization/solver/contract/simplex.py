@@ -215,7 +215,7 @@ def _move_to_vertex(
 
 
 @kernel
-def set_multipliers(
+def set_program_multipliers(
     linear: Linearization,
     table: FloatArray,
     active: IntArray,

@@ -30,8 +30,8 @@ from dg_localization.solver.decompose.graph import (
     connected_parts,
     cut_points,
     graph_of,
-    pairs_among,
     pairs_of,
+    restricted_pairs,
 )
 from dg_localization.solver.decompose.rigid_components import is_rigid, rigid_components
 from dg_localization.solver.result import Joint, JointKind
@@ -77,7 +77,7 @@ def _remembered(n_points: int, listed: bytes, dimension: int) -> Decomposition:
         inside = set(component)
         more = [(i, j) for i, j in implied if i in inside and j in inside]
         inner = np.concatenate(
-            [pairs_among(n_points, some, points) for some in (pairs, _as_array(more))]
+            [restricted_pairs(n_points, some, points) for some in (pairs, _as_array(more))]
         )
         split, separators = _split(len(points), inner, dimension)
         for separator, sharing in separators:
@@ -177,7 +177,7 @@ def _ordered(
     def is_ready(part: int) -> bool:
         points = np.array(parts[part])
         implied = [(i, j) for i, j in pairs_of(parts[part]) if (i, j) in known]
-        both = [pairs_among(n_points, some, points) for some in (pairs, _as_array(implied))]
+        both = [restricted_pairs(n_points, some, points) for some in (pairs, _as_array(implied))]
         return is_rigid(len(points), np.concatenate(both), dimension)
 
     while waiting:

@@ -45,7 +45,7 @@ def graph_of(n_points: int, pairs: IntArray) -> Graph:
     return Graph(start, np.ascontiguousarray(ends[:, 1]))
 
 
-def pairs_among(n_points: int, pairs: IntArray, points: IntArray) -> IntArray:
+def restricted_pairs(n_points: int, pairs: IntArray, points: IntArray) -> IntArray:
     """Return the pairs among some points, ascending, by their places in these."""
     number = np.full(n_points, -1)
     number[points] = np.arange(len(points))

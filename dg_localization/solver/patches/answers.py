@@ -41,10 +41,10 @@ MOST_NUMBERS = 10**6
 """Hypotheses times the square of the points, up to which those of a large piece are listed."""
 
 MOST_PIVOTS = 60
-"""Placements are laid out by the chains from so many points to all."""
+"""Placements are laid out by the chains from this many points to all."""
 
 MOST_RANKED = 150
-"""Up to so many points the rank of a placement is computed, which takes their cube of time; larger
+"""Up to this size the rank of a placement is computed, which takes their cube of time; larger
 pieces count as flexible where their patches do not hold them together."""
 
 

@@ -28,7 +28,7 @@ SEAM_HOPS = 3
 
 MOST_FILLED = 20
 FILLED_AT_ONCE = 4
-"""A patch in a body is filled up to so many points, a few more at a time."""
+"""A patch in a body is filled up to this many points, a few more at a time."""
 
 
 class Neighborhoods:
@@ -42,7 +42,7 @@ class Neighborhoods:
             self.neighbors[j].add(i)
 
     def grown(self, seed: Iterable[int], most: int) -> set[int]:
-        """Return a set of points with those that have most known pairs to it, up to so many."""
+        """Return a set of points with those that have most known pairs to it, up to this many."""
         inside = set(seed)
         n_points = len(self.neighbors)
         # The links to a point, less what puts equal ones in order: those with few neighbors come
@@ -84,7 +84,7 @@ class Neighborhoods:
         return tuple(ordered[x] for x in max(held, key=len, default=()))
 
     def within_hops(self, start: int, body: set[int], most: int) -> set[int]:
-        """Return the points of a body that so many known pairs, or fewer, lead to."""
+        """Return the points of a body that a number of known pairs, or fewer, lead to."""
         seen = front = {start}
         for _ in range(most):
             front = set().union(*(self.neighbors[point] for point in front)) & body - seen

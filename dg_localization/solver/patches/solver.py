@@ -39,7 +39,7 @@ MOST_WHOLE = 16
 MOST_PATCH_BOXES = 200
 MOST_SEAM_BOXES = 40
 MOST_REVIEW_BOXES = 12
-"""One patch may take so many boxes; those that come later are given up where they take more."""
+"""One patch may take this many boxes; those that come later are given up where they take more."""
 
 REVIEW_POINTS = 14
 """Most points of a patch that looks again at what another one leaves open."""

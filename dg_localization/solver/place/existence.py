@@ -33,8 +33,8 @@ from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
 
 NEARNESS = 1e-9
-"""A placement counts as given by coordinates that are off by at most so many times the longest of
-its known distances."""
+"""A placement counts as given by coordinates that are off by at most this multiple of the longest
+of its known distances."""
 
 NARROW = 1e-10
 """A pair whose squared distance is open by no more than this part of it counts as exact."""

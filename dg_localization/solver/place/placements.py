@@ -20,18 +20,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel
 from dg_localization.interval.rounding import LARGEST
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 
 MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
-
-LEAST_ITERATED = 30
-"""LAPACK decomposes smaller matrices in the thread that asks."""
-
-MORE_VECTORS, ITERATIONS = 4, 20
-"""Subspace iteration takes so many more vectors than are wanted, and so many iterations."""
 
 MOST_STEPS = 40
 """Most steps of least squares."""
@@ -40,7 +34,7 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e-9, 1e3
 """What is added to the diagonal of the normal equations of unit vectors."""
 
 
-class Effort(NamedTuple):
+class FitEffort(NamedTuple):
     """
     How far least squares goes.
 
@@ -51,7 +45,7 @@ class Effort(NamedTuple):
     least_residual : float
         The normal equations of a step are solved to this fraction,
     most_gradients : int
-        or with so many conjugate gradients.
+        or with this many conjugate gradients.
 
     """
 
@@ -60,7 +54,11 @@ class Effort(NamedTuple):
     most_gradients: int
 
 
-THOROUGH, QUICK, IN_BOX = Effort(1e-6, 1e-3, 100), Effort(1e-2, 1e-2, 30), Effort(1e-2, 1e-6, 100)
+THOROUGH, QUICK, IN_BOX = (
+    FitEffort(1e-6, 1e-3, 100),
+    FitEffort(1e-2, 1e-2, 30),
+    FitEffort(1e-2, 1e-6, 100),
+)
 """To the end; in a third of the time with nearly as many placements found; for all pairs of a box,
 where each step has to be exact for mirror images to give the same answer."""
 
@@ -75,8 +73,9 @@ def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
     relative = squared_m2 / longest_m2
     means = relative.mean(axis=0)
     gram = -0.5 * (relative - means - means[:, None] + means.mean())
-    values, vectors = _leading_eigenpairs(gram, dimension)
-    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors * np.sqrt(np.maximum(values, 0.0)))
+    values, vectors = np.linalg.eigh(gram)
+    heights = np.sqrt(np.maximum(values[-dimension:], 0.0))
+    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors[:, -dimension:] * heights)
 
 
 def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
@@ -85,30 +84,11 @@ def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) ->
     squared = (lengths_m / longest_m) ** 2
     among = squared[:, pivots]
     centering = np.eye(len(pivots)) - 1.0 / len(pivots)
-    values, vectors = _leading_eigenpairs(-0.5 * centering @ among @ centering, dimension)
+    values, vectors = np.linalg.eigh(-0.5 * centering @ among @ centering)
     # Where the pivots lie on a line, nothing is known across it.
-    roots = np.sqrt(np.maximum(values, np.finfo(float).eps))
-    positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors / roots)
+    roots = np.sqrt(np.maximum(values[-dimension:], np.finfo(float).eps))
+    positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors[:, -dimension:] / roots)
     return np.ascontiguousarray(longest_m * positions)
-
-
-def _leading_eigenpairs(matrix: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """
-    Return the largest eigenvalues of a symmetric matrix and their vectors, nearly.
-
-    LAPACK hands a large matrix to several threads, and takes a hundred times as long where other
-    processes keep one of them waiting: such a one is left to subspace iteration.
-    """
-    size = len(matrix)
-    if size < LEAST_ITERATED:
-        values, vectors = np.linalg.eigh(matrix)
-        return values[-count:], vectors[:, -count:]
-    vectors = np.random.default_rng(0).standard_normal((size, min(size, count + MORE_VECTORS)))
-    for _ in range(ITERATIONS):
-        look_after(vectors.size * size)
-        vectors, _ = np.linalg.qr(matrix @ vectors)
-    values, turned = np.linalg.eigh(vectors.T @ matrix @ vectors)
-    return values[-count:], vectors @ turned[:, -count:]
 
 
 def sought(
@@ -131,7 +111,7 @@ def refined(
     upper: FloatArray,
     margin: float,
     stopped: Callable[[], bool],
-    effort: Effort = THOROUGH,
+    effort: FitEffort = THOROUGH,
 ) -> FloatArray:
     """Move a placement into the bounds of many pairs by least squares."""
     best, damping = positions, FIRST_DAMPING
@@ -152,7 +132,7 @@ def refine(
     upper: FloatArray,
     margin: float,
     damping: float,
-    effort: Effort,
+    effort: FitEffort,
     n_steps: int,
 ) -> tuple[FloatArray, float]:
     """Take some steps of least squares; return the damping as well, infinite at the end."""
@@ -221,7 +201,7 @@ def _step(
     misfits: FloatArray,
     slopes: FloatArray,
     damping: float,
-    effort: Effort,
+    effort: FitEffort,
     n_points: int,
 ) -> FloatArray:
     """Solve the damped normal equations of the misfits by conjugate gradients."""

@@ -147,7 +147,7 @@ def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[Fl
 
 
 @dataclass
-class Cover:
+class Paving:
     """The boxes that a search kept, those it did not examine, and its effort."""
 
     kept: list[FloatArray] = field(default_factory=list)
@@ -195,7 +195,7 @@ def pave(
     split: Callable[[Pruned], list[FloatArray]],
     budget: Budget,
     all_or_nothing: bool = False,
-) -> Cover:
+) -> Paving:
     """
     Cover all placements in some boxes by smaller boxes; those kept and pending hold every one.
 
@@ -203,7 +203,7 @@ def pave(
     no use unless it is complete, the search ends as soon as it has more boxes than it may examine.
     """
     most = budget.options.max_boxes
-    cover, queue = Cover(), Queue()
+    cover, queue = Paving(), Queue()
     for box in boxes:
         queue.push(box)
     while queue and cover.processed < most and not budget.is_over():

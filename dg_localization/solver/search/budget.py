@@ -143,7 +143,7 @@ class Budget:
         )
 
     def keep(self, n_boxes: int) -> bool:
-        """Note that boxes found by other means than the search are kept, if so many may be."""
+        """Note that boxes found by other means than the search are kept, if enough are left."""
         if n_boxes > self.boxes_left():
             return False
         self.spent += Statistics(processed=n_boxes, kept=n_boxes)

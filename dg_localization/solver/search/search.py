@@ -14,7 +14,7 @@ from dg_localization.solver.contract.fixed_point import Pruned
 from dg_localization.solver.contract.triangles import smooth_triangles
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Cover, Pruner, pave, split
+from dg_localization.solver.search.branch_and_prune import Paving, Pruner, pave, split
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.tightening import tighten
 
@@ -25,7 +25,7 @@ def search(
     within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
     at_gaps: bool = False,
     all_or_nothing: bool = False,
-) -> Cover:
+) -> Paving:
     """Cover all placements of a problem by boxes."""
     if _is_convex(problem):
         return _cover_by_triangles(problem, within, budget)
@@ -33,7 +33,7 @@ def search(
     pruner = Pruner(problem, resolution_m)
     whole = pruner.whole()
     if whole is None:
-        return Cover(empty=1)
+        return Paving(empty=1)
     cover = pave(
         [whole] if within is None else _common_parts(whole, within),
         lambda box: pruner.prune(box, budget.is_over),
@@ -56,7 +56,7 @@ def search_share(
     within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
     most_boxes: int | None = None,
     at_gaps: bool = False,
-) -> Cover:
+) -> Paving:
     """Cover the placements of a part of a problem with a share of what is left of a budget."""
     part = budget.part(share, most_boxes)
     cover = search(problem, part, within, at_gaps)
@@ -64,7 +64,7 @@ def search_share(
     return cover
 
 
-def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> Cover:
+def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> Paving:
     """Cover a problem by one box; else all is pending and counts nothing."""
     part = budget.part(share, 1, is_silent=True)
     cover = search(problem, part)
@@ -74,8 +74,8 @@ def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> C
     return cover
 
 
-def accept_pending(cover: Cover, budget: Budget) -> None:
-    """Keep the boxes which a search left pending as they are, if so many may be."""
+def accept_pending(cover: Paving, budget: Budget) -> None:
+    """Keep the boxes which a search left pending as they are, if there are enough left."""
     n_pending = len(cover.pending)
     if budget.keep(n_pending):
         budget.take_back(n_pending)
@@ -98,7 +98,7 @@ def _cover_by_triangles(
     problem: Problem,
     within: Sequence[tuple[FloatArray, FloatArray]] | None,
     budget: Budget,
-) -> Cover:
+) -> Paving:
     """Cover the placements of a convex problem by a box, or by one in each of some boxes."""
 
     def smoothed(box: FloatArray) -> Pruned:
@@ -108,7 +108,7 @@ def _cover_by_triangles(
 
     whole = np.array([problem.lower, problem.upper, *np.zeros((2, *problem.lower.shape))])
     if smoothed(whole).status is Status.EMPTY:
-        return Cover(empty=1)
+        return Paving(empty=1)
     starts = [whole] if within is None else _common_parts(whole, within)
     return pave(starts, smoothed, lambda _: [], budget)
 

@@ -31,7 +31,7 @@ CLOSED_WIDTH = 1.05
 
 LEAST_GAIN = 0.1
 MOST_IDLE_FRAMES = 10
-"""There are no more frames after so many in a row that shorten no interval by this fraction."""
+"""There are no more frames after this many in a row that shorten no interval by this fraction."""
 
 
 class _Frames:

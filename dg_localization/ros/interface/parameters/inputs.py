@@ -10,7 +10,7 @@ from itertools import chain
 from typing import Any
 
 from dg_localization.fleet import ElevationErrorModel, LinkKind, LinkOverride, RangeErrorModel
-from dg_localization.ros.interface.identities import NOBODY, parse_ids
+from dg_localization.ros.interface.identities import IGNORED, parse_ids
 from dg_localization.ros.interface.links import (
     ANY_OBSERVER,
     KINDS,
@@ -96,10 +96,10 @@ def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]
     with refused("parameter 'ids': "):
         ids = parse_ids(filter(None, values['ids']))
         for name in ids.values():
-            if name not in (*points, NOBODY):
+            if name not in (*points, IGNORED):
                 raise ValueError(
                     f"'{name}' is not allowed, it must be one of {', '.join(points)}, or "
-                    f"'{NOBODY}' for an id that stands for nobody"
+                    f"'{IGNORED}' for an id that stands for nobody"
                 )
     return ids
 
