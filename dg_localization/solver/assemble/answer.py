@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from dg_localization.interval.kernels import until
@@ -45,7 +45,8 @@ def solve_in_pieces(
     if within is not None and len(within) == 0:
         return _infeasible(every, problem, budget)
     if decomposition is None:
-        decomposition = _decomposed(problem, budget.is_over)
+        with until(budget.is_over):
+            decomposition = pieces_of_problem(problem)
     solved = _solved(problem, decomposition, budget, within)
     if solved.contradiction is not None:
         return _infeasible(solved.contradiction, problem, budget)
@@ -70,13 +71,6 @@ def _solved(
     if within is None and _may_be_one_piece(problem, decomposition):
         solved = _solved_in_one_box(problem, budget)
     return solved or PieceSolver(problem, decomposition, budget, within).run()
-
-
-def _decomposed(problem: Problem, stopped: Callable[[], bool]) -> Decomposition | None:
-    """Return the pieces that the graph of measured pairs has, None where there was no time."""
-    with until(stopped):
-        return pieces_of_problem(problem)
-    return None
 
 
 def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
