@@ -199,7 +199,7 @@ def _run(module: str, interrupted: int, args: Sequence[str] | None = None) -> in
         return interrupted
 
 
-localizer = partial(_run, 'node.process', 0)
+localizer = partial(_run, 'node.localizer', 0)
 simulate_fleet = partial(_run, 'simulation.simulate_fleet', 0)
 replay = partial(_run, 'bags.replay', 0)
 localize_bag = partial(_run, 'bags.localize_bag', EXIT_INTERRUPTED)

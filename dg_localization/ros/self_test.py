@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from dg_localization.fleet import solver_warnings, warm_up
-from dg_localization.ros.executables import print_line
+from dg_localization.ros.executables import print_line, print_result
 from dg_localization.ros.spinning import own_arguments, rclpy_running
 from msg_adapters import adapter_for
 
@@ -168,5 +168,5 @@ def main(args: Sequence[str]) -> int:
     with rclpy_running(args):
         checks += measure()
     for passed, name, figure in checks:
-        print(f'{"PASS" if passed else "FAIL"}  {name:<9} {figure}')
+        print_result(f'{"PASS" if passed else "FAIL"}  {name:<9} {figure}')
     return int(not all(passed for passed, *_ in checks))

@@ -12,7 +12,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 CODE = """
 import gc
-from dg_localization.ros.node.process import load_for_good
+from dg_localization.ros.node.worker import load_for_good
 load_for_good()
 print(gc.get_freeze_count(), len(gc.get_objects()))
 """

@@ -8,7 +8,9 @@ It converts messages, calls the ROS-free `Localizer`, and publishes what it answ
 are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 import math
 from threading import Event
 import time
@@ -45,11 +47,18 @@ from dg_localization.ros.interface.transforms import Tracks, transforms
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode
-from dg_localization.ros.node.worker import EstimateWorker, longest_estimate_s, patience_s
-from dg_localization.ros.spinning import STEADY, at_most_every
+from dg_localization.ros.node.worker import (
+    EstimateWorker,
+    exit_code_despite_worker,
+    load_for_good,
+    longest_estimate_s,
+    patience_s,
+)
+from dg_localization.ros.spinning import STEADY, at_most_every, spin
 from msg_adapters import Diagnostics
 from msg_adapters.poses import transforms_to_cdr
 
+USAGE = 'usage: localizer --ros-args --params-file FILE [-p NAME:=VALUE] [-r FROM:=TO]'
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 RESET = '~/reset'
@@ -72,22 +81,10 @@ class TimedEstimate(NamedTuple):
 
 class LocalizerNode(ManagedNode):
     """
-    The node.
+    The node; a parameter that is unknown or wrong raises `WrongParameterError`.
 
-    Parameters
-    ----------
-    make_localizer : callable
-        Makes what takes measurements and answers them of the configuration of the fleet.
-    load : callable
-        Called without arguments from the thread of the worker, before the first answer.
-    **kwargs
-        Passed on to `rclpy.node.Node`, such as `context` and `parameter_overrides`.
-
-    Raises
-    ------
-    WrongParameterError
-        If a parameter is unknown or has a value it cannot have.
-
+    `make_localizer` makes what answers for a fleet, and the thread of the worker calls `load`
+    before the first answer. Other arguments are those of `rclpy.node.Node`.
     """
 
     _outputs: EstimatePublishers
@@ -387,14 +384,17 @@ class LocalizerNode(ManagedNode):
         return self._with_messages(estimate)
 
     def _now_s(self) -> float | None:
-        """
-        Return the time, None before the first one of a simulation.
-
-        A bag that loops, a simulation that restarts and a clock that is set right make time jump
-        back. What was measured before the jump is then forgotten, whichever callback sees it
-        first.
-        """
+        """Return the time, None before the first one of a simulation; forget all if it jumps."""
+        # As where a bag loops, a simulation restarts or a clock is set; any callback may see it.
         now_s, back_s = self._time.now()
         if back_s > 0.0:
             self._forget(f'time jumped back by {back_s:.3f} s')
         return now_s if now_s > 0.0 else None
+
+
+def main(args: Sequence[str]) -> int:
+    """Run the node until a signal; return the exit code."""
+    # A second signal does not wait for a clean end, and must not wait for the worker either.
+    with suppress(KeyboardInterrupt):
+        spin(partial(LocalizerNode, load=load_for_good), args, USAGE)
+    return exit_code_despite_worker(0)

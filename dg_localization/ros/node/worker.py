@@ -6,13 +6,14 @@
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+import gc
 import os
 import sys
 from threading import Event, Lock, enumerate as running_threads, get_native_id
 import time
 from typing import Any, Generic, TypeVar
 
-from dg_localization.fleet import FleetConfig, Snapshot
+from dg_localization.fleet import FleetConfig, Snapshot, warm_up
 
 A = TypeVar('A')
 
@@ -148,3 +149,15 @@ def longest_estimate_s(fleet: FleetConfig) -> float:
 def patience_s(limit_s: float) -> float:
     """Return after how long an estimate with a limit is taken to be stuck."""
     return max(LEAST_PATIENCE_S, PATIENCE * limit_s)
+
+
+def load_for_good() -> None:
+    """
+    Load the kernels, and leave all there is then out of collections of garbage.
+
+    A collection looks at everything that numba has made, every few seconds for about 0.1 s in
+    which no answer goes on. Nothing of it ends before the process.
+    """
+    warm_up()
+    gc.collect()
+    gc.freeze()
