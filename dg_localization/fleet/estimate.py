@@ -125,6 +125,8 @@ class Placement:
         Bounds of the distances between the robots.
     number : int
         The same as long as the hypothesis lives; 0 for one that was not followed.
+    misfits : tuple of str
+        What is remembered and farther off the best point than its bounds let it be.
 
     """
 
@@ -144,6 +146,7 @@ class Placement:
     covariances: np.ndarray | None = None
     fitted_yaws_rad: np.ndarray | None = None
     number: int = 0
+    misfits: tuple[str, ...] = ()
 
     def protect(self) -> None:
         """Make the arrays read only."""

@@ -109,6 +109,9 @@ def estimate_snapshot(
         found_now = _with_likely_poses(snapshot, found_now, plans, earlier)
     estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
+    misfits = [one for placement in estimate.placements for one in placement.misfits]
+    if misfits:
+        doubts.append(f'bounds look too narrow: {", ".join(dict.fromkeys(misfits))}')
     estimate = replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out), *doubts]),

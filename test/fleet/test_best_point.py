@@ -386,6 +386,29 @@ def test_what_was_seen_before_the_odometry_started_anew_hardly_pulls():
     assert np.linalg.norm(placement.positions_m[0] - after_m) < 0.02
 
 
+@pytest.mark.parametrize('is_wrong', [False, True])
+def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
+    """Its ranges are one and a half half widths too long, which contradicts nothing."""
+    localizer = driver(window_outliers=10)
+
+    class Misread:
+        """Passes on what is measured, but for the ranges to one landmark."""
+
+        add_odometry, add_bearing = localizer.add_odometry, localizer.add_bearing
+
+        def add_range(self, robot, name, range_m, *times_s):
+            share = 1.35 if is_wrong and name == 'a1' else 1.0
+            return localizer.add_range(robot, name, share * range_m, *times_s)
+
+    _, now_s = drive(Misread(), ANCHORS[2], 15.0, lambda tick: True)
+    estimate = localizer.step(now_s)
+    named = [
+        text.split(' (')[0] for placement in estimate.placements for text in placement.misfits
+    ]
+    assert ('ranges r - a1' in named) is is_wrong
+    assert ('bounds look too narrow' in estimate.reason) is is_wrong
+
+
 def test_a_dropped_reading_does_not_pull():
     fleet = Fleet(5, robots=2, noise=0.0)
     config = FleetConfig(robots=fleet.robots, anchors=fleet.anchors, max_outliers=1)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
-from dg_localization.fleet.best_point.past import Past
+from dg_localization.fleet.best_point.past import Misfit, Past
 from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, UNIFORM, Term, Terms
 from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.fleet.rotations import rotations_about_z
@@ -75,6 +75,8 @@ class BestPoint:
     cost : float
         The mean square of the residuals that the fit leaves, in half widths; infinite where
         nothing was fitted.
+    misfits : tuple of Misfit
+        What is remembered and too far off the fit.
 
     """
 
@@ -83,6 +85,7 @@ class BestPoint:
     rotations: FloatArray
     covariances: FloatArray
     cost: float
+    misfits: tuple[Misfit, ...] = ()
 
     def fitted_yaws_rad(self) -> FloatArray:
         """Return the headings in the plane, shape (n,); NaN where none was fitted."""
@@ -146,6 +149,7 @@ class BestPointFinder:
             return BestPoint(start_m, agrees(problem, start_m), rotations, unknown, math.inf)
         bodies = self._bodies(start_m, enclosure)
         self._effort += int(bodies.free.sum()) ** 3
+        misfits: tuple[Misfit, ...] = ()
         if past is None:
             spread, terms = None, self._terms
             fit = fit_terms(terms, bodies)
@@ -157,13 +161,14 @@ class BestPointFinder:
             terms = past.terms
             bodies = self._with_past(past, bodies, yaws_rad)
             fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
-            spread = past.spread(fit)
+            spread, misfits = past.spread(fit), tuple(past.misfits(fit))
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
         covariances = _covariances(fit, spread, n_points)
         cost = fit.cost / max(1, len(terms.kinds))
-        return BestPoint(positions_m, proved, fit.bodies.rotations[:n_points], covariances, cost)
+        rotations = fit.bodies.rotations[:n_points]
+        return BestPoint(positions_m, proved, rotations, covariances, cost, misfits)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
         """Return the positions of a fit, with the sensors where their bodies have them."""

@@ -20,7 +20,7 @@ from dg_localization.fleet.best_point.normal_equations import (
     SHORTEST_M,
     normal_equations,
 )
-from dg_localization.fleet.best_point.terms import RANGE, RAY, Terms
+from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN, Terms
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -161,14 +161,23 @@ def equations_at(terms: Terms, fit: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def residuals_of(terms: Terms, fit: Fit) -> FloatArray:
-    """Return by how many half widths ranges and rays in the plane are off a fit; others: 0."""
+    """
+    Return by how many half widths terms are off a fit, in the plane; zero for a `PLACE`.
+
+    Ranges that are too short, and rays to the left of what was seen, count as negative.
+    """
     rotations = fit.bodies.rotations[terms.bodies]
     arms_m = np.einsum('mbij,mbj->mbi', rotations, terms.arms_m)
     lines_m = np.diff(fit.bodies.positions_m[terms.bodies] + arms_m, axis=1)[:, 0]
-    lengths_m = np.maximum(np.linalg.norm(lines_m, axis=1), SHORTEST_M)
+    lengths_m = np.linalg.norm(lines_m, axis=1)
     sights = np.einsum('mij,mj->mi', rotations[:, 0], terms.values)
-    rays = lines_m / lengths_m[:, None]
+    rays = lines_m / np.maximum(lengths_m, SHORTEST_M)[:, None]
     to_left = sights[:, 0] * rays[:, 1] > sights[:, 1] * rays[:, 0]
-    turned = np.where(to_left, 1.0, -1.0) * np.linalg.norm(rays - sights, axis=1)
-    off = np.where(terms.kinds == RANGE, lengths_m - terms.values[:, 0], turned)
-    return np.where(np.isin(terms.kinds, (RANGE, RAY)), terms.weights * off, 0.0)
+    off = {
+        RANGE: lengths_m - terms.values[:, 0],
+        RAY: np.where(to_left, 1.0, -1.0) * np.linalg.norm(rays - sights, axis=1),
+        PLACE: np.zeros(len(lengths_m)),
+        STEP: lengths_m,
+        TURN: np.linalg.norm(rotations[:, 1, :, 0] - sights, axis=1),
+    }
+    return terms.weights * np.choose(terms.kinds, [off[kind] for kind in sorted(off)])

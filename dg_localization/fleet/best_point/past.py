@@ -13,7 +13,7 @@ error of the odometry is shared by all that came before it.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Fit, equations_at, residuals_of
 from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
-from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, Terms
+from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, STEP, TURN, Terms
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
@@ -46,6 +46,10 @@ GUESS_ROUNDS = 5
 GUESS_SCALE_M = 0.5
 """A landmark that is farther off than this counts less when a pose is guessed."""
 
+GREATEST_OFF, MEAN_OFF, FEW = 2.0, 1.05, 8
+"""A term that is farther off a fit than so many half widths, and terms whose root mean square is,
+show that bounds do not hold; the last is how many terms are enough for that."""
+
 NEAREST_M = 0.1
 """A target that is nearer may be seen in any direction once its observer has moved."""
 
@@ -57,6 +61,16 @@ class _End(NamedTuple):
     poses: FloatArray  # (v, m, 3): x, y and yaw, as stated and by each error of odometry
     unknown: FloatArray  # (m, 2): what silent odometry leaves open of these, in m and rad
     moves: NDArray[np.bool_]  # (m,): whether a robot moved there, and what is fixed did not
+
+
+class Misfit(NamedTuple):
+    """Readings or steps that are off a fit, and by how many half widths."""
+
+    kind: int
+    robot: int
+    other: int
+    rms: float
+    most: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +93,9 @@ class Past:
     ways : tuple of Terms
         For each robot, its terms: arms and values as stated come first of several, and then what
         they were if its odometry erred all along.
+    constants : tuple of (float, float)
+        For each robot, how far its odometry is off at one time, in m and in rad: by its constant
+        error, and by what it did within its latency.
 
     """
 
@@ -88,6 +105,7 @@ class Past:
     guesses: Mapping[int, FloatArray]
     ends: frozenset[Ends]
     ways: tuple[Terms, ...]
+    constants: tuple[tuple[float, float], ...]
 
     def spread(self, fit: Fit) -> FloatArray:
         """
@@ -96,11 +114,11 @@ class Past:
         Errors of readings are independent of each other, but for those of one target in a while.
         What odometry does wrong it may do all along, so that its gradients add up first.
         """
-        residuals = residuals_of(self.terms, fit)
+        residuals = _of_readings(self.terms, fit)
         shares = np.sqrt(self.terms.common_errors(residuals)) / np.hypot(1.0, residuals)
         spread, _ = equations_at(self.terms._replace(weights=shares * self.terms.weights), fit)
         for way in self.ways:
-            weights = way.weights / np.hypot(1.0, residuals_of(way.variant(0), fit))
+            weights = way.weights / np.hypot(1.0, _of_readings(way.variant(0), fit))
             weighted = way._replace(weights=weights)
             balance, *pulls = (
                 equations_at(weighted.variant(number), fit)[1] for number in range(VARIANTS)
@@ -108,6 +126,53 @@ class Past:
             for pull in pulls:
                 spread += np.outer(pull - balance, pull - balance)
         return spread
+
+    def misfits(self, fit: Fit) -> Iterator[Misfit]:
+        """
+        Yield what is farther off a robust fit than its bounds let it be, by robot and other end.
+
+        What errors of the odometry explain of it does not count: they move where a reading was
+        made, seen from the nearest body of the fit.
+        """
+        n_points = len(fit.columns) - len(self.rows)
+        owners = np.append(np.arange(n_points), self.rows)
+        robots = dict.fromkeys(self.rows.tolist())
+        for way, robot, (constant_m, constant_rad) in zip(
+            self.ways, robots, self.constants, strict=True
+        ):
+            stated = residuals_of(way.variant(0), fit)
+            is_step = np.isin(way.kinds, (STEP, TURN))
+            in_m = np.isin(way.kinds, (RANGE, STEP))
+            constant = np.where(in_m, constant_m, constant_rad + constant_m * ~is_step)
+            off = np.maximum(0.0, np.abs(stated) - 2.0 * constant * way.weights)
+            ends = owners[way.bodies]
+            others = np.where(ends[:, 0] == robot, ends[:, 1], ends[:, 0])
+            if not any(_misfits(way.kinds, others, off, robot)):
+                continue
+            erring = [residuals_of(way.variant(n), fit) for n in range(1, VARIANTS)]
+            explained = np.abs(np.array(erring) - stated).sum(axis=0)
+            off = np.maximum(0.0, off - np.where(is_step, 0.0, explained))
+            yield from _misfits(way.kinds, others, off, robot)
+
+
+def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> Iterator[Misfit]:
+    """Yield what is off by too many half widths, of one kind and one other end."""
+    groups, numbers, counts = np.unique(
+        np.stack([kinds, others]), axis=1, return_inverse=True, return_counts=True
+    )
+    numbers = numbers.ravel()
+    most, means = np.zeros(len(counts)), np.sqrt(np.bincount(numbers, off**2) / counts)
+    np.maximum.at(most, numbers, off)
+    for group in np.flatnonzero(
+        (most > GREATEST_OFF) | ((means > MEAN_OFF) & (counts >= FEW))
+    ).tolist():
+        kind, other = groups[:, group].tolist()
+        yield Misfit(kind, robot, other, float(means[group]), float(most[group]))
+
+
+def _of_readings(terms: Terms, fit: Fit) -> FloatArray:
+    """Return by how many half widths ranges and rays are off a fit; zero for steps."""
+    return np.where(np.isin(terms.kinds, (RANGE, RAY)), residuals_of(terms, fit), 0.0)
 
 
 def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -> Past | None:
@@ -160,6 +225,7 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
             Terms.joined([*_packed(*_by_errors(way, table, ends_of_all)), own_steps])
             for way, own_steps in zip(known, steps, strict=True)
         ),
+        tuple(way.constants() for way in known),
     )
 
 

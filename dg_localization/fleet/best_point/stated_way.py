@@ -100,6 +100,13 @@ class StatedWay:
         ((error_m,), (error_rad,)) = self._errors(times_s)
         return seen_from(then, now), float(error_m), float(error_rad)
 
+    def constants(self) -> tuple[float, float]:
+        """Return how far odometry is off at one time, its way to there apart, in m and in rad."""
+        speed_m_s, rate_rad_s = (limit if self._error.latency_s else 0.0 for limit in self._limits)
+        late_s = self._error.latency_s
+        constant_m = self._error.constant_m + late_s * speed_m_s
+        return constant_m, self._error.constant_rad + late_s * rate_rad_s
+
     def _errors(self, times_s: FloatArray) -> FloatArray:
         """Return the errors of the ways between falling times, in m and in rad, shape (2, m)."""
         error = self._error

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
-from dg_localization.fleet.best_point.past import past_of
+from dg_localization.fleet.best_point.past import Misfit, past_of
 from dg_localization.fleet.best_point.terms import (
     AT_ORIGIN,
     PLACE,
     RANGE,
     RAY,
+    STEP,
+    TURN,
     Term,
     Terms,
 )
@@ -114,7 +116,20 @@ def fit_with_past(
         proved=best.proved,
         covariances=covariances[:n_robots],
         fitted_yaws_rad=fitted_yaws_rad[:n_robots],
+        misfits=tuple(sorted(_sentence(solved, one) for one in best.misfits)),
     )
+
+
+def _sentence(solved: Constraints, misfit: Misfit) -> str:
+    """Return what does not fit, and by how much."""
+    robot, other = solved.points[misfit.robot], solved.points[misfit.other]
+    what = {
+        RANGE: f'ranges {robot} - {other}',
+        RAY: f'bearings {robot} - {other}',
+        STEP: f'ways of the odometry of {robot}',
+        TURN: f'turns of the odometry of {robot}',
+    }[misfit.kind]
+    return f'{what} ({misfit.rms:.1f} half widths off, at most {misfit.most:.1f})'
 
 
 def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray, FloatArray]:

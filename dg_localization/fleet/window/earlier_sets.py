@@ -134,7 +134,9 @@ class EarlierSets:
         if step.is_due(known[0]):
             younger = [found for one in known[1:] if (found := step.taken(one)) is not None]
             if not younger and known[0].lived_s > 0.5 * memory_s:
-                younger += step.started(snapshot.stamp_s - START * memory_s)
+                # Where answers are rare, by all readings since the last one.
+                after_s = min(snapshot.stamp_s - START * memory_s, self._before[pair][0].stamp_s)
+                younger += step.started(after_s)
             known = [oldest, *younger]
         self._sets[pair] = tuple(known)
         return oldest.cover, oldest.fixed
