@@ -43,4 +43,5 @@ def test_every_mutation_is_of_text_that_occurs_once():
     for mutation in MUTATIONS:
         assert (REPOSITORY / mutation.path).read_text().count(mutation.old) == 1, mutation.name
         for test in mutation.tests:
-            assert (REPOSITORY / test.partition('::')[0]).exists(), mutation.name
+            path, _, name = test.partition('::')
+            assert f'def {name.partition("[")[0]}' in (REPOSITORY / path).read_text(), test

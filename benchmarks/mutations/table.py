@@ -353,7 +353,7 @@ SEARCHING = [
     *_in(
         'solver/place',
         'existence',
-        ('test/solver/test_stopped_early.py::test_a_proof_in_steps_looks_at_every_equation',),
+        ('test/solver/test_existence.py::test_every_equation_of_a_proof_counts',),
         (
             'of the equations of a proof only the first ones are looked at',
             'for first in range(0, n_pairs, at_once):',

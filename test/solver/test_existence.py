@@ -10,7 +10,8 @@ import pytest
 from solver_cases import bounds, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, solve
-from dg_localization.solver.place.existence import NEARNESS, settled
+from dg_localization.interval.arrays import Interval
+from dg_localization.solver.place.existence import NEARNESS, _contraction, settled
 
 TRIANGLE = dict.fromkeys(combinations(range(3), 2), (1.0, 1.0))
 SKETCH = np.array([[0.0, 0.0], [1.1, 0.0], [0.4, 0.8]])
@@ -67,3 +68,15 @@ def test_chiralities_and_sides_are_part_of_the_proof():
         constraint = SideConstraint((0, 1), 2, 3, side)
         problem = Problem(*bounds(4, ranges), 2, sides=[constraint])
         assert settled(problem, positions)[1] == (side is not Side.SAME)
+
+
+def test_every_equation_of_a_proof_counts():
+    """Many equations are looked at in parts; the last one has the largest norm here."""
+    rng, n_points = np.random.default_rng(0), 300
+    pairs = np.argwhere(np.tri(n_points, k=-1))[: 2 * n_points - 3]
+    slopes, inverse = rng.normal(size=(len(pairs), 2)), rng.normal(size=(n_points, 2, len(pairs)))
+    slopes[-1] *= 100.0
+    relative = inverse[pairs[:, 0]] - inverse[pairs[:, 1]]
+    off = np.einsum('ma,mak->mk', slopes, relative) - np.eye(len(pairs))
+    norm = _contraction(Interval.point(slopes), Interval.point(inverse), pairs)
+    assert np.abs(off[-1]).sum() * (1.0 - 1e-9) <= norm
