@@ -14,13 +14,13 @@ on every run: no limit depends on a clock of the machine. `solver.max_seconds`,
 import argparse
 from collections.abc import Sequence
 from contextlib import closing
-from html import escape
+import os
 from pathlib import Path
 import time
-from typing import Any
 
-from dg_localization.fleet import FleetConfig, solver_warnings, warm_up
+from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
+from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     Task,
@@ -28,10 +28,10 @@ from dg_localization.ros.bags.offline import (
     read_task,
     timeline,
 )
+from dg_localization.ros.bags.page import as_page
 from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, check_can_draw
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import (
-    Table,
     Tally,
     Tree,
     as_json,
@@ -47,10 +47,12 @@ from dg_localization.ros.executables import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
     StopRequest,
+    UsageError,
     add_fleet,
     add_span,
     make_progress,
     new_path,
+    number,
     path_ending_in,
     print_line,
     print_result,
@@ -60,15 +62,6 @@ from dg_localization.ros.spinning import own_arguments
 
 PAGE = '.html'
 """The ending of a report with pictures."""
-
-STYLE = """
-body { font: 15px/1.5 sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; margin: 1rem 0; }
-th, td { border: 1px solid #ccc; padding: .25rem .6rem; text-align: left; vertical-align: top; }
-th { background: #f3f3f3; }
-svg { max-width: 100%; height: auto; }
-.verdict { font-size: 1.2rem; background: #eef4fa; padding: .8rem 1rem; }
-""".strip()
 
 
 class InterruptedRun(Exception):
@@ -198,25 +191,31 @@ def make_parser() -> argparse.ArgumentParser:
         'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
     )
     add = parser.add_argument
-    add('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    add('bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file')
     add('-o', '--output', type=new_path, required=True, metavar='OUT', help='folder to make')
     add_fleet(parser)
     add_span(parser)
-    report = path_ending_in(('.json', '.md', PAGE))
-    add('--report', type=report, metavar='FILE', help='.json, .md or .html')
+    report = path_ending_in((*MANY_REPORTS, PAGE))
+    add('--report', type=report, metavar='FILE', help='.json, .md or, of one bag, .html')
     picture = path_ending_in(PICTURES)
     add('--plot', type=picture, metavar='FILE', help='draw the answers: .png, .svg or .pdf')
+    at_once, cores = number(1.0, ''), os.cpu_count() or 1
+    add('--jobs', type=at_once, default=cores, metavar='N', help='bags at a time (%(default)s)')
     return parser
 
 
-def _localize(options: argparse.Namespace, task: Task) -> int:
+def _get_solver_ready() -> None:
+    """Load the kernels, or compile them in sight: that takes minutes, and a signal ends it."""
+    warm_up(print_line)
+    for warning in solver_warnings():
+        print_line(warning)
+
+
+def _localize_one(options: argparse.Namespace, task: Task) -> int:
     """Localize a bag, print and write what came of it; return the exit code."""
     with open_bag(options.bag) as bag:
         run = BagRun(options, task, bag)
-        # Where kernels are compiled that takes minutes, in sight, and a signal ends it.
-        warm_up(print_line)
-        for warning in solver_warnings():
-            print_line(warning)
+        _get_solver_ready()
         with stop_request() as stop:
             began_s = time.perf_counter()
             tree = run.localize(stop)
@@ -232,87 +231,21 @@ def _localize(options: argparse.Namespace, task: Task) -> int:
 
 
 def main(args: Sequence[str]) -> int:
-    """Localize a bag until its end or a signal; return the exit code."""
+    """Localize a bag, or several, until their end or a signal; return the exit code."""
     options = make_parser().parse_args(own_arguments(args))
     task = read_task(options.params, args)
-    if options.plot is not None or (options.report and options.report.suffix == PAGE):
+    wants_page = options.report is not None and options.report.suffix == PAGE
+    if options.plot is not None or wants_page:
         check_can_draw()
+    if len(options.bags) > 1 and wants_page:
+        raise UsageError('--report: of several bags it is .json or .md')
     try:
-        return _localize(options, task)
+        if len(options.bags) > 1:
+            _get_solver_ready()
+            return localize_many(options, args)
+        options.bag = options.bags[0]
+        return _localize_one(options, task)
     except (InterruptedRun, KeyboardInterrupt):
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')
         return EXIT_INTERRUPTED
-
-
-def as_page(tree: Tree, fleet: FleetConfig, picture: str) -> str:
-    """Return a report as HTML with its picture, an SVG: it needs no network and no other file."""
-    heard = [
-        (
-            row['input'],
-            ', '.join(row['topics']),
-            row['accepted'],
-            sum(row['rejected'].values()),
-            row['last_rejection'],
-        )
-        for row in tree['inputs']
-    ]
-    default = vars(FleetConfig(fleet.robots))
-    settings = [
-        (name, value)
-        for name, value in vars(fleet).items()
-        if name == 'robots' or value != default.get(name)
-    ]
-    title = escape(tree['bag'])
-    body = [
-        f'<p class="verdict">{escape(verdict(tree))}</p>',
-        picture[picture.index('<svg') :],
-        *map(_html, parts(tree)),
-        '<h2>What was heard</h2>',
-        _html(Table(('input', 'topics', 'accepted', 'rejected', 'last rejected because'), heard)),
-        '<h2>Configuration</h2>',
-        _html(Table(('setting', 'value'), settings)),
-    ]
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>\n'
-        f'<style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n'
-        + '\n'.join(filter(None, body))
-        + '\n</body></html>\n'
-    )
-
-
-def verdict(tree: Tree) -> str:
-    """Return two sentences on the whole bag."""
-    widths_m = tree['median_enclosure_width_m'].values()
-    if tree['ticks_by_hypotheses'].keys() <= {'0'}:
-        width = 'no placement was found'
-    elif None in widths_m:
-        width = 'not all robots are bounded'
-    else:
-        width = f'in the median the widest robot is known to {max(widths_m):.2f} m'
-    single = tree['ticks_by_hypotheses'].get('1', 0)
-    first = f'Of {tree["ticks"]} answers {single} have one hypothesis, and {width}.'
-    bad = sum(run['ticks'] for run in tree['contradictions'])
-    second = 'No measurements contradict each other'
-    if bad:
-        second = f'Measurements contradict each other in {bad} answers'
-    truth = tree['truth']
-    if truth and truth['compared']:
-        held = f'{truth["held"]} of {truth["compared"]}'
-        second += f', and the truth is inside in {held} answers compared'
-    damaged = 'The bag is damaged. ' if tree['damage'] else ''
-    return f'{first} {damaged}{second}.'
-
-
-def _html(part: str | Table) -> str:
-    """Return a paragraph or a table."""
-    if isinstance(part, str):
-        return f'<p>{escape(part)}</p>' if part else ''
-    if not part.rows:
-        return ''
-    rows = [_row('th', part.columns), *(_row('td', row) for row in part.rows)]
-    return f'<table>{"".join(rows)}</table>'
-
-
-def _row(tag: str, cells: Sequence[Any]) -> str:
-    return f'<tr>{"".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells)}</tr>'

@@ -1,0 +1,124 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The executable `localize_bag` with several bags: each as alone, and one report on all."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+
+from small_bags import PARAMETERS, Recorder, counts, write_table  # noqa: E402
+
+from dg_localization.ros.executables import localize_bag  # noqa: E402
+
+
+@pytest.fixture
+def bags(tmp_path):
+    """Write two bags of a triangle, of 11 and 21 steps."""
+    recorders = [Recorder(tmp_path / name) for name in ('first', 'second')]
+    for recorder, steps in zip(recorders, (11, 21), strict=True):
+        recorder.write_triangle(range(steps))
+    return [recorder.close() for recorder in recorders]
+
+
+@pytest.fixture
+def localize_all(tmp_path):
+    """Localize bags; return the exit code and the text of the merged report."""
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+
+    def run(*arguments, output='out', report='all.json'):
+        paths = ('-o', tmp_path / output, '--report', tmp_path / report, '--params', params)
+        code = localize_bag([str(one) for one in (*paths, *arguments)])
+        path = tmp_path / report
+        return code, path.read_text() if path.exists() else None
+
+    return run
+
+
+def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize_all, tmp_path):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
+    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
+    truth, plot = ('--truth', table), ('--plot', tmp_path / 'picture.png')
+    # ROS arguments reach every process.
+    ros_arguments = ('--ros-args', '-p', 'rate:=4.0')
+    code, text = localize_all(*bags, '--jobs', '1', *truth, *plot, *ros_arguments)
+    outcomes = json.loads(text)['bags']
+    assert code == 0 and [bag['name'] for bag in outcomes] == ['first', 'second']
+    for bag, outcome in zip(bags, outcomes, strict=True):
+        report = outcome['report']
+        assert report['truth']['held'] == report['truth']['compared'] == report['ticks'] > 0
+        assert report['rate_hz'] == 4.0
+        assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
+    alone = {'output': 'alone', 'report': 'alone.json'}
+    code, text = localize_all(bags[0], *truth, *ros_arguments, **alone)
+    assert code == 0 and json.loads(text) == outcomes[0]['report']
+    assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
+
+
+def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
+    """A terminal sends its signal to all processes of the group."""
+    bags = []
+    for name in ('first', 'second'):
+        recorder = Recorder(tmp_path / name)
+        recorder.write_triangle(range(400))
+        bags.append(recorder.close())
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': {**PARAMETERS, 'rate': 100.0}}}))
+    command = [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *bags]
+    command += ['-o', tmp_path / 'out', '--params', params, '--jobs', '2']
+    process = subprocess.Popen(
+        [*map(str, command)], stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    answers = [tmp_path / 'out' / bag.name / 'answers' for bag in bags]
+    deadline_s = time.monotonic() + 120.0
+    while not all(any(path.glob('*.mcap')) for path in answers):
+        assert process.poll() is None and time.monotonic() < deadline_s
+        time.sleep(0.02)
+    # One that is told to stop by the terminal and by the command would stop in the middle.
+    threads = Path(f'/proc/{process.pid}/task').glob('*/children')
+    started = [int(pid) for thread in threads for pid in thread.read_text().split()]
+    assert len(started) == 2
+    assert all(os.getpgid(pid) != process.pid for pid in started)
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(timeout=60.0) == 130
+    for path in answers:
+        assert not path.exists() or (path / 'metadata.yaml').exists()
+
+
+def test_a_bag_that_fails_leaves_the_others_theirs(localize_all, tmp_path):
+    recorder = Recorder(tmp_path / 'first')
+    recorder.write_triangle(range(11), {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0})
+    (tmp_path / 'broken.mcap').write_bytes(b'no bag')
+    code, text = localize_all(recorder.close(), tmp_path / 'broken.mcap', report='all.md')
+    assert code == 1
+    first, broken = text.splitlines()[-2:]
+    assert first.startswith('| first ') and '| at its end ' in first and '| no placement' in first
+    assert broken.startswith('| broken ') and 'broken.mcap' in broken
+
+
+def test_two_bags_of_one_name_are_refused(bags, localize_all, tmp_path, capsys):
+    code, text = localize_all(bags[0], bags[0])
+    assert code == 2 and text is None and not (tmp_path / 'out').exists()
+    assert "two bags are called 'first'" in capsys.readouterr().err
+
+
+def test_one_process_and_four_give_the_same_bytes(bags, localize_all, tmp_path):
+    found = []
+    for jobs in ('1', '4'):
+        assert localize_all(*bags, '--jobs', jobs, output=f'out_{jobs}')[0] == 0
+        folder = tmp_path / f'out_{jobs}'
+        files = sorted(path for path in folder.rglob('*') if path.is_file())
+        found.append({path.relative_to(folder): path.read_bytes() for path in files})
+    assert len(found[0]) >= 6 and found[0] == found[1]
