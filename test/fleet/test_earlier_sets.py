@@ -41,8 +41,8 @@ def restarted(place, yaw):
     return (c * x - s * y + 90.0, s * x + c * y - 40.0, z), yaw + 2.0
 
 
-def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf):
-    """Yield times and estimates of a robot that ranges anchors while `ranged` is true."""
+def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf, seen=()):
+    """Yield times and estimates of a robot that ranges anchors, and sees some, while `ranged`."""
     config = FleetConfig(
         ('r',),
         anchors={name: Anchor(place) for name, place in ANCHORS.items()},
@@ -66,6 +66,10 @@ def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf):
             for name, anchor in ANCHORS.items():
                 far_m = float(np.linalg.norm(pose(time_s)[0] - anchor))
                 localizer.add_range('r', name, far_m, now_s, now_s)
+            for name in seen:
+                x, y = ANCHORS[name] - pose(time_s)[0]
+                c, s = math.cos(pose(time_s)[1]), math.sin(pose(time_s)[1])
+                localizer.add_bearing('r', name, (c * x + s * y, c * y - s * x, 0.0), now_s, now_s)
         if step % round(tick_s / 0.2) == 0:
             yield time_s, localizer.step(now_s)
 
@@ -98,6 +102,16 @@ def test_the_likely_point_is_carried_through_a_gap(restart_s):
         assert off_m < (0.2 if restart_s == math.inf else 0.6), time_s
         deviation_m = math.sqrt(np.linalg.eigvalsh(placement.covariances[0][:2, :2])[-1])
         assert off_m < 3.0 * deviation_m
+
+
+def test_what_is_measured_now_counts_without_memory():
+    """Nothing is carried on where a window remembers nothing: deviations do not grow."""
+    deviations_m = []
+    for time_s, estimate in drive(0.0, lambda t: True, 20.0, seen='ab'):
+        (placement,) = estimate.placements
+        assert np.linalg.norm(placement.positions_m[0] - pose(time_s)[0]) < 0.1
+        deviations_m.append(math.sqrt(placement.covariances[0, 0, 0]))
+    assert max(deviations_m[1:]) < 1.5 * min(deviations_m[1:])
 
 
 def test_after_a_gap_new_ranges_narrow_what_was_carried():

@@ -84,10 +84,11 @@ def carried_on(
         return placement, poses
     covariances, yaws_rad = covariances.copy(), yaws_rad.copy()
     measured_s = _newest_observations_s(snapshot)
+    measured_now = {snapshot.config.robot_of(end) for key in snapshot.keys for end in key.ends}
     for row, robot in enumerate(snapshot.config.robots):
         newest_s, known = measured_s.get(robot, -math.inf), before.get(robot)
         carried = None
-        if known is not None and newest_s <= known.measured_s:
+        if known is not None and robot not in measured_now and newest_s <= known.measured_s:
             carried = known.carried(snapshot, robot)
         among = np.ix_([row], AXES, AXES)
         if carried is not None:

@@ -98,7 +98,9 @@ class StatedWay:
         times_s = np.array([self._now_s, self._oldest_s])
         now, then = self._poses(times_s, 1)[0]
         ((error_m,), (error_rad,)) = self._errors(times_s)
-        return seen_from(then, now), float(error_m), float(error_rad)
+        # Both ends may be late, by different times.
+        off_m, off_rad = self.constants()
+        return seen_from(then, now), float(error_m + 2.0 * off_m), float(error_rad + 2.0 * off_rad)
 
     def constants(self) -> tuple[float, float]:
         """Return how far odometry is off at one time, its way to there apart, in m and in rad."""
