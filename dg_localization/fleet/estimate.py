@@ -301,3 +301,8 @@ class Estimate:
         if self.previous_frame is None:
             return ''
         return f'the frame has changed: {self.previous_frame} before, {self.frame} now'
+
+    @property
+    def misfits(self) -> tuple[str, ...]:
+        """What is farther off the best points than its bounds allow, as short sentences."""
+        return tuple(dict.fromkeys(one for place in self.placements for one in place.misfits))

@@ -109,9 +109,8 @@ def estimate_snapshot(
         found_now = _with_likely_poses(snapshot, found_now, plans, earlier)
     estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
-    misfits = [one for placement in estimate.placements for one in placement.misfits]
-    if misfits:
-        doubts.append(f'bounds look too narrow: {", ".join(dict.fromkeys(misfits))}')
+    if estimate.misfits:
+        doubts.append(f'bounds look too narrow: {", ".join(estimate.misfits)}')
     estimate = replace(
         estimate,
         reason='; '.join([estimate.reason, *dict.fromkeys(narrowed.ruled_out), *doubts]),
@@ -130,7 +129,7 @@ def estimate_snapshot(
 def _with_likely_poses(
     snapshot: Snapshot, found: Answer, plans: Plans, earlier: EarlierSets
 ) -> Answer:
-    """Return an answer with one placement among anchors in the plane carried on, and keep it."""
+    """Return an answer with the likely poses of its robots, and keep these for the next one."""
     kept, earlier.likely = earlier.likely, {}
     by_anchors = plans.main is not None and plans.main.frame.kind is FrameKind.ANCHORS
     if not by_anchors or snapshot.config.dimension != 2 or len(found.placements) != 1:
@@ -361,11 +360,11 @@ def _corrected(
         found = _with_answers(snapshot, constraints, observed, explanation, cancel)
         if not found.answers:
             return found
-        answer_of = dict(zip(explanation.corrections, found.answers, strict=True))
+        answers = dict(zip(explanation.corrections, found.answers, strict=True))
         # That nothing is wrong was refuted before, perhaps with more time than now.
-        wrong = {d for d, a in answer_of.items() if a.verdict is Verdict.INFEASIBLE or not d}
-        smaller = {d for d in answer_of if len(d) < explanation.searched}
-        doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answer_of[d])}
+        wrong = {d for d, a in answers.items() if a.verdict is Verdict.INFEASIBLE or not d}
+        smaller = {d for d in answers if len(d) < explanation.searched}
+        doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answers[d])}
         if smaller & wrong <= refuted and doubtful <= unsure:
             return found.without(wrong)
         refuted |= smaller & wrong

@@ -54,7 +54,7 @@ class OdometryErrorModel:
         Where stamps are farther apart, messages are taken to be lost, and the robot may have gone
         and turned meanwhile as far as its limits let it. Infinity: they never are.
     restart_gap_s : float
-        Where stamps are farther apart, the odometry counts as started anew: nothing is known of
+        Where stamps are farther apart, the odometry counts as started anew, and says nothing of
         the motion in between. Infinity: only what shows a restart is one.
     translation_scale : float
         True ways are this times the reported ones, up to the errors. These count per m of the

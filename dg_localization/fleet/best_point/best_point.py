@@ -161,7 +161,8 @@ class BestPointFinder:
             terms = past.terms
             bodies = self._with_past(past, bodies, yaws_rad)
             fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
-            spread, misfits = past.spread(fit), tuple(past.misfits(fit))
+            residuals = past.residuals(fit)
+            spread, misfits = past.spread(fit, residuals), tuple(past.misfits(fit, residuals))
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)

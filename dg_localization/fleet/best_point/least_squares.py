@@ -33,9 +33,7 @@ MOST_DAMPING = 1e6
 LEAST_GAIN = 1e-6
 """A step that lowers the cost by less than this fraction, or by less than this, is the last."""
 
-VECTOR_PRODUCT = np.array(
-    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0.0]]
-)
+VECTOR_PRODUCT = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 """A vector times this is the matrix of its vector product, row by row."""
 
 

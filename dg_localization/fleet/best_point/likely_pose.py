@@ -74,9 +74,10 @@ def carried_on(
     snapshot: Snapshot, placement: Placement, before: Mapping[str, LikelyPose]
 ) -> tuple[Placement, dict[str, LikelyPose]]:
     """
-    Return a placement among anchors with the likely poses of robots that nothing was measured of.
+    Return a placement among anchors, and the likely poses of its robots.
 
-    And the likely poses of now, of those that have one.
+    A robot that has not been measured since its last fit gets the pose of that fit, carried to
+    now by its odometry.
     """
     positions_m, covariances = placement.positions_m.copy(), placement.covariances
     yaws_rad, poses = placement.fitted_yaws_rad, dict[str, LikelyPose]()

@@ -107,18 +107,23 @@ class Past:
     ways: tuple[Terms, ...]
     constants: tuple[tuple[float, float], ...]
 
-    def spread(self, fit: Fit) -> FloatArray:
+    def residuals(self, fit: Fit) -> list[FloatArray]:
+        """Return by how many half widths the terms of each robot are off a fit, as stated."""
+        return [residuals_of(way.variant(0), fit) for way in self.ways]
+
+    def spread(self, fit: Fit, residuals: Sequence[FloatArray]) -> FloatArray:
         """
         Return the products of the gradients that errors of the terms make at a robust fit.
 
         Errors of readings are independent of each other, but for those of one target in a while.
         What odometry does wrong it may do all along, so that its gradients add up first.
+        `residuals` are those of each robot.
         """
-        residuals = _of_readings(self.terms, fit)
-        shares = np.sqrt(self.terms.common_errors(residuals)) / np.hypot(1.0, residuals)
+        of_readings = _of_readings(self.terms, residuals_of(self.terms, fit))
+        shares = np.sqrt(self.terms.common_errors(of_readings)) / np.hypot(1.0, of_readings)
         spread, _ = equations_at(self.terms._replace(weights=shares * self.terms.weights), fit)
-        for way in self.ways:
-            weights = way.weights / np.hypot(1.0, _of_readings(way.variant(0), fit))
+        for way, stated in zip(self.ways, residuals, strict=True):
+            weights = way.weights / np.hypot(1.0, _of_readings(way, stated))
             weighted = way._replace(weights=weights)
             balance, *pulls = (
                 equations_at(weighted.variant(number), fit)[1] for number in range(VARIANTS)
@@ -127,20 +132,20 @@ class Past:
                 spread += np.outer(pull - balance, pull - balance)
         return spread
 
-    def misfits(self, fit: Fit) -> Iterator[Misfit]:
+    def misfits(self, fit: Fit, residuals: Sequence[FloatArray]) -> Iterator[Misfit]:
         """
-        Yield what is farther off a robust fit than its bounds let it be, by robot and other end.
+        Yield the readings and steps that are farther off a robust fit than their bounds allow.
 
-        What errors of the odometry explain of it does not count: they move where a reading was
-        made, seen from the nearest body of the fit.
+        Errors of the odometry move the place of a reading, seen from the nearest body of the fit.
+        The part of a residual that they explain does not count. `residuals` are those of each
+        robot.
         """
         n_points = len(fit.columns) - len(self.rows)
         owners = np.append(np.arange(n_points), self.rows)
         robots = dict.fromkeys(self.rows.tolist())
-        for way, robot, (constant_m, constant_rad) in zip(
-            self.ways, robots, self.constants, strict=True
+        for way, robot, stated, (constant_m, constant_rad) in zip(
+            self.ways, robots, residuals, self.constants, strict=True
         ):
-            stated = residuals_of(way.variant(0), fit)
             is_step = np.isin(way.kinds, (STEP, TURN))
             in_m = np.isin(way.kinds, (RANGE, STEP))
             constant = np.where(in_m, constant_m, constant_rad + constant_m * ~is_step)
@@ -156,7 +161,7 @@ class Past:
 
 
 def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> Iterator[Misfit]:
-    """Yield what is off by too many half widths, of one kind and one other end."""
+    """Yield the groups of one kind and one other end that are off by too many half widths."""
     groups, numbers, counts = np.unique(
         np.stack([kinds, others]), axis=1, return_inverse=True, return_counts=True
     )
@@ -170,9 +175,9 @@ def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> 
         yield Misfit(kind, robot, other, float(means[group]), float(most[group]))
 
 
-def _of_readings(terms: Terms, fit: Fit) -> FloatArray:
-    """Return by how many half widths ranges and rays are off a fit; zero for steps."""
-    return np.where(np.isin(terms.kinds, (RANGE, RAY)), residuals_of(terms, fit), 0.0)
+def _of_readings(terms: Terms, residuals: FloatArray) -> FloatArray:
+    """Return the residuals of ranges and rays, zero for other terms."""
+    return np.where(np.isin(terms.kinds, (RANGE, RAY)), residuals, 0.0)
 
 
 def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -> Past | None:

@@ -238,7 +238,7 @@ class _Step:
         return self._now(known.since_s, cover, fixed, lived_s)
 
     def _measured_seconds(self, after_s: float) -> float:
-        """Return for how long observations came since a time, gaps without any left out."""
+        """Return the time since `after_s`, without gaps in which no observation came."""
         is_new = self.stamps_s > after_s
         before_s = float(self.stamps_s[~is_new].max(initial=-math.inf))
         begins_s = float(self.stamps_s[is_new].min(initial=self._now_s))

@@ -133,9 +133,8 @@ def _not_settled(estimate: Estimate) -> Iterator[str]:
         yield 'out of budget: the hypotheses hold every placement, but may be too many or too wide'
     for forgotten in estimate.forgotten:
         yield f'forgotten: {forgotten.text}'
-    misfits = dict.fromkeys(one for placement in estimate.placements for one in placement.misfits)
-    if misfits:
-        yield f'bounds look too narrow: {listed([*misfits], LISTED)}'
+    if estimate.misfits:
+        yield f'bounds look too narrow: {listed([*estimate.misfits], LISTED)}'
 
 
 def _of_frame(estimate: Estimate) -> Iterator[str]:
