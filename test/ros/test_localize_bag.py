@@ -7,7 +7,6 @@ import json
 import math
 import os
 from pathlib import Path
-import re
 import signal
 import subprocess
 import sys
@@ -389,23 +388,6 @@ def test_a_bag_is_drawn(localize, triangle_bag, tmp_path, capsys):
     code, report = localize(triangle_bag, '--plot', path)
     assert code == 1 and report['ticks'] == 10
     assert 'picture.png cannot be written' in capsys.readouterr().err
-
-
-def test_a_report_is_one_page(triangle_bag, tmp_path):
-    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
-    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
-    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
-    params, page = tmp_path / 'params.yaml', tmp_path / 'answers.html'
-    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
-    arguments = [triangle_bag, '-o', tmp_path / 'out', '--params', params, '--report', page]
-    assert localize_bag([str(one) for one in (*arguments, '--truth', table)]) == 0
-    text = page.read_text()
-    assert 'Of 10 answers 0 have one hypothesis' in text
-    assert 'the truth is inside in 10 of 10 answers compared.' in text
-    assert text.count('<svg') == 1 and '<td>range a-&gt;b</td>' in text
-    # Nothing is loaded from elsewhere.
-    assert not re.search(r'(src|href)="(?!#)', text.replace('xlink:href="#', ''))
-    assert [tag for tag in ('<script', '<link', '@import') if tag in text] == []
 
 
 @pytest.mark.parametrize('stdout', ['pipe', '/dev/full'])

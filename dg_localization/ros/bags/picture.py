@@ -139,9 +139,10 @@ class AnswerPicture:
         self.figure().savefig(path, dpi=100)
 
     def as_svg(self) -> str:
-        """Return the picture as an SVG."""
+        """Return the picture as an SVG, without the address of its maker and the date."""
         text = StringIO()
-        self.figure().savefig(text, format='svg')
+        nothing = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
+        self.figure().savefig(text, format='svg', metadata=nothing)
         return text.getvalue()
 
     def figure(self) -> Any:
@@ -183,7 +184,7 @@ class AnswerPicture:
                     *np.concatenate([np.empty((0, 2)), *points]).T,
                     mark,
                     color=_color(row),
-                    markersize=3,
+                    markersize=4,
                     zorder=3,
                     label=None if is_mirror else robot,
                 )
@@ -200,7 +201,9 @@ class AnswerPicture:
         if mirrored_s:
             title += f'; mirror images from {mirrored_s[0]:.1f} to {mirrored_s[-1]:.1f} s'
         # Names beside the map: on it they would cover the paths.
-        panel.legend(loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=4, frameon=False)
+        panel.legend(
+            loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=4, frameon=False, markerscale=2.0
+        )
         panel.set_title(title, fontsize=10, wrap=True, parse_math=False)
 
     def _draw_panel(self, panel: Any, row: int, column: int) -> None:
