@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from msg_adapters.headers import (
     header_to_message,
+    message_class,
     stamp_from_message,
     xyz_from_message,
 )
-from msg_adapters.identified import IdentifiedReading, new_message
+from msg_adapters.identified import IdentifiedReading
 from msg_adapters.registry import Adapter, register
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -156,10 +157,10 @@ def apriltags_from_message(message: Any) -> PixelReading:
 
 def apriltags_to_message(reading: PixelReading) -> Any:
     """Write an `apriltag_msgs/AprilTagDetectionArray` of the centers alone."""
-    message = new_message(APRILTAGS)
+    message = message_class(APRILTAGS)()
     message.header = header_to_message(reading.stamp_s, reading.frame_id)
     for target_id, (x, y) in zip(reading.target_ids, reading.pixels_xy.tolist(), strict=True):
-        tag = new_message('apriltag_msgs/msg/AprilTagDetection')
+        tag = message_class('apriltag_msgs/msg/AprilTagDetection')()
         tag.family, _, number = target_id.partition(':')
         tag.id = int(number)
         tag.centre.x, tag.centre.y = x, y
@@ -185,13 +186,13 @@ def _detections(
     type_name: str, reading: PixelReading | IdentifiedReading, centers: NDArray[np.float64]
 ) -> Any:
     """Write an array of boxes without size, shape (k, 2) or (k, 3)."""
-    message = new_message(type_name)
+    message = message_class(type_name)()
     message.header = header_to_message(reading.stamp_s, reading.frame_id)
     for target_id, center in zip(reading.target_ids, centers.tolist(), strict=True):
-        detection = new_message(type_name.removesuffix('Array'))
+        detection = message_class(type_name.removesuffix('Array'))()
         for axis, coordinate in zip('xyz', center, strict=False):
             setattr(detection.bbox.center.position, axis, coordinate)
-        result = new_message('vision_msgs/msg/ObjectHypothesisWithPose')
+        result = message_class('vision_msgs/msg/ObjectHypothesisWithPose')()
         result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
         detection.results.append(result)
         message.detections.append(detection)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from msg_adapters.headers import CdrWriter, message_from_cdr, stamp_from_message, write_header
+from msg_adapters.headers import CdrWriter, decoded, stamp_from_message
 from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -76,15 +76,10 @@ def diagnostics_from_message(message: Any) -> Diagnostics:
     )
 
 
-def diagnostics_to_message(diagnostics: Diagnostics) -> Any:
-    """Write a `diagnostic_msgs/DiagnosticArray`."""
-    return message_from_cdr(TYPE_NAME, diagnostics_to_cdr(diagnostics))
-
-
 def diagnostics_to_cdr(diagnostics: Diagnostics) -> bytes:
     """Write a serialized `diagnostic_msgs/DiagnosticArray`."""
     writer = CdrWriter()
-    write_header(writer, diagnostics.stamp_s, '')
+    writer.header(diagnostics.stamp_s, '')
     writer.uint32(len(diagnostics.statuses))
     for status in diagnostics.statuses:
         writer.uint8(status.level)
@@ -108,4 +103,5 @@ def _status_from_message(status: Any) -> Status:
     )
 
 
+diagnostics_to_message = decoded(TYPE_NAME, diagnostics_to_cdr)
 register(Adapter(TYPE_NAME, Diagnostics, diagnostics_from_message, diagnostics_to_message))

@@ -10,6 +10,7 @@ is that of all ROS 2 middlewares (OMG CDR, little endian), with padding of zeros
 give equal bytes.
 """
 
+from collections.abc import Callable
 from importlib import import_module
 import struct
 from typing import Any
@@ -31,6 +32,17 @@ class CdrWriter:
     def to_bytes(self) -> bytes:
         """Return what was written."""
         return bytes(self._data)
+
+    def header(self, stamp_s: float, frame_id: str) -> None:
+        """Write a `std_msgs/Header`; raise ValueError if its stamp (s) is not finite."""
+        self.time('stamp', stamp_s)
+        self.string(frame_id)
+
+    def time(self, name: str, time_s: float) -> None:
+        """Write a `builtin_interfaces/Time` or `Duration`; `name` is for the error."""
+        sec, nanosec = split_time(name, time_s)
+        self.int32(sec)
+        self.uint32(nanosec)
 
     def _align(self, size: int) -> None:
         self._data += bytes((len(ENCAPSULATION) - len(self._data)) % size)
@@ -70,12 +82,21 @@ class CdrWriter:
             self._data += values.tobytes()
 
 
-def message_from_cdr(type_name: str, data: bytes) -> Any:
-    """Return the message of a type such as 'geometry_msgs/msg/PoseArray' that the bytes hold."""
-    from rclpy.serialization import deserialize_message
-
+def message_class(type_name: str) -> Any:
+    """Import the class of a type such as 'geometry_msgs/msg/PoseArray'."""
     package, kind, name = type_name.split('/')
-    return deserialize_message(data, getattr(import_module(f'{package}.{kind}'), name))
+    return getattr(import_module(f'{package}.{kind}'), name)
+
+
+def decoded(type_name: str, to_cdr: Callable[[Any], bytes]) -> Callable[[Any], Any]:
+    """Return what makes messages of values, from what makes their bytes."""
+
+    def to_message(value: Any) -> Any:
+        from rclpy.serialization import deserialize_message
+
+        return deserialize_message(to_cdr(value), message_class(type_name))
+
+    return to_message
 
 
 def stamp_from_message(stamp: Any) -> float:
@@ -109,9 +130,16 @@ def stamp_from_message(stamp: Any) -> float:
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
-def stamp_to_message(stamp_s: float) -> Any:
+def split_time(name: str, time_s: float) -> tuple[int, int]:
+    """Return whole seconds and the nanoseconds that remain; `name` is for the error."""
+    if not abs(time_s) < float('inf'):
+        raise ValueError(f'{name} {time_s} s is not finite')
+    return divmod(round(time_s * _NS_PER_S), _NS_PER_S)
+
+
+def header_to_message(stamp_s: float, frame_id: str) -> Any:
     """
-    Return seconds as a `builtin_interfaces/Time`, rounded to the nearest nanosecond.
+    Return a `std_msgs/Header` with a stamp in s, rounded to the nearest nanosecond, and a frame.
 
     Raises
     ------
@@ -120,44 +148,10 @@ def stamp_to_message(stamp_s: float) -> Any:
 
     """
     from builtin_interfaces.msg import Time
-
-    sec, nanosec = _split('stamp', stamp_s)
-    return Time(sec=sec, nanosec=nanosec)
-
-
-def _split(name: str, time_s: float) -> tuple[int, int]:
-    """Return whole seconds and the nanoseconds that remain."""
-    if not abs(time_s) < float('inf'):
-        raise ValueError(f'{name} {time_s} s is not finite')
-    return divmod(round(time_s * _NS_PER_S), _NS_PER_S)
-
-
-def write_header(writer: CdrWriter, stamp_s: float, frame_id: str) -> None:
-    """
-    Write a `std_msgs/Header` with the given stamp (s) and frame.
-
-    Raises
-    ------
-    ValueError
-        If the stamp is not finite.
-
-    """
-    write_time(writer, 'stamp', stamp_s)
-    writer.string(frame_id)
-
-
-def write_time(writer: CdrWriter, name: str, time_s: float) -> None:
-    """Write a `builtin_interfaces/Time` or `Duration`; `name` is for the error."""
-    sec, nanosec = _split(name, time_s)
-    writer.int32(sec)
-    writer.uint32(nanosec)
-
-
-def header_to_message(stamp_s: float, frame_id: str) -> Any:
-    """Return a `std_msgs/Header` with the given stamp (s) and frame."""
     from std_msgs.msg import Header
 
-    return Header(stamp=stamp_to_message(stamp_s), frame_id=frame_id)
+    sec, nanosec = split_time('stamp', stamp_s)
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
 
 def xyz_from_message(message: Any) -> NDArray[np.float64]:
@@ -168,30 +162,3 @@ def xyz_from_message(message: Any) -> NDArray[np.float64]:
 def xyzw_from_message(message: Any) -> NDArray[np.float64]:
     """Return a Quaternion as an array of shape (4,), scalar last, not normalized."""
     return np.array([message.x, message.y, message.z, message.w], dtype=float)
-
-
-def point_to_message(xyz: NDArray[np.float64]) -> Any:
-    """Return an array of shape (3,) as a Point."""
-    from geometry_msgs.msg import Point
-
-    x, y, z = xyz
-    return Point(x=float(x), y=float(y), z=float(z))
-
-
-def vector_to_message(xyz: NDArray[np.float64]) -> Any:
-    """Return an array of shape (3,) as a Vector3."""
-    from geometry_msgs.msg import Vector3
-
-    x, y, z = xyz
-    return Vector3(x=float(x), y=float(y), z=float(z))
-
-
-def pose_to_message(position_xyz: NDArray[np.float64], xyzw: NDArray[np.float64]) -> Any:
-    """Return a position of shape (3,) and a quaternion of shape (4,), scalar last, as a Pose."""
-    from geometry_msgs.msg import Pose, Quaternion
-
-    x, y, z, w = xyzw
-    return Pose(
-        position=point_to_message(position_xyz),
-        orientation=Quaternion(x=float(x), y=float(y), z=float(z), w=float(w)),
-    )

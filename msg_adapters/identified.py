@@ -15,13 +15,12 @@ Their packages are looked up when a message class is asked for.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.headers import header_to_message, message_class, stamp_from_message
 from msg_adapters.registry import Adapter, register
 
 RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
@@ -78,12 +77,6 @@ class IdentifiedReading:
             )
 
 
-def new_message(type_name: str) -> Any:
-    """Return a new message of a type such as 'uwb_ros/msg/RangeStamped'; import its package."""
-    package, kind, name = type_name.split('/')
-    return getattr(import_module(f'{package}.{kind}'), name)()
-
-
 def range_stamped_from_message(message: Any) -> IdentifiedReading:
     """Read a `uwb_ros/RangeStamped`; the ids are the numbers of the radios."""
     return IdentifiedReading(
@@ -97,7 +90,7 @@ def range_stamped_from_message(message: Any) -> IdentifiedReading:
 
 def range_stamped_to_message(reading: IdentifiedReading) -> Any:
     """Write a `uwb_ros/RangeStamped`; raise ValueError if there is not exactly one target."""
-    message = new_message(RANGE_STAMPED)
+    message = message_class(RANGE_STAMPED)()
     message.header = header_to_message(reading.stamp_s, reading.frame_id)
     target_id = _only_target(reading)
     message.from_id, message.to_id = int(reading.observer_id), int(target_id)
@@ -129,7 +122,7 @@ def sensor_uwb_from_message(message: Any) -> IdentifiedReading:
 
 def sensor_uwb_to_message(reading: IdentifiedReading) -> Any:
     """Write a `px4_msgs/SensorUwb`; raise ValueError if there is not exactly one target."""
-    message = new_message(SENSOR_UWB)
+    message = message_class(SENSOR_UWB)()
     message.timestamp = round(1e6 * reading.stamp_s)
     target_id = _only_target(reading)
     message.mac, message.mac_dest = int(reading.observer_id), int(target_id)
@@ -161,12 +154,12 @@ def node_frame_writer(type_name: str) -> Callable[[IdentifiedReading], Any]:
     """Return the function that writes a `LinktrackNodeframe` of one type."""
 
     def write(reading: IdentifiedReading) -> Any:
-        message = new_message(type_name)
+        message = message_class(type_name)()
         message.role, message.id = map(int, reading.observer_id.split(':'))
         if hasattr(message, 'header'):
             message.header = header_to_message(reading.stamp_s, reading.frame_id)
         for target_id, range_m in zip(reading.target_ids, reading.ranges_m, strict=True):
-            node = new_message(NODE_FRAMES[type_name])
+            node = message_class(NODE_FRAMES[type_name])()
             node.role, node.id = map(int, target_id.split(':'))
             node.dis = float(range_m)
             message.nodes.append(node)

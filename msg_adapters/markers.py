@@ -10,14 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import (
-    CdrWriter,
-    message_from_cdr,
-    stamp_from_message,
-    write_header,
-    write_time,
-    xyz_from_message,
-)
+from msg_adapters.headers import CdrWriter, decoded, stamp_from_message, xyz_from_message
 from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
@@ -91,19 +84,6 @@ class MarkerScene:
     lifetime_s: float = 0.0
 
 
-def marker_scene_to_message(scene: MarkerScene) -> Any:
-    """
-    Write a `visualization_msgs/MarkerArray`: first "delete all", then the markers.
-
-    Raises
-    ------
-    ValueError
-        If a marker has not as many colors as points.
-
-    """
-    return message_from_cdr(TYPE_NAME, marker_scene_to_cdr(scene))
-
-
 def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
     """
     Write a serialized `visualization_msgs/MarkerArray`: first "delete all", then the markers.
@@ -126,9 +106,13 @@ def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
 def _write_marker(
     writer: CdrWriter, marker: Marker, scene: MarkerScene, action: int, lifetime_s: float
 ) -> None:
-    _check_colors(marker)
+    if len(marker.colors_rgba) != len(marker.points_m):
+        raise ValueError(
+            f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
+            f'and {len(marker.colors_rgba)} colors; give one color for each point'
+        )
     is_text = marker.shape is Shape.TEXT
-    write_header(writer, scene.stamp_s, scene.frame_id)
+    writer.header(scene.stamp_s, scene.frame_id)
     writer.string(marker.namespace)
     for number in (marker.identifier, marker.shape, action):
         writer.int32(number)
@@ -136,44 +120,28 @@ def _write_marker(
     writer.float64s([0.0, 0.0, 0.0, 1.0])  # orientation
     writer.float64s(np.full(3, marker.size_m))
     writer.float32s(marker.colors_rgba[0] if is_text else np.zeros(4))
-    write_time(writer, 'lifetime', lifetime_s)
+    writer.time('lifetime', lifetime_s)
     writer.uint8(False)  # frame_locked
     n_points = 0 if is_text else len(marker.points_m)
     writer.uint32(n_points)
     writer.float64s(marker.points_m[:n_points])
     writer.uint32(n_points)
     writer.float32s(marker.colors_rgba[:n_points])
-    _write_no_texture(writer)
-    writer.string(marker.text)
-    _write_no_mesh(writer)
-
-
-def _write_no_texture(writer: CdrWriter) -> None:
     writer.string('')  # texture_resource
-    write_header(writer, 0.0, '')  # texture: header, format, data
+    writer.header(0.0, '')  # texture: header, format, data
     writer.string('')
     writer.uint32(0)
     writer.uint32(0)  # uv_coordinates
-
-
-def _write_no_mesh(writer: CdrWriter) -> None:
+    writer.string(marker.text)
     writer.string('')  # mesh_resource
     writer.string('')  # mesh_file: name, data
     writer.uint32(0)
     writer.uint8(False)  # mesh_use_embedded_materials
 
 
-def _check_colors(marker: Marker) -> None:
-    if len(marker.colors_rgba) != len(marker.points_m):
-        raise ValueError(
-            f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
-            f'and {len(marker.colors_rgba)} colors; give one color for each point'
-        )
-
-
 def marker_scene_from_message(message: Any) -> MarkerScene:
     """
-    Read a `visualization_msgs/MarkerArray` that `marker_scene_to_message` wrote.
+    Read a `visualization_msgs/MarkerArray` that `marker_scene_to_cdr` wrote.
 
     Raises
     ------
@@ -207,4 +175,5 @@ def _from_message(message: Any) -> Marker:
     )
 
 
+marker_scene_to_message = decoded(TYPE_NAME, marker_scene_to_cdr)
 register(Adapter(TYPE_NAME, MarkerScene, marker_scene_from_message, marker_scene_to_message))

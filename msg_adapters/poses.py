@@ -6,7 +6,7 @@ Poses.
 
 - geometry_msgs/PoseArray <-> `PoseList`;
 - geometry_msgs/PoseWithCovarianceStamped <-> `UncertainPose`;
-- tf2_msgs/TFMessage <-> a list of `Transform`, one for each frame.
+- a list of `Transform`, one for each frame, -> tf2_msgs/TFMessage.
 """
 
 from collections.abc import Sequence
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from msg_adapters.headers import (
     CdrWriter,
-    message_from_cdr,
+    decoded,
     stamp_from_message,
-    write_header,
     xyz_from_message,
     xyzw_from_message,
 )
@@ -93,19 +92,6 @@ def pose_array_from_message(message: Any) -> PoseList:
     )
 
 
-def pose_array_to_message(poses: PoseList) -> Any:
-    """
-    Write a `geometry_msgs/PoseArray`.
-
-    Raises
-    ------
-    ValueError
-        If there are not as many orientations as positions.
-
-    """
-    return message_from_cdr(POSE_ARRAY, pose_array_to_cdr(poses))
-
-
 def pose_array_to_cdr(poses: PoseList) -> bytes:
     """
     Write a serialized `geometry_msgs/PoseArray`.
@@ -118,7 +104,7 @@ def pose_array_to_cdr(poses: PoseList) -> bytes:
     """
     rows = np.concatenate([poses.positions_m, poses.orientations_xyzw], axis=1)
     writer = CdrWriter()
-    write_header(writer, poses.stamp_s, poses.frame_id)
+    writer.header(poses.stamp_s, poses.frame_id)
     writer.uint32(len(rows))
     writer.float64s(rows)
     return writer.to_bytes()
@@ -137,7 +123,7 @@ def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
     if np.shape(estimate.covariance) != (6, 6):
         raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
     writer = CdrWriter()
-    write_header(writer, estimate.stamp_s, estimate.frame_id)
+    writer.header(estimate.stamp_s, estimate.frame_id)
     writer.float64s(estimate.position_xyz)
     writer.float64s(estimate.orientation_xyzw)
     writer.float64s(estimate.covariance)
@@ -154,19 +140,6 @@ def uncertain_pose_from_message(message: Any) -> UncertainPose:
         orientation_xyzw=xyzw_from_message(pose.orientation),
         covariance=np.array(message.pose.covariance, dtype=float).reshape(6, 6),
     )
-
-
-def uncertain_pose_to_message(estimate: UncertainPose) -> Any:
-    """
-    Write a `geometry_msgs/PoseWithCovarianceStamped`.
-
-    Raises
-    ------
-    ValueError
-        If the covariance is not of shape (6, 6).
-
-    """
-    return message_from_cdr(POSE_WITH_COVARIANCE_STAMPED, uncertain_pose_to_cdr(estimate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,33 +172,20 @@ def transforms_to_cdr(transforms: Sequence[Transform]) -> bytes:
     writer = CdrWriter()
     writer.uint32(len(transforms))
     for transform in transforms:
-        write_header(writer, transform.stamp_s, transform.frame_id)
+        writer.header(transform.stamp_s, transform.frame_id)
         writer.string(transform.child_frame_id)
         writer.float64s(transform.translation_m)
         writer.float64s(transform.rotation_xyzw)
     return writer.to_bytes()
 
 
-def transforms_from_message(message: Any) -> list[Transform]:
-    """Read a `tf2_msgs/TFMessage`."""
-    return [
-        Transform(
-            stamp_s=stamp_from_message(entry.header.stamp),
-            frame_id=entry.header.frame_id,
-            child_frame_id=entry.child_frame_id,
-            translation_m=xyz_from_message(entry.transform.translation),
-            rotation_xyzw=xyzw_from_message(entry.transform.rotation),
-        )
-        for entry in message.transforms
-    ]
-
-
+pose_array_to_message = decoded(POSE_ARRAY, pose_array_to_cdr)
 register(Adapter(POSE_ARRAY, PoseList, pose_array_from_message, pose_array_to_message))
 register(
     Adapter(
         POSE_WITH_COVARIANCE_STAMPED,
         UncertainPose,
         uncertain_pose_from_message,
-        uncertain_pose_to_message,
+        decoded(POSE_WITH_COVARIANCE_STAMPED, uncertain_pose_to_cdr),
     )
 )

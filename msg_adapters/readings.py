@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.headers import (
-    header_to_message,
-    point_to_message,
-    pose_to_message,
+    CdrWriter,
+    decoded,
     stamp_from_message,
-    vector_to_message,
     xyz_from_message,
     xyzw_from_message,
 )
@@ -88,22 +86,19 @@ def range_from_message(message: Any) -> RangeReading:
     )
 
 
-def range_to_message(reading: RangeReading) -> Any:
+def range_to_cdr(reading: RangeReading) -> bytes:
     """
-    Write a `sensor_msgs/Range`.
+    Write a serialized `sensor_msgs/Range`.
 
     `radiation_type` stays at its default: the message has no value for radio.
     The fields are 32 bit floats, so a range of 8 m is rounded to 0.5 micrometers.
     """
-    from sensor_msgs.msg import Range
-
-    return Range(
-        header=header_to_message(reading.stamp_s, reading.frame_id),
-        range=float(reading.range_m),
-        min_range=float(reading.min_range_m or 0.0),
-        max_range=float(reading.max_range_m or 0.0),
-        variance=float(reading.variance_m2 or 0.0),
-    )
+    writer = CdrWriter()
+    writer.header(reading.stamp_s, reading.frame_id)
+    writer.uint8(0)  # radiation_type
+    limits_m = reading.min_range_m or 0.0, reading.max_range_m or 0.0
+    writer.float32s([0.0, *limits_m, reading.range_m, reading.variance_m2 or 0.0])
+    return writer.to_bytes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +131,12 @@ def bearing_from_message(message: Any) -> BearingReading:
     )
 
 
-def bearing_to_message(reading: BearingReading) -> Any:
-    """Write a `geometry_msgs/Vector3Stamped`."""
-    from geometry_msgs.msg import Vector3Stamped
-
-    return Vector3Stamped(
-        header=header_to_message(reading.stamp_s, reading.frame_id),
-        vector=vector_to_message(reading.ray_xyz),
-    )
+def bearing_to_cdr(reading: BearingReading) -> bytes:
+    """Write a serialized `geometry_msgs/Vector3Stamped`."""
+    writer = CdrWriter()
+    writer.header(reading.stamp_s, reading.frame_id)
+    writer.float64s(reading.ray_xyz)
+    return writer.to_bytes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,17 +176,14 @@ def odometry_from_message(message: Any) -> OdometryReading:
     )
 
 
-def odometry_to_message(reading: OdometryReading) -> Any:
-    """Write a `nav_msgs/Odometry` with zero twist and zero covariances."""
-    from geometry_msgs.msg import PoseWithCovariance
-    from nav_msgs.msg import Odometry
-
-    pose = pose_to_message(reading.position_xyz, reading.orientation_xyzw)
-    return Odometry(
-        header=header_to_message(reading.stamp_s, reading.frame_id),
-        child_frame_id=reading.child_frame_id,
-        pose=PoseWithCovariance(pose=pose),
-    )
+def odometry_to_cdr(reading: OdometryReading) -> bytes:
+    """Write a serialized `nav_msgs/Odometry` with zero twist and zero covariances."""
+    writer = CdrWriter()
+    writer.header(reading.stamp_s, reading.frame_id)
+    writer.string(reading.child_frame_id)
+    writer.float64s([*reading.position_xyz, *reading.orientation_xyzw])
+    writer.float64s(np.zeros(36 + 6 + 36))
+    return writer.to_bytes()
 
 
 @dataclass(frozen=True)
@@ -226,16 +216,18 @@ def elevation_from_message(message: Any) -> ElevationReading:
     )
 
 
-def elevation_to_message(reading: ElevationReading) -> Any:
-    """Write a `geometry_msgs/PointStamped`."""
-    from geometry_msgs.msg import PointStamped
-
-    return PointStamped(
-        header=header_to_message(reading.stamp_s, reading.frame_id),
-        point=point_to_message(np.array([0.0, 0.0, reading.elevation_m])),
-    )
+def elevation_to_cdr(reading: ElevationReading) -> bytes:
+    """Write a serialized `geometry_msgs/PointStamped`."""
+    writer = CdrWriter()
+    writer.header(reading.stamp_s, reading.frame_id)
+    writer.float64s([0.0, 0.0, reading.elevation_m])
+    return writer.to_bytes()
 
 
+range_to_message = decoded(RANGE, range_to_cdr)
+bearing_to_message = decoded(BEARING, bearing_to_cdr)
+odometry_to_message = decoded(ODOMETRY, odometry_to_cdr)
+elevation_to_message = decoded(ELEVATION, elevation_to_cdr)
 register(Adapter(RANGE, RangeReading, range_from_message, range_to_message))
 register(Adapter(BEARING, BearingReading, bearing_from_message, bearing_to_message))
 register(Adapter(ODOMETRY, OdometryReading, odometry_from_message, odometry_to_message))

@@ -5,8 +5,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
+
+from msg_adapters.headers import message_class
 
 
 class UnknownTypeError(KeyError):
@@ -49,15 +50,14 @@ class Adapter:
             If the package is not installed or has no such message.
 
         """
-        package, kind, name = self.type_name.split('/')
         try:
-            message_class: type = getattr(import_module(f'{package}.{kind}'), name)
+            found: type = message_class(self.type_name)
         except (ImportError, AttributeError) as error:
             raise UnknownTypeError(
                 f'message type {self.type_name} cannot be imported ({error}); '
-                f'install the ROS package {package}'
+                f'install the ROS package {self.type_name.partition("/")[0]}'
             ) from error
-        return message_class
+        return found
 
 
 _adapters: dict[str, Adapter] = {}

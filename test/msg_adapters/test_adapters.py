@@ -34,7 +34,7 @@ from msg_adapters import (
     known_types,
     register,
 )
-from msg_adapters.headers import stamp_from_message, stamp_to_message
+from msg_adapters.headers import header_to_message, stamp_from_message
 
 pytest.importorskip('sensor_msgs', reason='the ROS messages are not installed')
 
@@ -165,7 +165,7 @@ def test_marker_array_of_another_node_is_refused():
     [(0.0, 0, 0), (1.5, 1, 500_000_000), (0.9999999999, 1, 0), (-0.25, -1, 750_000_000)],
 )
 def test_stamp_is_rounded_and_normalized(stamp_s, sec, nanosec):
-    stamp = stamp_to_message(stamp_s)
+    stamp = header_to_message(stamp_s, '').stamp
     assert (stamp.sec, stamp.nanosec) == (sec, nanosec)
     assert stamp_from_message(stamp) == pytest.approx(stamp_s, abs=1e-9)
 
@@ -183,7 +183,7 @@ def test_a_second_of_nanoseconds_is_refused_by_name(type_name, nanosec):
 @pytest.mark.parametrize('stamp_s', [math.nan, math.inf])
 def test_stamp_that_is_no_time_is_refused(stamp_s):
     with pytest.raises(ValueError, match='not finite'):
-        stamp_to_message(stamp_s)
+        header_to_message(stamp_s, '').stamp
 
 
 def test_unknown_type_is_named_with_the_known_ones():

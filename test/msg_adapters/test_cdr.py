@@ -26,7 +26,7 @@ from msg_adapters import (  # noqa: E402
     adapter_for,
 )
 from msg_adapters.diagnostics import diagnostics_to_cdr  # noqa: E402
-from msg_adapters.headers import message_from_cdr  # noqa: E402
+from msg_adapters.headers import decoded  # noqa: E402
 from msg_adapters.markers import marker_scene_to_cdr  # noqa: E402
 from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr  # noqa: E402
 
@@ -40,7 +40,7 @@ FRAMES = ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'abcdef', 'abcdefg', 'Halle Sü
 
 def assert_holds(type_name, data, value):
     """Check what the middleware reads from the bytes, and that it reads all of them."""
-    message = message_from_cdr(type_name, data)
+    message = decoded(type_name, lambda _: data)(value)
     assert_same(adapter_for(type_name).from_message(message), value)
     assert len(serialize_message(message)) == len(data)
 

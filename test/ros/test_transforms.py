@@ -19,7 +19,8 @@ from dg_localization.fleet.vocabulary import OdometryReading as Pose  # noqa: E4
 from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
 from dg_localization.ros.interface.transforms import transforms  # noqa: E402
 from msg_adapters import Level, OdometryReading, adapter_for  # noqa: E402
-from msg_adapters.poses import transforms_from_message  # noqa: E402
+from msg_adapters.headers import xyz_from_message, xyzw_from_message  # noqa: E402
+from msg_adapters.poses import Transform  # noqa: E402
 
 STAMP_S = 100.0
 ANCHORED = FixedFrame(FrameKind.ANCHORS, ('p', 'q', 'r'))
@@ -175,7 +176,17 @@ def heard(bench, transform_class):
 
     def take(data):
         message = store.deserialize_cdr(bytes(data), 'tf2_msgs/msg/TFMessage')
-        found.append(transforms_from_message(message))
+        found.append(
+            [
+                Transform(
+                    one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec,
+                    *(one.header.frame_id, one.child_frame_id),
+                    xyz_from_message(one.transform.translation),
+                    xyzw_from_message(one.transform.rotation),
+                )
+                for one in message.transforms
+            ]
+        )
 
     subscription = bench.node.create_subscription(transform_class, '/tf', take, 10, raw=True)
     yield found
