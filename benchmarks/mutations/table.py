@@ -761,17 +761,12 @@ FLEET = [
     ),
     *_in(
         'ros',
-        'interface/parameters/inputs',
+        'interface/links',
         ('test/ros/test_parameters.py',),
         (
-            'a cloud without bounds has those of another link',
+            'the ranges of peers have the bounds of all',
             'if kind in (LinkKind.RANGE, LinkKind.PEERS):',
             'if kind is LinkKind.RANGE:',
-        ),
-        (
-            'the last of two links that measure the same gives the bounds',
-            'gathered[pair] = _widest(gathered.get(pair, override), override)',
-            'gathered[pair] = override',
         ),
     ),
     *_in(

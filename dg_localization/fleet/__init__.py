@@ -17,7 +17,6 @@ from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
     ElevationErrorModel,
-    LinkOverride,
     Mount,
     RangeErrorModel,
     SensorBounds,
@@ -51,7 +50,6 @@ __all__ = [
     'InputState',
     'LinkKey',
     'LinkKind',
-    'LinkOverride',
     'LinkState',
     'Localizer',
     'Mount',

@@ -36,11 +36,9 @@ from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
     ElevationErrorModel,
-    LinkOverride,
     Mount,
     RangeErrorModel,
-    check_elevation_errors,
-    check_links,
+    SensorBounds,
     checked_anchors,
     checked_elevations,
     checked_mounts,
@@ -56,8 +54,6 @@ OF_ROBOTS = ('robot_max_speed_m_s', 'robot_odometry_error')
 """Settings of single robots, by their names."""
 
 KINDS = {
-    'range_error': RangeErrorModel,
-    'elevation_error': ElevationErrorModel,
     'odometry_error': OdometryErrorModel,
     'drop_stuck': bool,
     'solver': SolverOptions,
@@ -73,8 +69,6 @@ LIMITS: Mapping[str, Mapping[str, Any]] = {
     'min_separation_m': NOT_NEGATIVE,
     'max_conflict_seconds': ANY_TIME,
     'memory_max_seconds': ANY_TIME,
-    'bearing_half_width_rad': {'at_least': 0.0, 'at_most': math.pi},
-    'bearing_expected_error_rad': {},
 }
 LEAST_COUNTS = {
     'max_repeats': 1,
@@ -110,13 +104,11 @@ class FleetConfig:
     max_repeats : int
         How many of the newest readings of one link are kept and intersected.
     range_error : RangeErrorModel
-        Error bounds of every range that no override names.
+        Error bounds of every range, unless it comes with others; so it is of what follows.
     bearing_half_width_rad : float
         Greatest angle between a measured ray and the true direction.
     bearing_expected_error_rad : float
         The likeliest error of a ray about the vertical axis, counterclockwise, for the best point.
-    links : tuple of LinkOverride
-        Links with error bounds of their own.
     anchors : mapping of str to Anchor
         Points of known coordinates. A name that is also in `robots` is a parked robot, any other
         is a landmark. Anchors do not move.
@@ -128,8 +120,6 @@ class FleetConfig:
         their projections. A sensor without one has that of its robot; what is not named is at 0.
     elevation_error : ElevationErrorModel
         Error bounds of every elevation that is read, at points that `elevations_m` names.
-    point_elevation_error : mapping of str to ElevationErrorModel
-        Those of the points that differ from it.
     max_speed_m_s : float
         No robot moves faster. It determines how much the bounds of an old measurement widen.
     robot_max_speed_m_s : mapping of str to float
@@ -186,12 +176,10 @@ class FleetConfig:
     range_error: RangeErrorModel = RangeErrorModel()
     bearing_half_width_rad: float = 0.05
     bearing_expected_error_rad: float = 0.0
-    links: tuple[LinkOverride, ...] = ()
     anchors: Mapping[str, Anchor] = field(default_factory=dict)
     mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]] = field(default_factory=dict)
     elevations_m: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     elevation_error: ElevationErrorModel = ElevationErrorModel()
-    point_elevation_error: Mapping[str, ElevationErrorModel] = field(default_factory=dict)
     max_speed_m_s: float = 1.0
     robot_max_speed_m_s: Mapping[str, float] = field(default_factory=dict)
     max_turn_rate_rad_s: float = 1.0
@@ -217,12 +205,8 @@ class FleetConfig:
     solver: SolverOptions = field(default_factory=SolverOptions)
 
     def __post_init__(self) -> None:
-        keep(
-            self,
-            robots=require_members('robots', self.robots, 'names'),
-            links=require_members('links', self.links, 'LinkOverrides'),
-        )
-        for name in (*OF_ROBOTS, 'point_elevation_error'):
+        keep(self, robots=require_members('robots', self.robots, 'names'))
+        for name in OF_ROBOTS:
             keep(self, **{name: require_mapping(name, getattr(self, name))})
         self._check_kinds()
         self._check_numbers()
@@ -234,7 +218,6 @@ class FleetConfig:
         self._check_names()
         elevations_m = checked_elevations(self.elevations_m, self.points, self.dimension)
         keep(self, elevations_m=elevations_m)
-        check_elevation_errors(self.point_elevation_error, self.elevations_m)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Mappings that nobody can change cannot be pickled or copied.
@@ -245,8 +228,6 @@ class FleetConfig:
         """Raise `ConfigError` on a setting of another type."""
         for name, kind in KINDS.items():
             require_kind(name, getattr(self, name), kind)
-        for link in self.links:
-            require_kind('links', link, LinkOverride)
         for robot, error in self.robot_odometry_error.items():
             require_kind(f'robot_odometry_error[{robot}]', error, OdometryErrorModel)
 
@@ -270,7 +251,6 @@ class FleetConfig:
         for setting in OF_ROBOTS:
             for name in getattr(self, setting):
                 require_one_of(setting, name, self.robots)
-        check_links(self.links, self.points, self.robot_of)
 
     def _check_numbers(self) -> None:
         """Keep numbers as those of Python; raise `ConfigError` on one out of its range."""
@@ -278,6 +258,7 @@ class FleetConfig:
             raise not_allowed('dimension', self.dimension, 'it must be 2 or 3')
         keep(self, dimension=int(self.dimension))
         keep_numbers(self, '', LIMITS)
+        keep(self, **vars(self.sensor_bounds))
         for name, least in LEAST_COUNTS.items():
             keep(self, **{name: require_integer(name, getattr(self, name), least)})
         if 0.0 < self.memory_s < LEAST_MEMORY_S:
@@ -290,6 +271,11 @@ class FleetConfig:
         keep(self, robot_max_speed_m_s=MappingProxyType(speeds_m_s))
         require_one_of('outlier_unit', self.outlier_unit, [str(kind) for kind in SuspectKind])
         keep(self, outlier_unit=SuspectKind(self.outlier_unit))
+
+    @cached_property
+    def sensor_bounds(self) -> SensorBounds:
+        """The error bounds of every sensor whose readings come with none."""
+        return SensorBounds(*(getattr(self, one.name) for one in fields(SensorBounds)))
 
     @property
     def landmarks(self) -> tuple[str, ...]:
@@ -327,10 +313,6 @@ class FleetConfig:
         """Return whose elevation a point has: its own, or that of its robot."""
         return point if point in self.elevations_m else self.robot_of(point)
 
-    def elevation_error_of(self, point: str) -> ElevationErrorModel:
-        """Return the error bounds of the elevations that are read at a point."""
-        return self.point_elevation_error.get(point, self.elevation_error)
-
     def speed_m_s(self, robot: str) -> float:
         """Return the greatest speed of a robot in m/s; an anchor has none."""
         if robot in self.anchors:
@@ -359,25 +341,3 @@ class FleetConfig:
     def is_upright(self, robot: str) -> bool:
         """Return whether the odometry of a robot tells its level frames, as in the plane."""
         return self.dimension == 2 or self.odometry_error_of(robot).tilt_rad is not None
-
-    @cached_property
-    def _overrides(self) -> dict[tuple[str, str], LinkOverride]:
-        """Return the overrides by (observer, target)."""
-        return {(link.observer, link.target): link for link in self.links}
-
-    def range_error_of(self, observer: str, target: str) -> RangeErrorModel:
-        """Return the error bounds of ranges from `observer` to `target`."""
-        override = self._overrides.get((observer, target))
-        return override.range_error if override and override.range_error else self.range_error
-
-    def bearing_half_width_of(self, observer: str, target: str) -> float:
-        """Return the greatest angle in rad between a ray of this link and the truth."""
-        override = self._overrides.get((observer, target))
-        own_rad = override.bearing_half_width_rad if override else None
-        return self.bearing_half_width_rad if own_rad is None else own_rad
-
-    def bearing_expected_error_of(self, observer: str, target: str) -> float:
-        """Return the likeliest error in rad of a ray of this link."""
-        override = self._overrides.get((observer, target))
-        own_rad = override.bearing_expected_error_rad if override else None
-        return self.bearing_expected_error_rad if own_rad is None else own_rad

@@ -18,6 +18,7 @@ from typing import NamedTuple, TypeAlias
 from dg_localization.fleet.admission import is_young
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.motion import most_between
+from dg_localization.fleet.sensors import ElevationErrorModel
 from dg_localization.fleet.vocabulary import DistanceReading
 from dg_localization.interval.bounds import (
     sqrt_down,
@@ -52,7 +53,14 @@ class Elevations:
         self._config = config
         self._readings: dict[str, list[_Reading]] = {}
 
-    def add(self, point: str, elevation_m: float, stamp_s: float, now_s: float) -> Bounds | None:
+    def add(
+        self,
+        point: str,
+        elevation_m: float,
+        error: ElevationErrorModel,
+        stamp_s: float,
+        now_s: float,
+    ) -> Bounds | None:
         """
         Add a reading, unless it contradicts what is known of the point.
 
@@ -64,7 +72,6 @@ class Elevations:
             The bounds that the reading contradicts.
 
         """
-        error = self._config.elevation_error_of(point)
         lower_m = sum_down(elevation_m, -error.max_error_m)
         upper_m = sum_up(elevation_m, -error.min_error_m)
         known_m = self.at_m(point, stamp_s, now_s)

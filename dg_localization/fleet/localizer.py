@@ -149,7 +149,7 @@ class Localizer:
         variance_m2 : float, optional
             Variance of the reading.
         bounds : SensorBounds, optional
-            Of its error; those that the settings have for the observer and the target by default.
+            Of its error; by default those of the settings.
 
         Returns
         -------
@@ -159,7 +159,7 @@ class Localizer:
         """
         key = LinkKey(LinkKind.RANGE, str(observer), str(target))
         message = RangeMessage(range_m, min_range_m, max_range_m, variance_m2)
-        return self._store.add(key, message, stamp_s, now_s, bounds)
+        return self._store.add(key, message, stamp_s, now_s, self._or_stated(bounds))
 
     @default_environment()
     def add_bearing(
@@ -183,7 +183,7 @@ class Localizer:
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
         bounds : SensorBounds, optional
-            Of its error; those that the settings have for the observer and the target by default.
+            Of its error; by default those of the settings.
 
         Returns
         -------
@@ -192,7 +192,7 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.BEARING, str(observer), str(target))
-        return self._store.add(key, ray_xyz, stamp_s, now_s, bounds)
+        return self._store.add(key, ray_xyz, stamp_s, now_s, self._or_stated(bounds))
 
     @default_environment()
     def add_odometry(
@@ -231,7 +231,12 @@ class Localizer:
 
     @default_environment()
     def add_elevation(
-        self, point: str, elevation_m: float, stamp_s: float, now_s: float
+        self,
+        point: str,
+        elevation_m: float,
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """
         Add an elevation that was read, which narrows the one that is stated.
@@ -247,6 +252,8 @@ class Localizer:
             In m, above the same plane as the stated elevations.
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
+        bounds : SensorBounds, optional
+            Of its error; by default those of the settings.
 
         Returns
         -------
@@ -256,7 +263,8 @@ class Localizer:
 
         """
         key = LinkKey(LinkKind.ELEVATION, str(point), '')
-        return self._store.add_elevation(key, elevation_m, stamp_s, now_s)
+        error = self._or_stated(bounds).elevation_error
+        return self._store.add_elevation(key, elevation_m, stamp_s, now_s, error)
 
     @default_environment()
     def add_peers(
@@ -280,8 +288,7 @@ class Localizer:
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
         bounds : SensorBounds, optional
-            Of their errors; those that the settings have for the observer and each target by
-            default.
+            Of their errors; by default those of the settings.
 
         Returns
         -------
@@ -289,7 +296,11 @@ class Localizer:
             Why some of the measurements, or all, were not accepted.
 
         """
-        return self._store.add_peers(str(observer), readings, stamp_s, now_s, bounds)
+        return self._store.add_peers(str(observer), readings, stamp_s, now_s, self._or_stated(bounds))
+
+    def _or_stated(self, bounds: SensorBounds | None) -> SensorBounds:
+        """Return the bounds that a reading came with, or else those of the settings."""
+        return self._config.sensor_bounds if bounds is None else bounds
 
     def input_states(self, now_s: float) -> list[InputState]:
         """Return what every input has delivered since the start or the last reset."""

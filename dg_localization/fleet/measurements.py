@@ -47,7 +47,7 @@ from dg_localization.fleet.error_models import (
 )
 from dg_localization.fleet.motion import OdometryTrack
 from dg_localization.fleet.rotations import rotation_of_quaternion
-from dg_localization.fleet.sensors import SensorBounds
+from dg_localization.fleet.sensors import ElevationErrorModel, RangeErrorModel, SensorBounds
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
     InputState,
@@ -144,7 +144,7 @@ class MeasurementStore:
         value: RangeMessage | ArrayLike,
         stamp_s: float,
         now_s: float,
-        bounds: SensorBounds | None = None,
+        bounds: SensorBounds,
     ) -> Rejection | None:
         """Accept a range or a ray, or return why not."""
         with self._counted(key) as refused:
@@ -172,7 +172,12 @@ class MeasurementStore:
         return refused.get(key)
 
     def add_elevation(
-        self, key: LinkKey, elevation_m: float, stamp_s: float, now_s: float
+        self,
+        key: LinkKey,
+        elevation_m: float,
+        stamp_s: float,
+        now_s: float,
+        error: ElevationErrorModel,
     ) -> Rejection | None:
         """Accept an elevation, or return why not."""
         with self._counted(key) as refused:
@@ -183,7 +188,7 @@ class MeasurementStore:
                 text = (
                     f'{quoted(elevation_m)} is not allowed, it must be a finite number of meters'
                 )
-            elif known_m := self._elevations.add(key.observer, reading_m, stamp, now_s):
+            elif known_m := self._elevations.add(key.observer, reading_m, error, stamp, now_s):
                 text = (
                     f'{reading_m} m contradicts what is known: {known_m[0]:.3f} to '
                     f'{known_m[1]:.3f} m; no reading before it counts either'
@@ -199,7 +204,7 @@ class MeasurementStore:
         readings: Iterable[PeerMeasurement],
         stamp_s: float,
         now_s: float,
-        bounds: SensorBounds | None = None,
+        bounds: SensorBounds,
     ) -> list[Rejection]:
         """Accept ranges and rays that one robot measured at one time; return why not."""
         together = LinkKey(LinkKind.PEERS, observer, '')
@@ -235,14 +240,14 @@ class MeasurementStore:
         value: RangeMessage | ArrayLike,
         stamp_s: float,
         now_s: float,
-        stated: SensorBounds | None,
+        bounds: SensorBounds,
     ) -> None:
         """Accept a range or a ray of a link and a stamp that were checked."""
         reading: DistanceReading | RayReading
         if isinstance(value, RangeMessage):
-            reading = self._distance_reading(key, value, stamp_s, now_s, stated)
+            reading = self._distance_reading(key, value, stamp_s, now_s, bounds.range_error)
         else:
-            reading = self._ray_reading(key, value, stamp_s, now_s, stated)
+            reading = self._ray_reading(key, value, stamp_s, now_s, bounds)
         source = self._input(key)
         source.keep(reading, self._config.max_repeats, now_s - MOST_BEFORE_S)
         source.count_accepted(stamp_s, now_s)
@@ -254,10 +259,9 @@ class MeasurementStore:
         message: RangeMessage,
         stamp_s: float,
         now_s: float,
-        stated: SensorBounds | None,
+        model: RangeErrorModel,
     ) -> DistanceReading:
         """Return what a range says."""
-        model = stated.range_error if stated else self._config.range_error_of(*key.ends)
         bounds = interpret_range(model, message)
         reading_m = required_number(message.range_m, 'range')
         self._check_stuck(key, (reading_m,), stamp_s)
@@ -274,7 +278,7 @@ class MeasurementStore:
         ray_xyz: ArrayLike,
         stamp_s: float,
         now_s: float,
-        stated: SensorBounds | None,
+        bounds: SensorBounds,
     ) -> RayReading:
         """Return what a ray says."""
         config = self._config
@@ -282,9 +286,7 @@ class MeasurementStore:
         direction = interpret_ray(ray, config.dimension)
         values = tuple(np.asarray(ray_xyz, dtype=float).reshape(-1).tolist())
         self._check_stuck(key, values, stamp_s)
-        half_width_rad = (
-            stated.bearing_half_width_rad if stated else config.bearing_half_width_of(*key.ends)
-        )
+        half_width_rad = bounds.bearing_half_width_rad
         rises = config.elevations_m and self._elevations.squared_rise_m2(*key.ends, stamp_s, now_s)
         body_ray = np.asarray(ray, dtype=float).reshape(-1)
         leaves = config.dimension == 2 and leaves_plane(body_ray, half_width_rad)
@@ -294,7 +296,8 @@ class MeasurementStore:
         self._input(key).out_of_plane = leaves and not may_rise
         if may_rise or leaves or is_bent:
             half_width_rad = projected_half_width_rad(body_ray, half_width_rad)
-        return RayReading(key, stamp_s, direction, half_width_rad)
+        expected_rad = bounds.bearing_expected_error_rad
+        return RayReading(key, stamp_s, direction, half_width_rad, expected_rad)
 
     def _odometry_reading(
         self,

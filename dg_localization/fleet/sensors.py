@@ -10,7 +10,7 @@ whose message names the field, the value, and what would be right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
@@ -18,7 +18,6 @@ from typing import Any
 
 from dg_localization.fleet.checks import (
     FARTHEST_M,
-    ConfigError,
     keep,
     keep_numbers,
     not_allowed,
@@ -161,58 +160,28 @@ class SensorBounds:
         Of its ranges.
     bearing_half_width_rad : float
         The greatest angle between its rays and the truth.
+    bearing_expected_error_rad : float
+        The likeliest error of its rays about the vertical axis, counterclockwise.
+    elevation_error : ElevationErrorModel
+        Of the elevations that it reads.
 
     Raises
     ------
     ConfigError
-        If the half width is negative, above pi or not finite.
+        If the half width is negative, above pi or not finite, or another value is none.
 
     """
 
-    range_error: RangeErrorModel
-    bearing_half_width_rad: float
+    range_error: RangeErrorModel = RangeErrorModel()
+    bearing_half_width_rad: float = 0.05
+    bearing_expected_error_rad: float = 0.0
+    elevation_error: ElevationErrorModel = ElevationErrorModel()
 
     def __post_init__(self) -> None:
-        require_kind('bounds.range_error', self.range_error, RangeErrorModel)
-        keep_numbers(self, 'bounds.', {'bearing_half_width_rad': HALF_TURN})
-
-
-@dataclass(frozen=True)
-class LinkOverride:
-    """
-    Error bounds of one link that differ from those of the fleet.
-
-    Parameters
-    ----------
-    observer, target : str
-        Who measures whom, as in the names of the measurements.
-    range_error : RangeErrorModel, optional
-        Replaces the model of the fleet for ranges of this link.
-    bearing_half_width_rad : float, optional
-        Replaces the half width of the fleet for bearings of this link.
-    bearing_expected_error_rad : float, optional
-        Replaces the likeliest error of the fleet for bearings of this link.
-
-    Raises
-    ------
-    ConfigError
-        If the half width is negative, above pi or not finite.
-
-    """
-
-    observer: str
-    target: str
-    range_error: RangeErrorModel | None = None
-    bearing_half_width_rad: float | None = None
-    bearing_expected_error_rad: float | None = None
-
-    def __post_init__(self) -> None:
-        link = f'links[{self.observer}->{self.target}]'
-        if self.range_error is not None:
-            require_kind(f'{link}.range_error', self.range_error, RangeErrorModel)
-        either_way = {'at_least': -math.pi, 'at_most': math.pi}
-        limits = {'bearing_half_width_rad': HALF_TURN, 'bearing_expected_error_rad': either_way}
-        keep_numbers(self, f'{link}.', limits)
+        require_kind('range_error', self.range_error, RangeErrorModel)
+        require_kind('elevation_error', self.elevation_error, ElevationErrorModel)
+        limits = {'bearing_half_width_rad': HALF_TURN, 'bearing_expected_error_rad': {}}
+        keep_numbers(self, '', limits)
 
 
 @dataclass(frozen=True)
@@ -282,28 +251,6 @@ class Mount:
         keep(self, position_m=position_m, rotation_xyzw=rotation_xyzw)
 
 
-def check_links(
-    links: Collection[LinkOverride], points: Collection[str], robot_of: Callable[[str], str]
-) -> None:
-    """Raise `ConfigError` on an override of an unknown or repeated link."""
-    names = set()
-    for link in links:
-        name = f'links: {link.observer}->{link.target} is not allowed'
-        if name in names:
-            raise ConfigError(f'{name} twice, each link must be named once')
-        names.add(name)
-        for point in (link.observer, link.target):
-            require_one_of('links', point, points)
-        if link.observer == link.target:
-            raise ConfigError(f'{name}, a link must join two different points')
-        robot = robot_of(link.observer)
-        if robot == robot_of(link.target):
-            raise ConfigError(
-                f'{name}, both are on robot {robot!r}: a link must join points of two robots or '
-                'anchors'
-            )
-
-
 def checked_anchors(anchors: Mapping[str, Anchor], dimension: int) -> Mapping[str, Anchor]:
     """Return anchors in a copy that nobody can change; raise `ConfigError` on a wrong one."""
     checked = require_mapping('anchors', anchors)
@@ -357,14 +304,3 @@ def checked_elevations(
         if len(checked[point]) != 2 or checked[point][0] > checked[point][1]:
             raise not_allowed(name, bounds_m, 'it must be the least and the greatest elevation')
     return MappingProxyType(checked)
-
-
-def check_elevation_errors(
-    errors: Mapping[str, ElevationErrorModel], elevations_m: Mapping[str, tuple[float, ...]]
-) -> None:
-    """Raise `ConfigError` on errors that are none, or of points without a stated elevation."""
-    for point, error in errors.items():
-        if point not in elevations_m:
-            wanted = 'named in elevations_m, with the least and the greatest elevation that it can'
-            raise not_allowed('point_elevation_error', point, f'it must be {wanted} have')
-        require_kind(f'point_elevation_error[{point}]', error, ElevationErrorModel)

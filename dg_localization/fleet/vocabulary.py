@@ -105,6 +105,8 @@ class RayReading:
         Unit vector.
     half_width_rad : float
         Greatest angle to the true direction.
+    expected_error_rad : float
+        Its likeliest error about the vertical axis, counterclockwise.
     displacement_m : float
         How far both ends together can have moved since the direction was measured. It is not yet
         part of the half width.
@@ -115,6 +117,7 @@ class RayReading:
     stamp_s: float
     direction: np.ndarray
     half_width_rad: float
+    expected_error_rad: float = 0.0
     displacement_m: float = 0.0
 
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet import LinkOverride
+from dg_localization.fleet import SensorBounds
 
 
 def has_resets(seed):
@@ -81,7 +81,6 @@ def _body_of(history, point):
 def _override_links(history, rng):
     """Give some links bounds of their own."""
     config, error = history.config, history.config.range_error
-    links = []
     for observer in config.points:
         for target in config.points:
             if config.robot_of(observer) != config.robot_of(target) and rng.random() < 0.3:
@@ -93,8 +92,7 @@ def _override_links(history, rng):
                     max_error_relative=factor * error.max_error_relative,
                 )
                 half_rad = factor * config.bearing_half_width_rad
-                links.append(LinkOverride(observer, target, own, half_rad))
-    history.config = replace(config, links=tuple(links))
+                history.bounds[observer, target] = SensorBounds(own, half_rad)
 
 
 def _limit_ranges(history, rng):
@@ -104,10 +102,9 @@ def _limit_ranges(history, rng):
     history.limits = (min(limits_m), max(limits_m), variance_m2)
     told = {'beyond_max_is_far': True, 'sigma_factor': float(rng.choice([0.0, 1.0, 3.0]))}
     config = history.config
-    links = tuple(
-        replace(link, range_error=replace(link.range_error, **told)) for link in config.links
-    )
-    history.config = replace(config, range_error=replace(config.range_error, **told), links=links)
+    history.config = replace(config, range_error=replace(config.range_error, **told))
+    for names, own in history.bounds.items():
+        history.bounds[names] = replace(own, range_error=replace(own.range_error, **told))
 
 
 def _draw_leap(rng):

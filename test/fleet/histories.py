@@ -69,6 +69,8 @@ class History:
     """Where anchors truly are, seen from where they are said to be."""
     limits: tuple = ()
     """The least and the greatest range of the sensors (m), and the variance of readings (m^2)."""
+    bounds: dict = field(default_factory=dict)
+    """The error bounds of links that have some of their own, by observer and target."""
     observed: list = field(default_factory=list)
     """The observer, the target and the time of each observation, in the order they are drawn."""
     with_odometry: set = field(default_factory=set)
@@ -213,7 +215,8 @@ class History:
 
         def call(localizer, now_s):
             distance = math.hypot(*self._gap(observer, target, time_s))
-            model = self.config.range_error_of(*names)
+            bounds = self.bounds_of(*names)
+            model = bounds.range_error
             absolute = model.min_error_m + share * (model.max_error_m - model.min_error_m)
             relative = model.min_error_relative + share * (
                 model.max_error_relative - model.min_error_relative
@@ -226,7 +229,8 @@ class History:
             if self.limits:
                 reading = beyond_limits(reading, *self.limits[:2])
             stamp_s = self._stamp_s(observer, time_s)
-            return localizer.add_range(*names, reading, stamp_s, now_s, *self.limits)
+            times_s = stamp_s, now_s
+            return localizer.add_range(*names, reading, *times_s, *self.limits, bounds=bounds)
 
         return self._arrival_s(time_s), call
 
@@ -239,7 +243,8 @@ class History:
             # Straight up or down is no direction in the plane.
             if not gap[:2].any():
                 return None
-            off = share * self.config.bearing_half_width_of(*names)
+            bounds = self.bounds_of(*names)
+            off = share * bounds.bearing_half_width_rad
             off += self.lies.get((observer, target, time_s), 0.0)
             yaw = self.drives[self.body(observer)].pose(time_s)[2]
             if names[0] in self.config.sensors:
@@ -248,9 +253,14 @@ class History:
             angle = math.atan2(gap[1], gap[0]) - yaw + off
             far = math.hypot(gap[0], gap[1])
             ray = [far * math.cos(angle), far * math.sin(angle), gap[2]]
-            return localizer.add_bearing(*names, ray, self._stamp_s(observer, time_s), now_s)
+            times_s = self._stamp_s(observer, time_s), now_s
+            return localizer.add_bearing(*names, ray, *times_s, bounds)
 
         return self._arrival_s(time_s), call
+
+    def bounds_of(self, observer, target):
+        """Return the error bounds of what one point measures of another, by their names."""
+        return self.bounds.get((observer, target), self.config.sensor_bounds)
 
     def _gap(self, observer, target, time_s):
         """Return the way in space from one point to another."""

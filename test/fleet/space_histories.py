@@ -206,7 +206,8 @@ class SpaceHistory(History):
             gap = self.place(target, time_s) - self.place(observer, time_s)
             if not gap.any():
                 return None
-            off_rad = share * self.config.bearing_half_width_of(*names)
+            bounds = self.bounds_of(*names)
+            off_rad = share * bounds.bearing_half_width_rad
             _, rotation = self.drives[self.body(observer)].pose(time_s)
             mount = self.config.sensors.get(names[0])
             if mount is not None:
@@ -214,7 +215,8 @@ class SpaceHistory(History):
             ray = rotation.T @ gap / math.sqrt(gap @ gap)
             across = cross(ray, aside)
             ray = ray + math.tan(off_rad) * across / math.sqrt(across @ across)
-            return localizer.add_bearing(*names, ray, self._stamp_s(observer, time_s), now_s)
+            times_s = self._stamp_s(observer, time_s), now_s
+            return localizer.add_bearing(*names, ray, *times_s, bounds)
 
         return self._arrival_s(time_s), call
 

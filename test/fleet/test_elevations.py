@@ -21,6 +21,7 @@ from dg_localization.fleet import (
     Mount,
     RangeErrorModel,
     RejectionReason,
+    SensorBounds,
 )
 from dg_localization.fleet.elevations import distance_in_plane_m, squared_rise_m2
 
@@ -182,17 +183,15 @@ def test_a_sensor_has_the_elevation_of_its_robot_unless_it_has_its_own():
     assert enclosure_of(of_robot) == enclosure_of(own)
 
 
-def test_points_have_error_bounds_of_their_own():
-    config = FleetConfig(
-        ['r', 's'],
-        elevations_m={'r': (0.0, 20.0), 's': (0.0, 20.0)},
-        point_elevation_error={'s': ElevationErrorModel(0.0, 2.0)},
-    )
-    assert config.elevation_error_of('r') == ElevationErrorModel(-0.5, 0.5)
+def test_readings_have_error_bounds_of_their_own():
+    config = FleetConfig(['r', 's'], elevations_m={'r': (0.0, 20.0), 's': (0.0, 20.0)})
+    own = SensorBounds(elevation_error=ElevationErrorModel(0.0, 2.0))
     localizer = Localizer(config)
-    localizer.add_elevation('s', 10.0, NOW_S, NOW_S)
-    assert localizer.add_elevation('s', 8.0, NOW_S, NOW_S) is None
-    assert '8.000 to 8.000' in str(localizer.add_elevation('s', 10.5, NOW_S, NOW_S))
+    localizer.add_elevation('s', 10.0, NOW_S, NOW_S, own)
+    assert localizer.add_elevation('s', 8.0, NOW_S, NOW_S, own) is None
+    assert '8.000 to 8.000' in str(localizer.add_elevation('s', 10.5, NOW_S, NOW_S, own))
+    assert localizer.add_elevation('r', 10.0, NOW_S, NOW_S) is None
+    assert '9.500 to 10.500' in str(localizer.add_elevation('r', 12.0, NOW_S, NOW_S))
 
 
 @pytest.mark.parametrize('sensor', ['r', 'r/left'])

@@ -16,7 +16,6 @@ from dg_localization.fleet import (
     ConfigError,
     ElevationErrorModel,
     FleetConfig,
-    LinkOverride,
     Localizer,
     Mount,
     OdometryErrorModel,
@@ -56,9 +55,6 @@ WRONG = [
     ({'max_outliers': -1}, 'max_outliers: -1', '>= 0'),
     ({'max_conflict_solves': True}, 'max_conflict_solves: True', 'integer'),
     ({'anchors': {'c': Anchor((1.0, 2.0, 3.0))}}, 'anchors[c]', '2 coordinates'),
-    ({'links': (LinkOverride('a', 'z'),)}, "links: 'z'", "['a', 'b']"),
-    ({'links': (LinkOverride('a', 'a'),)}, 'a->a', 'different'),
-    ({'links': (LinkOverride('a', 'b'), LinkOverride('a', 'b'))}, 'a->b', 'once'),
     ({'robots': 'robot'}, "robots: 'robot'", 'a sequence of names'),
     ({'robots': None}, 'robots: None', 'a sequence of names'),
     ({'robots': (1, 2)}, 'robots: 1', 'must be a string'),
@@ -69,7 +65,6 @@ WRONG = [
     ({'solver': {'resolution': 0.1}}, "solver: {'resolution': 0.1}", 'must be a SolverOptions'),
     ({'drop_stuck': 'no'}, "drop_stuck: 'no'", 'must be a bool'),
     ({'outlier_unit': []}, 'outlier_unit: []', "'sensor'"),
-    ({'links': (('a', 'b'),)}, "links: ('a', 'b')", 'must be a LinkOverride'),
     ({'anchors': {'c': (1.0, 2.0)}}, 'anchors[c]: (1.0, 2.0)', 'must be an Anchor'),
     ({'anchors': [(1.0, 2.0)]}, 'anchors: [(1.0, 2.0)]', 'must be a Mapping'),
     ({'mounts': {'a': (0.1, 0.2)}}, 'mounts[a]: (0.1, 0.2)', 'must be a Mapping'),
@@ -84,11 +79,6 @@ WRONG = [
     ({'elevations_m': {'z': (0.0, 1.0)}}, "elevations_m: 'z'", "['a', 'b']"),
     ({'elevations_m': {'a': (1.0, 0.0)}}, 'elevations_m[a]: (1.0, 0.0)', 'the least'),
     ({'elevations_m': {'a': (0.0, 1.0)}, 'dimension': 3}, "elevations_m: 'a'", 'none in space'),
-    (
-        {'point_elevation_error': {'a': ElevationErrorModel()}},
-        "point_elevation_error: 'a'",
-        'named in elevations_m',
-    ),
     ({'max_age_s': np.longdouble(0.1) + np.longdouble(1e-19)}, 'max_age_s: ', 'finite'),
 ]
 
@@ -112,14 +102,14 @@ def test_a_wrong_setting_is_refused_by_name(wrong, what, wanted):
         (lambda: RangeErrorModel(max_reading_m=0.0), 'range.max_reading_m: 0.0'),
         (lambda: ElevationErrorModel(0.1, -0.1), 'elevation.min_error_m: 0.1'),
         (lambda: ElevationErrorModel(math.nan, 0.1), 'elevation.min_error_m: nan'),
-        (lambda: SensorBounds(RangeErrorModel(), 4.0), 'bounds.bearing_half_width_rad: 4.0'),
+        (lambda: SensorBounds(RangeErrorModel(), 4.0), 'bearing_half_width_rad: 4.0'),
         (lambda: OdometryErrorModel(translation_scale=101.0), 'translation_scale: 101.0'),
         (lambda: OdometryErrorModel(translation_scale=math.nan), 'translation_scale: nan'),
         (lambda: Anchor((0.0, 0.0), -1.0), 'anchor.bound_m: -1.0'),
         (lambda: Anchor((0.0, math.nan)), 'anchor.coordinates_m: nan'),
         (lambda: Mount((0.0, 0.0), -1.0), 'mount.bound_m: -1.0'),
         (lambda: Mount((0.0, 0.0), 0.0, (1.0, 1.0, 0.0, 0.0)), 'a unit quaternion'),
-        (lambda: LinkOverride('a', 'b', bearing_half_width_rad=-1.0), 'a->b'),
+        (lambda: SensorBounds(bearing_half_width_rad=-1.0), 'bearing_half_width_rad: -1.0'),
     ],
 )
 def test_a_wrong_model_is_refused_by_name(make, what):
@@ -134,7 +124,7 @@ def test_numbers_of_numpy_are_those_of_python():
     assert RangeErrorModel(-one, two) == RangeErrorModel(-1.0, 2.0)
     assert OdometryErrorModel(one, tilt_rad=two) == OdometryErrorModel(1.0, tilt_rad=2.0)
     assert ElevationErrorModel(-one, two) == ElevationErrorModel(-1.0, 2.0)
-    assert LinkOverride('a', 'b', None, one) == LinkOverride('a', 'b', None, 1.0)
+    assert SensorBounds(RangeErrorModel(), one) == SensorBounds(RangeErrorModel(), 1.0)
     config = FleetConfig(
         robots=np.array(['a', 'b']),
         dimension=np.int8(2),
@@ -163,10 +153,7 @@ def test_numbers_of_numpy_are_those_of_python():
         (lambda: Anchor(1.0), 'anchor.coordinates_m: 1.0 .* a sequence of numbers'),
         (lambda: Anchor('12'), "anchor.coordinates_m: '12' .* a sequence of numbers"),
         (lambda: Mount((0.0, 0.0), 0.0, 1.57), 'mount.rotation_xyzw: 1.57 .* a sequence'),
-        (
-            lambda: LinkOverride('a', 'b', 0.1),
-            r'links\[a->b\].range_error: 0.1 .* RangeErrorModel',
-        ),
+        (lambda: SensorBounds(0.1), 'range_error: 0.1 .* RangeErrorModel'),
         (lambda: RangeErrorModel(beyond_max_is_far='no'), "beyond_max_is_far: 'no' .* a bool"),
         (lambda: Localizer(['a', 'b']), r"config: \['a', 'b'\] .* a FleetConfig"),
     ],
@@ -174,13 +161,6 @@ def test_numbers_of_numpy_are_those_of_python():
 def test_what_is_of_another_type_is_refused_by_name(make, wanted):
     with pytest.raises(ConfigError, match=wanted):
         make()
-
-
-@pytest.mark.parametrize('pair', [('a', 'a/cam'), ('a/cam', 'a/left')])
-def test_bounds_of_a_link_within_one_robot_are_refused_by_name(pair):
-    mounts = {'a': {'cam': (0.3, 0.2), 'left': (0.3, -0.2)}}
-    with pytest.raises(ConfigError, match=f"{'->'.join(pair)} is not allowed, .* robot 'a'"):
-        FleetConfig(robots=('a', 'b'), mounts=mounts, links=(LinkOverride(*pair),))
 
 
 @pytest.mark.parametrize('far_m', [1.1e9, -1e155, 1.7e308, math.inf, math.nan])
@@ -243,18 +223,6 @@ def test_points_are_the_robots_then_the_landmarks():
     assert config.landmarks == ('beacon',)
     assert config.reference_robot == 'a'
     assert [config.speed_m_s(point) for point in config.points] == [0.5, 0.0, 0.0]
-
-
-def test_overrides_replace_the_model_of_their_link_only():
-    model = RangeErrorModel(max_error_m=1.0)
-    config = FleetConfig(
-        robots=('a', 'b'),
-        links=(LinkOverride('a', 'b', model), LinkOverride('b', 'a', None, 0.2)),
-    )
-    assert config.range_error_of('a', 'b') is model
-    assert config.range_error_of('b', 'a') is config.range_error
-    assert config.bearing_half_width_of('a', 'b') == config.bearing_half_width_rad
-    assert config.bearing_half_width_of('b', 'a') == 0.2
 
 
 def test_a_robot_has_odometry_errors_of_its_own_or_those_of_all():

@@ -110,9 +110,31 @@ def told(tmp_path, learn):
         bounds = tmp_path / 'bounds.yaml'
         bounds.write_text(learn.output)
         arguments = ['--ros-args', '--params-file', str(bounds)]
-        return read_task(learn.params, arguments).settings.fleet
+        return read_task(learn.params, arguments).settings
 
     return read
+
+
+def bounds_of(settings, kind, observer, target):
+    """Return the bounds of what one point measures of another."""
+    of_all = settings.fleet.sensor_bounds
+    return next(
+        (
+            link.bounds_within(of_all)
+            for link in settings.links
+            if link.key.kind in (kind, LinkKind.PEERS)
+            and (link.key.observer, link.key.target or target) == (observer, target)
+        ),
+        of_all,
+    )
+
+
+def range_error_of(settings, observer, target):
+    return bounds_of(settings, LinkKind.RANGE, observer, target).range_error
+
+
+def half_width_of(settings, observer, target):
+    return bounds_of(settings, LinkKind.BEARING, observer, target).bearing_half_width_rad
 
 
 def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
@@ -162,13 +184,15 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
     bag = record(tmp_path / 'bag', change=longer, odometry=True)
     code, found = learn(bag, '--truth', TRUTH)
     assert code == 0
-    fleet = told()
-    apart, other = fleet.range_error_of('robot_1', 'robot_2'), fleet.range_error_of(*ROBOTS[1:3])
+    settings = told()
+    fleet = settings.fleet
+    apart = range_error_of(settings, 'robot_1', 'robot_2')
+    other = range_error_of(settings, *ROBOTS[1:3])
     assert apart.expected_error_m == pytest.approx(0.5, abs=0.1)
     assert other.expected_error_m == pytest.approx(0.0, abs=0.1)
     assert apart.max_error_m + 8.0 * apart.max_error_relative > 0.5
     assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
-    assert fleet.bearing_half_width_of('robot_1', 'robot_2') <= 0.025
+    assert half_width_of(settings, 'robot_1', 'robot_2') <= 0.025
     assert len(found['links']) == 9 + 18
     assert set(fleet.robot_odometry_error) == set(ROBOTS)
     error, learned = fleet.odometry_error, found['odometry']
@@ -191,7 +215,7 @@ def test_each_robot_has_a_scale_of_its_own(tmp_path, learn, told):
     bag = record(tmp_path / 'bag', seconds=40.0, change=shorter, odometry=True, cameras=False)
     code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
     assert code == 0
-    fleet = told()
+    fleet = told().fleet
     learned = found['robot_odometry']
     assert set(learned) == set(ROBOTS)
     # It is simulated to 5 %.
@@ -234,10 +258,10 @@ def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
     code, found = learn(bag, '--truth', TRUTH)
     assert code == 0
     assert {text.split()[1] for text in found['links']} == {'sensor_msgs/msg/PointCloud2'}
-    fleet = told()
+    settings = told()
     for target in (*ROBOTS[1:], *LANDMARKS_M):
-        assert fleet.range_error_of('robot_1', target).max_error_relative < 0.05
-        assert fleet.bearing_half_width_of('robot_1', target) < 0.03
+        assert range_error_of(settings, 'robot_1', target).max_error_relative < 0.05
+        assert half_width_of(settings, 'robot_1', target) < 0.03
 
 
 def test_without_truth_the_bias_is_left_open(tmp_path, learn):
@@ -297,7 +321,8 @@ def test_without_truth_no_link_gets_narrower_bounds_than_it_states(
     state(learn, links=[WIDE_LINK, OTHER_LINK])
     code, _ = learn(record_three(tmp_path / 'bag', n_biased), '--per', per)
     assert code == 0
-    biased, other = told().range_error_of('r1', 'r3'), told().range_error_of('r1', 'r2')
+    settings = told()
+    biased, other = (range_error_of(settings, 'r1', target) for target in ('r3', 'r2'))
     assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
     assert (other.min_error_m, other.max_error_m) == (-0.1, 0.1)
     kept = '/r1/range/r3 has no range to learn from' in learn.output
@@ -311,8 +336,8 @@ def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(tmp_path, l
     bag = record_three(tmp_path / 'bag', truth=('r1', 'r2'))
     code, _ = learn(bag, '--truth', '/{robot}/truth', '--per', per)
     assert code == 0
-    fleet = told()
-    biased, other = fleet.range_error_of('r1', 'r3'), fleet.range_error_of('r1', 'r2')
+    settings = told()
+    biased, other = (range_error_of(settings, 'r1', target) for target in ('r3', 'r2'))
     assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
     assert (biased.min_error_relative, biased.max_error_relative) == (0.0, 0.0)
     assert -0.05 < other.min_error_m + 4.0 * other.min_error_relative < 0.0
@@ -332,7 +357,7 @@ def test_of_odometry_what_is_not_learned_stays_as_stated(tmp_path, learn, told, 
     for learned in (found['odometry'], *found['robot_odometry'].values()):
         assert 'translation_per_m' in learned and not {'max_gap', 'latency'} & set(learned)
     for robot in ROBOTS:
-        error = told().odometry_error_of(robot)
+        error = told().fleet.odometry_error_of(robot)
         assert error.latency_s == 0.2
         assert error.max_gap_s == (0.4 if robot == 'robot_2' else 0.3)
 
@@ -417,7 +442,7 @@ def test_a_robot_without_truth_keeps_the_odometry_that_is_stated_of_all(
     stated = read_task(learn.params, []).settings.fleet.odometry_error
     code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', per)
     assert code == 0
-    fleet = told()
+    fleet = told().fleet
     assert fleet.odometry_error_of('r1').translation_scale == 0.8
     assert fleet.odometry_error_of('r2') == stated
     assert 'Nothing was learned of the odometry of r2, r3: it is as' in learn.output
@@ -439,7 +464,7 @@ def test_without_truth_relative_bounds_hold_the_scatter_of_near_readings(tmp_pat
     code, _ = learn(tmp_path / 'bag')
     assert code == 0 and 'widened; 0.00 % excluded' in learn.output.replace('\n#    ', '')
     ranges_m, distances_m = np.array(ranges_m), np.array(distances_m)
-    model = told().range_error_of('r1', 'r2')
+    model = range_error_of(told(), 'r1', 'r2')
     assert excluded_ranges(model, ranges_m, ranges_m - distances_m) == 0
     assert model.max_error_m < 0.35
 

@@ -20,7 +20,6 @@ from dg_localization.fleet import (  # noqa: E402
     FleetConfig,
     LinkKey,
     LinkKind,
-    LinkOverride,
     Localizer,
     RangeErrorModel,
     RejectionReason,
@@ -154,7 +153,6 @@ def test_a_range_has_the_bounds_of_its_own_link(link, bounds_m):
     config = FleetConfig(
         robots=('a', 'b'),
         range_error=RangeErrorModel(-0.05, 1.3, 0.0, 0.0),
-        links=(LinkOverride('a', 'b', RangeErrorModel(-0.02, 0.02, 0.0, 0.0)),),
     )
     localizer = Localizer(config)
     assert take(localizer, link, Range(range=3.0) if link is NARROW else cloud(3.0)) is None
@@ -166,7 +164,7 @@ def test_a_ray_has_the_half_width_of_its_own_link():
     narrow = replace(CLOUDS, overrides={'half_width': 0.01})
     settings = {'robots': ('a', 'b'), 'bearing_half_width_rad': 0.2}
     for link, half_width_rad in ((narrow, 0.01), (CLOUDS, 0.2)):
-        localizer = Localizer(FleetConfig(**settings, links=(LinkOverride('a', 'b', None, 0.05),)))
+        localizer = Localizer(FleetConfig(**settings))
         reading = PeersReading(NOW_S, np.array([1]), np.array([math.nan]), np.array([AHEAD]))
         assert take(localizer, link, adapter_for(CLOUD).to_message(reading)) is None
         (ray,) = localizer.snapshot(NOW_S).rays

@@ -37,6 +37,10 @@ def settings(**given):
     return settings_from(check_values({**ROBOTS, **given}))
 
 
+def bounds_of_links(found):
+    return [link.bounds_within(found.fleet.sensor_bounds) for link in found.links]
+
+
 SCALARS = [
     name
     for name, spec in TABLE.items()
@@ -61,13 +65,13 @@ def test_expected_errors_reach_the_fleet_and_its_links():
         '/ab sensor_msgs/msg/Range a b expected_error=0.2',
         '/ab_seen geometry_msgs/msg/Vector3Stamped a b expected_error=-0.01',
     ]
-    found = settings(**{'links': links, 'bearing.expected_error': 0.03}).fleet
-    assert found.range_error.expected_error_m is None
-    assert found.range_error_of('a', 'b').expected_error_m == 0.2
-    assert found.range_error_of('b', 'a').expected_error_m is None
-    assert found.bearing_expected_error_of('a', 'b') == -0.01
-    assert found.bearing_half_width_of('a', 'b') == found.bearing_half_width_rad
-    assert found.bearing_expected_error_of('b', 'a') == 0.03
+    found = settings(**{'links': links, 'bearing.expected_error': 0.03})
+    assert found.fleet.range_error.expected_error_m is None
+    assert found.fleet.bearing_expected_error_rad == 0.03
+    ranging, seeing = bounds_of_links(found)
+    assert ranging.range_error.expected_error_m == 0.2
+    assert seeing.bearing_expected_error_rad == -0.01
+    assert seeing.bearing_half_width_rad == found.fleet.bearing_half_width_rad
     with pytest.raises(WrongParameterError, match='expected_error'):
         settings(**{'range.expected_error': 'much'})
     assert settings(**{'range.expected_error': 0.1}).fleet.range_error.expected_error_m == 0.1
@@ -328,37 +332,32 @@ def test_topics_that_are_swapped_by_remapping_are_refused():
         settings_from(check_values(given), lambda topic: swapped.get(topic, topic))
 
 
-def test_links_that_measure_the_same_have_the_widest_of_their_bounds():
-    found = settings(
-        links=[
-            '/uwb_1/ab sensor_msgs/msg/Range a b max_error=1.5 expected_error=0.1',
-            '/uwb_2/ab sensor_msgs/msg/Range a b min_error=-0.4 sigma_factor=2.0',
-            '/cam_1/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.2',
-            '/cam_2/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.02',
-            '/cam_1/ac geometry_msgs/msg/Vector3Stamped a c half_width=0.02',
-            '/cam_2/ac geometry_msgs/msg/Vector3Stamped a c',
-        ],
-        **{'bearing.half_width': 0.3},
+def test_links_that_measure_the_same_have_bounds_of_their_own():
+    links = [
+        '/uwb_1/ab sensor_msgs/msg/Range a b max_error=1.5 expected_error=0.1',
+        '/uwb_2/ab sensor_msgs/msg/Range a b min_error=-0.4 sigma_factor=2.0',
+        '/cam_1/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.2',
+        '/cam_2/ab geometry_msgs/msg/Vector3Stamped a b',
+    ]
+    first, second, seen, other = bounds_of_links(
+        settings(links=links, **{'bearing.half_width': 0.3})
     )
-    model = found.fleet.range_error_of('a', 'b')
-    assert (model.min_error_m, model.max_error_m, model.sigma_factor) == (-0.4, 1.5, 2.0)
-    assert model.expected_error_m is None
-    assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
-    assert found.fleet.bearing_half_width_of('a', 'c') == 0.3
+    assert (first.range_error.min_error_m, first.range_error.max_error_m) == (0.0, 1.5)
+    assert first.range_error.expected_error_m == 0.1
+    assert (second.range_error.min_error_m, second.range_error.max_error_m) == (-0.4, 0.0)
+    assert second.range_error.sigma_factor == 2.0
+    assert (seen.bearing_half_width_rad, other.bearing_half_width_rad) == (0.2, 0.3)
 
 
-def test_bounds_of_peers_are_those_of_all_targets():
-    found = settings(
-        links=[
-            '/uwb/ab sensor_msgs/msg/Range a b max_error=1.5',
-            '/a/all sensor_msgs/msg/PointCloud2 a max_error=0.7 half_width=0.2',
-        ],
-        **{'anchors.names': ['p'], 'anchors.p.position': [1.0, 2.0]},
-    )
-    bounds = [found.fleet.range_error_of('a', name).max_error_m for name in ('b', 'c', 'p')]
-    assert bounds == [1.5, 0.7, 0.7]
-    assert found.fleet.bearing_half_width_of('a', 'b') == 0.2
-    assert found.fleet.range_error_of('b', 'a').max_error_m == 0.0
+def test_bounds_of_peers_are_those_of_their_ranges_and_rays():
+    links = [
+        '/a/all sensor_msgs/msg/PointCloud2 a max_error=0.7 half_width=0.2',
+        '/b/all sensor_msgs/msg/PointCloud2 b',
+    ]
+    found = settings(links=links)
+    own, other = bounds_of_links(found)
+    assert (own.range_error.max_error_m, own.bearing_half_width_rad) == (0.7, 0.2)
+    assert other == found.fleet.sensor_bounds
 
 
 def test_bounds_of_links_join_points_of_two_robots():
@@ -368,8 +367,7 @@ def test_bounds_of_links_join_points_of_two_robots():
         'mounts.a.camera.position': [0.4, 0.0],
     }
     found = settings(links=['/a/all sensor_msgs/msg/PointCloud2 a/camera max_error=0.7'], **mounts)
-    assert found.fleet.range_error_of('a/camera', 'b').max_error_m == 0.7
-    assert 'a' not in {link.target for link in found.fleet.links}
+    assert bounds_of_links(found)[0].range_error.max_error_m == 0.7
     with pytest.raises(WrongParameterError, match="a/camera->a is not allowed, .* robot 'a'"):
         settings(links=['/own sensor_msgs/msg/Range a/camera a max_error=0.7'], **mounts)
 
@@ -458,7 +456,7 @@ def test_sensors_on_robots_and_elevations_reach_the_fleet():
     assert found.fleet.sensors['a/camera'].bound_m == 0.01
     assert found.fleet.sensors['a/camera'].rotation_xyzw == pytest.approx((0.0, 0.0, 1.0, 0.0))
     assert found.fleet.elevation_m('a/left') == (0.4, 0.5)
-    assert found.fleet.range_error_of('a/left', 'b').max_error_m == 0.7
+    assert bounds_of_links(found)[0].range_error.max_error_m == 0.7
     (template,) = [t for t in found.templates if t.kind is LinkKind.RANGE]
     link = template.link_of('/a/left/range/b', found.fleet.points)
     assert link.key == LinkKey(LinkKind.RANGE, 'a/left', 'b')
@@ -488,7 +486,6 @@ def test_parameters_of_readings_reach_the_fleet():
         }
     )
     assert found.fleet.elevation_error == ElevationErrorModel(-0.2, 0.3)
-    assert found.fleet.point_elevation_error == {}
     (template,) = (one for one in found.templates if one.kind == 'elevation')
     link = template.link_of('/a/depth', found.fleet.points)
     assert str(link.key) == 'elevation a'
@@ -497,7 +494,6 @@ def test_parameters_of_readings_reach_the_fleet():
 
 def test_a_link_has_error_bounds_of_its_own_which_are_not_those_of_ranges():
     found = elevated(links=[f'{BARO} a min_error=-1.0', '/other geometry_msgs/msg/PointStamped a'])
-    assert found.fleet.point_elevation_error == {'a': ElevationErrorModel(-1.0, 0.5)}
-    assert found.fleet.links == ()
-    # Readings of a robot without a stated elevation are counted and rejected.
-    assert elevated(links=[f'{BARO} b max_error=1.0']).fleet.point_elevation_error == {}
+    own, other = bounds_of_links(found)
+    assert own.elevation_error == ElevationErrorModel(-1.0, 0.5)
+    assert own.range_error == found.fleet.range_error and other == found.fleet.sensor_bounds

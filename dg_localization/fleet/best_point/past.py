@@ -260,14 +260,13 @@ def _readings(
         first = bisect_left(seen, max(ways[end].since_s for end in moved), key=STAMP_S)
         if first < len(seen):
             ends[observer, target] = frozenset(ways[end].row for end in moved)
-        error_rad = config.bearing_expected_error_of(observer, target)
         rows += [
             (
                 *(solved.rows[body] for body in on_bodies),
                 one.stamp_s,
                 one.likeliest_m,
                 0.5 * (one.upper_m - one.lower_m),
-                _bearing_rad(one) - error_rad,
+                _bearing_rad(one),
                 one.half_width_rad,
                 *arms_m,
             )
@@ -277,10 +276,10 @@ def _readings(
 
 
 def _bearing_rad(seen: Observation) -> float:
-    """Return where a target was seen; who may look anywhere has seen nothing."""
+    """Return where a target likely was seen; who may look anywhere has seen nothing."""
     if seen.direction is None or seen.half_width_rad >= math.pi:
         return math.nan
-    return math.atan2(*seen.direction[1::-1])
+    return math.atan2(*seen.direction[1::-1]) - seen.expected_error_rad
 
 
 def _by_errors(

@@ -200,8 +200,7 @@ def _terms_of(
             (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
             # Who may look anywhere has seen nothing.
             if row != target and ray.half_width_rad < math.pi:
-                error_rad = config.bearing_expected_error_of(observer, ray.key.target)
-                direction = _turned_back(ray.direction, error_rad)
+                direction = _turned_back(ray.direction, ray.expected_error_rad)
                 yield Term(RAY, row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
     for row, box in anchors.items():
         if (box.lower < box.upper).any():

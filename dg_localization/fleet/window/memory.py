@@ -48,6 +48,8 @@ class Observation:
         Unit vector in the body frame of the observer.
     half_width_rad : float
         Greatest angle between the direction and the true one.
+    expected_error_rad : float
+        Its likeliest error about the vertical axis.
     likeliest_m : float
         The likeliest distance; NaN where none was measured.
 
@@ -58,6 +60,7 @@ class Observation:
     upper_m: float = math.inf
     direction: np.ndarray | None = None
     half_width_rad: float = math.inf
+    expected_error_rad: float = 0.0
     likeliest_m: float = math.nan
 
     @property
@@ -74,8 +77,12 @@ class Observation:
             return replace(self, lower_m=lower_m, upper_m=upper_m, likeliest_m=likeliest_m)
         if reading.half_width_rad >= self.half_width_rad:
             return self
-        half_width_rad = reading.half_width_rad
-        return replace(self, direction=reading.direction, half_width_rad=half_width_rad)
+        return replace(
+            self,
+            direction=reading.direction,
+            half_width_rad=reading.half_width_rad,
+            expected_error_rad=reading.expected_error_rad,
+        )
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.bounds import (
@@ -24,7 +26,7 @@ from dg_localization.calibration.bounds import (
     shortest_band,
 )
 from dg_localization.calibration.truth import TrueTrack, range_errors_m
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel
+from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel, SensorBounds
 from dg_localization.ros.bags.bag import BagError
 from dg_localization.ros.bags.fit_odometry import fit_all_odometry
 from dg_localization.ros.bags.samples import Errors, Gatherer, errors_of
@@ -177,12 +179,12 @@ def fit(
         LinkKind.RANGE: {
             pair: _range_group(one, choice, shape)
             if truth
-            else _scatter_group(one, fleet.range_error_of(*pair), choice)
+            else _scatter_group(one, _stated(gatherer, LinkKind.RANGE, pair).range_error, choice)
             for pair, one in ranges.items()
         },
         LinkKind.BEARING: {
             pair: _bearing_group(
-                one, choice, fleet, None if truth else fleet.bearing_half_width_of(*pair)
+                one, choice, fleet, None if truth else _stated(gatherer, LinkKind.BEARING, pair)
             )
             for pair, one in _gathered(errors, LinkKind.BEARING, per).items()
         },
@@ -215,8 +217,16 @@ def fit(
             'window_outliers: 1 lets one reading of each pair in memory.seconds be wrong, '
             'max_outliers: 1 one of a moment.'
         )
-    learned.notes += broken_bounds(fleet, stated)
+    learned.notes += broken_bounds(fleet, gatherer.stated, stated)
     return learned
+
+
+def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
+    """Return the bounds that readings of a group came with; of several, the widest."""
+    of_group = gatherer.stated.get(LinkKey(kind, *pair), {gatherer.config.sensor_bounds})
+    if kind is LinkKind.BEARING:
+        return max(of_group, key=attrgetter('bearing_half_width_rad'))
+    return max(of_group, key=lambda one: one.range_error.max_error_m - one.range_error.min_error_m)
 
 
 def _group(
@@ -285,18 +295,19 @@ def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> Grou
 
 
 def _bearing_group(
-    one: Errors, choice: Choice, fleet: FleetConfig, stated_rad: float | None
+    one: Errors, choice: Choice, fleet: FleetConfig, stated: SensorBounds | None
 ) -> GroupFit:
     """Return the half width of bearings, no narrower than one that is stated without a truth."""
+    least_rad = stated.bearing_half_width_rad if stated else 0.0
 
     def excluded_of(first: Errors, second: Errors) -> int:
-        half_width_rad = max(fit_half_width_rad(first.errors, choice), stated_rad or 0.0)
+        half_width_rad = max(fit_half_width_rad(first.errors, choice), least_rad)
         return int(np.count_nonzero(np.abs(second.errors) > half_width_rad))
 
     excluded = excluded_of(one, one)
     span = f'{one.errors.min():.3f} to {one.errors.max():.3f} rad'
-    bounds = {'half_width': max(fit_half_width_rad(one.errors, choice), stated_rad or 0.0)}
-    if stated_rad is not None:
+    bounds = {'half_width': max(fit_half_width_rad(one.errors, choice), least_rad)}
+    if stated is not None:
         return _group(one, bounds, f'scatter {span}', excluded)
     bias_rad = float(np.median(one.errors))
     if fleet.dimension == 2:
@@ -378,21 +389,28 @@ def _limits_without_truth(gatherer: Gatherer) -> Iterator[str]:
         yield 'Without a ground truth scale and bounds of odometry cannot be learned.'
 
 
-def broken_bounds(fleet: FleetConfig, errors: Mapping[LinkKey, Errors]) -> list[str]:
-    """Return sentences on the readings that break the bounds stated for them, oldest first."""
+def _breaking(bounds: SensorBounds, kind: LinkKind, one: Errors) -> NDArray[np.bool_]:
+    """Return which readings break bounds, as far as that is known."""
+    if kind is LinkKind.BEARING:
+        return np.abs(one.errors) > bounds.bearing_half_width_rad
+    if bounds.range_error.sigma_factor > 0.0:
+        # The bounds depend on the variance of each reading, which is not gathered.
+        return np.zeros(len(one.errors), dtype=bool)
+    pairs = zip(one.values.tolist(), one.errors.tolist(), strict=True)
+    held = [range_holds(bounds.range_error, value, value - error) for value, error in pairs]
+    return ~np.array(held, dtype=bool)
+
+
+def broken_bounds(
+    fleet: FleetConfig,
+    stated: Mapping[LinkKey, Collection[SensorBounds]],
+    errors: Mapping[LinkKey, Errors],
+) -> list[str]:
+    """Return sentences on the readings that break all bounds stated for them, oldest first."""
     found = []
     for key, one in errors.items():
-        if key.kind is LinkKind.BEARING:
-            half_width_rad = fleet.bearing_half_width_of(key.observer, key.target)
-            broken, unit = np.abs(one.errors) > half_width_rad, 'rad'
-        else:
-            model = fleet.range_error_of(key.observer, key.target)
-            if model.sigma_factor > 0.0:
-                # The bounds depend on the variance of each reading, which is not gathered.
-                continue
-            pairs = zip(one.values.tolist(), one.errors.tolist(), strict=True)
-            held = [range_holds(model, value, value - error) for value, error in pairs]
-            broken, unit = ~np.array(held, dtype=bool), 'm'
+        unit = 'rad' if key.kind is LinkKind.BEARING else 'm'
+        broken = np.all([_breaking(bounds, key.kind, one) for bounds in stated[key]], axis=0)
         wrong = one.chosen(broken)
         ends = np.flatnonzero(np.diff(wrong.stamps_s) > GAP_S) + 1
         for times_s, sizes in zip(

@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.calibration.bounds import residuals
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rejection
+from dg_localization.fleet import (
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    Rejection,
+    SensorBounds,
+)
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
 from dg_localization.fleet.localizer import PeerMeasurement
 
@@ -35,6 +42,8 @@ class Gatherer(Localizer):
         By input, stamps in s with ranges in m or with unit vectors, as they arrived.
     odometry : dict of str to list of OdometryPiece
         By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
+    stated : dict of LinkKey to set of SensorBounds
+        The bounds that the readings of an input came with, of each link that has it.
 
     """
 
@@ -42,6 +51,7 @@ class Gatherer(Localizer):
         super().__init__(config)
         self.readings: dict[LinkKey, list[tuple[float, Any]]] = defaultdict(list)
         self.odometry: dict[str, list[OdometryPiece]] = defaultdict(list)
+        self.stated: dict[LinkKey, set[SensorBounds]] = defaultdict(set)
 
     def stamps_s(self) -> list[float]:
         """Return the stamps of all that was measured."""
@@ -55,16 +65,22 @@ class Gatherer(Localizer):
         """Keep a range that is accepted."""
         rejection = super().add_range(observer, target, range_m, stamp_s, *args, **others)
         if rejection is None:
-            self._keep(observer, target, range_m, stamp_s)
+            self._keep(observer, target, range_m, stamp_s, others.get('bounds'))
         return rejection
 
     def add_bearing(
-        self, observer: str, target: str, ray_xyz: ArrayLike, stamp_s: float, *args: Any
+        self,
+        observer: str,
+        target: str,
+        ray_xyz: ArrayLike,
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """Keep a ray that is accepted."""
-        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, *args)
+        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, now_s, bounds)
         if rejection is None:
-            self._keep(observer, target, ray_xyz, stamp_s)
+            self._keep(observer, target, ray_xyz, stamp_s, bounds)
         return rejection
 
     def add_odometry(
@@ -90,30 +106,43 @@ class Gatherer(Localizer):
         return rejection
 
     def add_peers(
-        self, observer: str, readings: Iterable[PeerMeasurement], *args: Any
+        self,
+        observer: str,
+        readings: Iterable[PeerMeasurement],
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
     ) -> list[Rejection]:
         """Keep what is accepted of everything that one robot measured."""
         # Who measured, and when, is checked once. The rows go one by one: of all together the
         # answer does not say which were accepted.
-        rejections = super().add_peers(observer, (), *args)
+        rejections = super().add_peers(observer, (), stamp_s, now_s, bounds)
         for target, value in readings if not rejections else ():
-            of_row = super().add_peers(observer, [(target, value)], *args)
+            of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s, bounds)
             rejections += of_row
             if not of_row:
-                self._keep(observer, target, value, args[0])
+                self._keep(observer, target, value, stamp_s, bounds)
         return rejections
 
-    def _keep(self, observer: str, target: str, value: Any, stamp_s: float) -> None:
+    def _keep(
+        self,
+        observer: str,
+        target: str,
+        value: Any,
+        stamp_s: float,
+        bounds: SensorBounds | None,
+    ) -> None:
         """Keep a range in m, or the unit vector of a ray in the body frame."""
-        if isinstance(value, int | float):
-            # Infinity is accepted where it proves that the target is far; it has no error.
-            if math.isfinite(value):
-                key = LinkKey(LinkKind.RANGE, observer, target)
-                self.readings[key].append((stamp_s, value))
+        kind = LinkKind.RANGE if isinstance(value, int | float) else LinkKind.BEARING
+        key = LinkKey(kind, observer, target)
+        self.stated[key].add(bounds or self.config.sensor_bounds)
+        if kind is LinkKind.BEARING:
+            in_body = in_body_frame(self.config.sensors.get(observer), value)
+            value = interpret_ray(in_body, self.config.dimension)
+        # Infinity is accepted where it proves that the target is far; it has no error.
+        elif math.isinf(value):
             return
-        in_body = in_body_frame(self.config.sensors.get(observer), value)
-        key = LinkKey(LinkKind.BEARING, observer, target)
-        self.readings[key].append((stamp_s, interpret_ray(in_body, self.config.dimension)))
+        self.readings[key].append((stamp_s, value))
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,7 +194,9 @@ class Intake:
             case BearingReading():
                 return localizer.add_bearing(*key.ends, reading.ray_xyz, stamp_s, now_s, bounds)
             case ElevationReading():
-                return localizer.add_elevation(key.observer, reading.elevation_m, stamp_s, now_s)
+                return localizer.add_elevation(
+                    key.observer, reading.elevation_m, stamp_s, now_s, bounds
+                )
             case OdometryReading():
                 self.bodies[key.observer] = usable_frame_id(str(reading.child_frame_id))
                 return localizer.add_odometry(
@@ -245,9 +247,7 @@ class Intake:
     def _bounds_of(self, link: Link) -> SensorBounds:
         """Return the error bounds of what a link measures."""
         if link not in self._bounds:
-            config = self._localizer.config
-            of_all = SensorBounds(config.range_error, config.bearing_half_width_rad)
-            self._bounds[link] = link.bounds_within(of_all)
+            self._bounds[link] = link.bounds_within(self._localizer.config.sensor_bounds)
         return self._bounds[link]
 
     def configure(self) -> None:

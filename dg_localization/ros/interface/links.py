@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
-from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel, SensorBounds
+from dg_localization.fleet import (
+    ElevationErrorModel,
+    LinkKey,
+    LinkKind,
+    RangeErrorModel,
+    SensorBounds,
+)
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
 from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
@@ -46,6 +52,11 @@ TURNS = ('roll', 'pitch', 'yaw')
 RANGE_FIELDS = fields_of(RangeErrorModel, 'range.')
 del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
+BEARING_FIELDS = {
+    'half_width': 'bearing_half_width_rad',
+    'expected_error': 'bearing_expected_error_rad',
+}
+ELEVATION_FIELDS = fields_of(ElevationErrorModel, 'elevation.')
 STAMP_OFFSET = 'stamp_offset'
 
 
@@ -72,7 +83,7 @@ KINDS = {
     LinkKind.BEARING: InputKind(
         (BearingReading,),
         ('observer', 'target'),
-        ('half_width', 'expected_error', STAMP_OFFSET),
+        (*BEARING_FIELDS, STAMP_OFFSET),
         'geometry_msgs/msg/Vector3Stamped',
     ),
     LinkKind.ODOMETRY: InputKind(
@@ -87,7 +98,7 @@ KINDS = {
     LinkKind.ELEVATION: InputKind(
         (ElevationReading,),
         ('observer',),
-        ('min_error', 'max_error', STAMP_OFFSET),
+        (*ELEVATION_FIELDS, STAMP_OFFSET),
         'geometry_msgs/msg/PointStamped',
     ),
     LinkKind.CAMERA: InputKind((CameraReading,), ('observer',), ()),
@@ -129,16 +140,21 @@ class Link:
 
     def bounds_within(self, of_all: SensorBounds) -> SensorBounds:
         """Return the error bounds of the link, those of the fleet where it states none."""
-        half_width_rad = self.overrides.get('half_width', of_all.bearing_half_width_rad)
-        return SensorBounds(self.range_error_within(of_all.range_error), half_width_rad)
+        kind, bounds = self.key.kind, of_all
+        if kind in (LinkKind.RANGE, LinkKind.PEERS):
+            range_error = replace(bounds.range_error, **self._stated(RANGE_FIELDS))
+            bounds = replace(bounds, range_error=range_error)
+        if kind in (LinkKind.BEARING, LinkKind.PEERS):
+            bounds = replace(bounds, **self._stated(BEARING_FIELDS))
+        if kind is LinkKind.ELEVATION:
+            elevation_error = replace(bounds.elevation_error, **self._stated(ELEVATION_FIELDS))
+            bounds = replace(bounds, elevation_error=elevation_error)
+        return bounds
 
-    def range_error_within(self, of_all: RangeErrorModel) -> RangeErrorModel:
-        """Return the error bounds of the ranges of the link, from those of the fleet."""
-        if self.key.kind not in (LinkKind.RANGE, LinkKind.PEERS):
-            return of_all
-        stated = RANGE_FIELDS.keys() & self.overrides
-        fields: dict[str, Any] = {RANGE_FIELDS[name]: self.overrides[name] for name in stated}
-        return replace(of_all, **fields)
+    def _stated(self, fields: Mapping[str, str]) -> dict[str, Any]:
+        """Return the fields that the overrides state."""
+        stated = fields.keys() & self.overrides
+        return {fields[name]: self.overrides[name] for name in stated}
 
     def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""

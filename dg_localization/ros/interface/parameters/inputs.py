@@ -4,15 +4,13 @@
 """The inputs that checked parameters state: templates of topics, links, ids, and their bounds."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Any
 
-from dg_localization.fleet import ElevationErrorModel, LinkKind, LinkOverride, RangeErrorModel
+from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.interface.identities import IGNORED, parse_ids
 from dg_localization.ros.interface.links import (
-    ANY_OBSERVER,
     KINDS,
     STAMP_OFFSET,
     Link,
@@ -23,10 +21,6 @@ from dg_localization.ros.interface.parameters.spec import WrongParameterError, r
 
 TEMPLATE_TYPES = {
     f'{kind}.topic': one.template_type for kind, one in KINDS.items() if one.template_type
-}
-BEARING_FIELDS = {
-    'half_width': 'bearing_half_width_rad',
-    'expected_error': 'bearing_expected_error_rad',
 }
 
 
@@ -104,102 +98,14 @@ def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]
     return ids
 
 
-def overrides_from(
-    links: Iterable[Link],
-    points: Iterable[str],
-    values: Mapping[str, Any],
-    of_all: RangeErrorModel,
-) -> tuple[LinkOverride, ...]:
-    """
-    Gather the bounds of ranges and of bearings between the same two points.
-
-    Each reading has the bounds of its own link. These here are for what is said of two points,
-    whatever measured them: the widest where several links do. A link may name a robot that is not
-    in the fleet today: its readings are counted and rejected, its bounds concern nobody.
-    """
-    robot_of = {sensor: sensor.rpartition('/')[0] for sensor in values['mounts.names']}
-    robots = {point: robot_of.get(point, point) for point in points}
-    gathered: dict[tuple[str, str], LinkOverride] = {}
+def check_links(links: Iterable[Link], fleet: FleetConfig) -> None:
+    """Refuse links with bounds that are none, and between two points of one robot."""
     for link in links:
-        if not {link.key.observer, link.key.target} <= {*robots, '', ANY_OBSERVER}:
-            continue
         with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
-            stated = _stated(link, values, of_all)
-            for pair in _pairs(link, robots) if stated else ():
-                override = LinkOverride(*pair, **stated)
-                gathered[pair] = _widest(gathered.get(pair, override), override)
-    return tuple(gathered.values())
-
-
-def _stated(link: Link, values: Mapping[str, Any], of_all: RangeErrorModel) -> dict[str, Any]:
-    """Return the bounds of what a link measures; peers may be ranges and rays."""
-    kind, stated = link.key.kind, dict[str, Any]()
-    if kind in (LinkKind.RANGE, LinkKind.PEERS):
-        stated['range_error'] = link.range_error_within(of_all)
-    if kind in (LinkKind.BEARING, LinkKind.PEERS):
-        for name, field in BEARING_FIELDS.items():
-            stated[field] = link.overrides.get(name, values[f'bearing.{name}'])
-    return stated
-
-
-def _widest(first: LinkOverride, second: LinkOverride) -> LinkOverride:
-    """Return the bounds that hold for the readings of both."""
-    models = [one.range_error for one in (first, second) if one.range_error is not None]
-    bearings = [one for one in (first, second) if one.bearing_half_width_rad is not None]
-    half_widths = [one.bearing_half_width_rad or 0.0 for one in bearings]
-    errors = {one.bearing_expected_error_rad for one in bearings}
-    return replace(
-        first,
-        range_error=_widest_range(models) if models else None,
-        bearing_half_width_rad=max(half_widths, default=None),
-        bearing_expected_error_rad=errors.pop() if len(errors) == 1 else None,
-    )
-
-
-def _widest_range(models: Sequence[RangeErrorModel]) -> RangeErrorModel:
-    """Return the bounds that hold for the ranges of all, for every reading."""
-    shares = list(chain(*((one.min_error_relative, one.max_error_relative) for one in models)))
-    expected = {(one.expected_error_m, one.expected_error_relative) for one in models}
-    expected_error_m, expected_error_relative = (
-        expected.pop() if len(expected) == 1 else (None, 0.0)
-    )
-    return replace(
-        models[0],
-        min_error_m=min(one.min_error_m for one in models),
-        max_error_m=max(one.max_error_m for one in models),
-        min_error_relative=min(shares),
-        max_error_relative=max(shares),
-        sigma_factor=max(one.sigma_factor for one in models),
-        min_reading_m=max(one.min_reading_m for one in models),
-        expected_error_m=expected_error_m,
-        expected_error_relative=expected_error_relative,
-    )
-
-
-def _pairs(link: Link, robots: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield each observer and target of a link; peers are all points on other robots."""
-    if link.key.target:
-        yield link.key.ends
-        return
-    for one in robots if link.key.observer == ANY_OBSERVER else (link.key.observer,):
-        yield from ((one, other) for other in robots if robots[one] != robots[other])
-
-
-def elevation_errors_from(
-    links: Iterable[Link], values: Mapping[str, Any], of_all: Mapping[str, float]
-) -> dict[str, ElevationErrorModel]:
-    """Return the bounds of the points whose elevation links read; the widest of several."""
-    errors: dict[str, ElevationErrorModel] = {}
-    for link in links:
-        point = link.key.observer
-        if link.key.kind is not LinkKind.ELEVATION or point not in values['elevations.names']:
-            continue
-        own = {f'{name}_m': x for name, x in link.overrides.items() if name != STAMP_OFFSET}
-        with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
-            error = ElevationErrorModel(**{**of_all, **own})
-        before = errors.get(point, error)
-        errors[point] = ElevationErrorModel(
-            min(before.min_error_m, error.min_error_m),
-            max(before.max_error_m, error.max_error_m),
-        )
-    return errors
+            link.bounds_within(fleet.sensor_bounds)
+        robot, other = map(fleet.robot_of, link.key.ends)
+        if robot == other:
+            raise WrongParameterError(
+                f"parameter 'links': {'->'.join(link.key.ends)} is not allowed, both are on robot "
+                f"'{robot}': a link must join points of two robots or anchors"
+            )

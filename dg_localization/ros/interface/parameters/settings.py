@@ -24,10 +24,9 @@ from dg_localization.fleet import (
 from dg_localization.fleet.rotations import quaternion_of_euler
 from dg_localization.ros.interface.links import Link, Template
 from dg_localization.ros.interface.parameters.inputs import (
-    elevation_errors_from,
+    check_links,
     ids_from,
     links_from,
-    overrides_from,
     templates_from,
 )
 from dg_localization.ros.interface.parameters.spec import (
@@ -176,7 +175,8 @@ def settings_from(
     _import_adapters(values['adapter_modules'])
     links = links_from(values, resolve)
     with refused('parameters: '):
-        fleet = _fleet_config(values, links)
+        fleet = _fleet_config(values)
+    check_links(links, fleet)
     stated = {
         **_stated(Settings, values),
         'fleet': fleet,
@@ -244,20 +244,17 @@ def _own(values: Mapping[str, Any], name: str, of_all: str) -> float:
     return value
 
 
-def _fleet_config(values: Mapping[str, Any], links: Iterable[Link]) -> FleetConfig:
+def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
     anchors = {name: _anchor(name, values) for name in values['anchors.names']}
-    points = dict.fromkeys((*values['robots'], *anchors, *values['mounts.names']))
-    range_error = RangeErrorModel(**_stated(RangeErrorModel, values, 'range.'))
-    of_elevations = _stated(ElevationErrorModel, values, 'elevation.')
     stated = {
         **_stated(FleetConfig, values),
         'robots': tuple(values['robots']),
         'mounts': _mounts(values),
         'elevations_m': _elevations_m(values),
-        'elevation_error': ElevationErrorModel(**of_elevations),
-        'point_elevation_error': elevation_errors_from(links, values, of_elevations),
-        'range_error': range_error,
-        'links': overrides_from(links, points, values, range_error),
+        'elevation_error': ElevationErrorModel(
+            **_stated(ElevationErrorModel, values, 'elevation.')
+        ),
+        'range_error': RangeErrorModel(**_stated(RangeErrorModel, values, 'range.')),
         'anchors': anchors,
         'robot_max_speed_m_s': {
             name: values[f'robot_max_speed.{name}']
