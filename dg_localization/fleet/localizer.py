@@ -296,7 +296,8 @@ class Localizer:
             Why some of the measurements, or all, were not accepted.
 
         """
-        return self._store.add_peers(str(observer), readings, stamp_s, now_s, self._or_stated(bounds))
+        stated = self._or_stated(bounds)
+        return self._store.add_peers(str(observer), readings, stamp_s, now_s, stated)
 
     def _or_stated(self, bounds: SensorBounds | None) -> SensorBounds:
         """Return the bounds that a reading came with, or else those of the settings."""
