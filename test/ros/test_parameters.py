@@ -428,7 +428,7 @@ def test_stamps_are_corrected_by_kind_and_by_link():
     assert by_kind[LinkKind.ODOMETRY].link_of('/b/odom', 'abc').stamp_offset_s == 0.02
     assert by_kind[LinkKind.BEARING].link_of('/b/bearing/c', 'abc').stamp_offset_s == 0.0
     # It is no bound: those of the fleet hold.
-    assert found.fleet.links[0].range_error == found.fleet.range_error
+    assert bounds_of_links(found)[0] == found.fleet.sensor_bounds
     assert found.fleet.stamp_error_s == 0.01
     assert found.fleet.odometry_error_of('a').latency_s == pytest.approx(0.02)
 
