@@ -156,17 +156,21 @@ def test_a_package_that_a_message_says_to_install_is_one_of_an_extra(setup_argum
     assert named and named <= offered
 
 
-def test_the_hint_for_a_missing_package_works_beside_system_packages(monkeypatch):
+@pytest.mark.parametrize(
+    ('numpy', 'package', 'wanted'),
+    [
+        ('2.2.4', 'tqdm', 'pip install tqdm'),
+        # ROS was compiled against this numpy.
+        ('1.26.4', 'numba', "pip install numba 'numpy<2'"),
+    ],
+)
+def test_the_hint_for_a_missing_package_works_beside_system_packages(
+    monkeypatch, numpy, package, wanted
+):
     monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    monkeypatch.setattr('dg_localization.optional.version', lambda _: '2.2.4')
-    assert 'venv --system-site-packages' in install_hint('tqdm')
-    assert install_hint('tqdm').endswith('pip install tqdm')
-
-
-def test_the_hint_for_a_missing_package_keeps_the_numpy_that_ros_was_compiled_against(monkeypatch):
-    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    monkeypatch.setattr('dg_localization.optional.version', lambda _: '1.26.4')
-    assert install_hint('numba').endswith("pip install numba 'numpy<2'")
+    monkeypatch.setattr('dg_localization.optional.version', lambda _: numpy)
+    hint = install_hint(package)
+    assert 'venv --system-site-packages' in hint and hint.endswith(wanted)
 
 
 def test_actions_are_pinned_and_may_only_read():

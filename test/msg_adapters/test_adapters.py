@@ -4,15 +4,12 @@
 """Round trips through real messages, and through CDR, without a node."""
 
 import math
-import subprocess
-import sys
 from types import SimpleNamespace
 
 from message_stand_ins import DEFINITIONS, assert_same
 import numpy as np
 import pytest
 
-import msg_adapters
 from msg_adapters import (
     Adapter,
     BearingReading,
@@ -183,7 +180,7 @@ def test_a_second_of_nanoseconds_is_refused_by_name(type_name, nanosec):
 @pytest.mark.parametrize('stamp_s', [math.nan, math.inf])
 def test_stamp_that_is_no_time_is_refused(stamp_s):
     with pytest.raises(ValueError, match='not finite'):
-        header_to_message(stamp_s, '').stamp
+        header_to_message(stamp_s, '')
 
 
 def test_unknown_type_is_named_with_the_known_ones():
@@ -201,14 +198,3 @@ def test_own_type_is_registered_and_looked_up_lazily():
 def test_malformed_type_name_is_refused():
     with pytest.raises(ValueError, match='package/msg/Type'):
         register(Adapter('Range', dict, vars, print))
-
-
-def test_import_needs_no_ros():
-    code = (
-        'import sys, msg_adapters; '
-        'ros = {"rclpy", "std_msgs", "sensor_msgs"}; '
-        'bad = [name for name in sys.modules if name in ros]; '
-        'sys.exit(str(bad) if bad else 0)'
-    )
-    subprocess.run([sys.executable, '-c', code], check=True)
-    assert msg_adapters.__all__

@@ -9,7 +9,6 @@ import gc
 from importlib.util import find_spec
 import json
 import math
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -24,7 +23,6 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import (  # noqa: E402
-    PointStamped,
     PoseArray,
     PoseWithCovarianceStamped,
     Vector3Stamped,
@@ -46,7 +44,6 @@ from dg_localization.fleet import Localizer, warm_up  # noqa: E402
 from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
     BearingReading,
-    ElevationReading,
     Level,
     PeersReading,
     RangeReading,
@@ -55,8 +52,8 @@ from msg_adapters import (  # noqa: E402
 
 # Makes `uwb_recording` importable: pytest's importlib mode leaves sys.path alone.
 sys.path.insert(0, str(Path(__file__).parent))
+from processes import start  # noqa: E402
 
-REPOSITORY = Path(__file__).parents[2]
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
 DEADLINE_S = 60.0
@@ -64,7 +61,6 @@ SEND_PERIOD_S = 0.1
 
 range_to_message = adapter_for('sensor_msgs/msg/Range').to_message
 bearing_to_message = adapter_for('geometry_msgs/msg/Vector3Stamped').to_message
-elevation_to_message = adapter_for('geometry_msgs/msg/PointStamped').to_message
 peers_to_message = adapter_for('sensor_msgs/msg/PointCloud2').to_message
 diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
@@ -247,10 +243,6 @@ class Bench:
         message = bearing_to_message(BearingReading(stamp_s, ray))
         self.publisher(Vector3Stamped, f'/{observer}/bearing/{target}').publish(message)
 
-    def send_elevation(self, observer, elevation_m):
-        message = elevation_to_message(ElevationReading(self.now_s(), elevation_m))
-        self.publisher(PointStamped, f'/{observer}/elevation').publish(message)
-
     def send_peers(self, observer, peers, stamp_s=None):
         """Send {index of the peer: (range in m, ray)}."""
         stamp_s = self.now_s() if stamp_s is None else stamp_s
@@ -380,15 +372,9 @@ class LocalizerProcess:
 
     def __init__(self, log, *ros_args):
         self._log = log
-        command = [sys.executable, '-m', 'dg_localization.ros', 'localizer']
+        arguments = ['--ros-args', *ros_args] if ros_args else []
         with open(log, 'w') as output:
-            self.process = subprocess.Popen(
-                [*command, *(['--ros-args', *ros_args] if ros_args else [])],
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                cwd=REPOSITORY,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
-            )
+            self.process = start('localizer', *arguments, stdout=output, stderr=subprocess.STDOUT)
 
     def output(self):
         return Path(self._log).read_text()

@@ -18,8 +18,6 @@ import shutil
 import sqlite3
 import struct
 
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, range_message
@@ -27,7 +25,7 @@ from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, range_messag
 RANGES_M = {f'/{a}/range/{b}': range_m for (a, b), range_m in TRIANGLE.items()}
 STEPS = 9
 CHUNK_BYTES = 1000
-SCHEMA, CHUNK, CHUNK_INDEX = 3, 6, 8
+CHUNK = 6
 HUGE = (2**31, 2**40, 2**63, 2**64 - 1)
 OPCODE_BYTES, LENGTH_BYTES = 1, 8
 MAGIC_BYTES = 8
@@ -85,8 +83,6 @@ def storage_of(bag: Path) -> Path:
 
 def _rewrite(path: Path, checksums: bool, chunks: bool) -> None:
     """Write an .mcap anew as rosbag2 does, the chunks small and many."""
-    with path.open('rb') as file:
-        records = list(StreamReader(file).records)
     with path.open('wb') as file:
         writer = McapWriter(
             file,
@@ -96,22 +92,14 @@ def _rewrite(path: Path, checksums: bool, chunks: bool) -> None:
             enable_crcs=checksums,
         )
         writer.start(profile='ros2', library='test')
-        channels, schemas = {}, {}
-        for record in records:
-            if isinstance(record, Schema) and record.id not in schemas:
-                schemas[record.id] = writer.register_schema(
-                    record.name, record.encoding, record.data
-                )
-            elif isinstance(record, Channel) and record.id not in channels:
-                channels[record.id] = writer.register_channel(
-                    record.topic,
-                    record.message_encoding,
-                    schemas[record.schema_id],
-                    record.metadata,
-                )
-            elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                writer.add_message(channel, record.log_time, record.data, record.publish_time)
+        definition, _ = STORE.generate_msgdef(RANGE, ros_version=2)
+        schema = writer.register_schema(RANGE, 'ros2msg', definition.encode())
+        channels = {topic: writer.register_channel(topic, 'cdr', schema) for topic in RANGES_M}
+        for step in range(STEPS):
+            for topic, range_m in RANGES_M.items():
+                time_ns = START_NS + step * PERIOD_NS
+                data = range_message(time_ns, range_m)
+                writer.add_message(channels[topic], time_ns, data, time_ns)
         writer.finish()
 
 

@@ -8,13 +8,11 @@ import math
 import numpy as np
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
 
 from dg_localization.calibration.answers import FleetTruth  # noqa: E402
 from dg_localization.calibration.truth import TrueTrack  # noqa: E402
 from dg_localization.fleet import FleetConfig, Localizer  # noqa: E402
-from dg_localization.ros.bags import picture as picture_module  # noqa: E402
 from dg_localization.ros.bags.picture import ERROR, HEADING, AnswerPicture  # noqa: E402
 
 
@@ -95,28 +93,3 @@ def test_a_change_of_the_frame_is_marked():
     assert [line.get_xdata()[0] for line in panels[0, 0].lines[2:]] == pytest.approx([0.6])
     assert 'origin at a' in the_map.get_title()
     assert '2 answers have other frames' in the_map.get_title().replace('\n', ' ')
-
-
-def test_in_space_there_are_three_coordinates():
-    places = {'a': (0.0, 0.0, 0.0), 'b': (3.0, 0.0, 0.0), 'c': (0.0, 4.0, 0.0), 'd': (1.0, 1.0, 2)}
-    pairs = [(a, b) for a in places for b in places if a < b]
-    answers = Answers(places, *pairs)
-    answers.add(2)
-    _, panels = answers.panels()
-    assert panels.shape == (4, 4)
-    assert answers.picture.columns == ('x [m]', 'y [m]', 'z [m]', ERROR)
-    points, _ = panels[3, 2].lines
-    assert sorted(np.round(points.get_ydata(), 6)) == pytest.approx([-2.0, -2.0, 2.0, 2.0])
-
-
-def test_of_many_answers_only_some_are_drawn(monkeypatch):
-    monkeypatch.setattr(picture_module, 'MOMENTS', 8)
-    answers = Answers(TRIANGLE, *SIDES)
-    answers.add(20)
-    _, panels = answers.panels()
-    times_s = np.unique(panels[2, 0].lines[1].get_xdata())
-    assert len(times_s) <= 8 and times_s[0] == 0.0
-    # What is drawn is as wide as what is left out.
-    width_s = np.ptp(rectangles_of(panels[2, 1])[0][:, 0])
-    assert np.diff(times_s) == pytest.approx(np.full(len(times_s) - 1, width_s))
-    assert times_s[-1] + width_s > 19 * 0.2

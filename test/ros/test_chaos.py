@@ -8,11 +8,9 @@ import random
 
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from benchmarks.chaos.disturbances import DISTURBANCES  # noqa: E402
-from benchmarks.chaos.run import live_through, old_ones  # noqa: E402
-from benchmarks.chaos.world import Seen  # noqa: E402
+from benchmarks.chaos.disturbances import DISTURBANCES
+from benchmarks.chaos.run import live_through, old_ones
+from benchmarks.chaos.world import Seen
 
 # The long run: DG_CHAOS_ROUNDS=20 make test PYTEST_ARGS=test/ros/test_chaos.py
 ROUNDS = int(os.environ.get('DG_CHAOS_ROUNDS', '0'))

@@ -16,7 +16,6 @@ import sqlite3
 
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
 

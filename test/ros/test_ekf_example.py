@@ -5,13 +5,10 @@
 
 from pathlib import Path
 
-import pytest
 import yaml
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from dg_localization.ros.interface.outputs import estimate_outputs  # noqa: E402
-from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
+from dg_localization.ros.interface.outputs import estimate_outputs
+from dg_localization.ros.interface.parameters.settings import (
     check_values,
     settings_from,
 )

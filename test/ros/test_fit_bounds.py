@@ -10,10 +10,9 @@ import re
 
 import numpy as np
 import pytest
+import yaml
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
-yaml = pytest.importorskip('yaml')
 
 from rclpy.serialization import serialize_message  # noqa: E402
 from recorder import Recorder  # noqa: E402
@@ -21,10 +20,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.calibration.bounds import excluded_ranges  # noqa: E402
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RangeErrorModel  # noqa: E402
+from dg_localization.fleet import LinkKind  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
-from dg_localization.ros.bags.samples import Gatherer  # noqa: E402
 from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
 from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
     PARAMETERS,
@@ -156,33 +153,19 @@ def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
     assert 'Odometry of robot_1' in learn.output
 
 
-def test_broken_bounds_are_named_with_their_times(tmp_path, learn):
-    """Three ranges in a row are far too long, as those of a misread marker."""
-    count = 0
-
-    def misread(topic, message):
-        nonlocal count
-        if topic == 'robot_1/range/robot_2':
-            count += 1
-            message.range *= 3.0 if 40 <= count < 43 else 1.0
-        return message
-
-    code, _ = learn(record(tmp_path / 'bag', change=misread), '--truth', TRUTH)
-    assert code == 0
-    text = ' '.join(learn.output.replace('#', ' ').split())
-    found = re.findall(r'The stated bounds of (.*?) are broken from (\S+) to (\S+) s: (\S+)', text)
-    assert [(link, times) for link, _, _, times in found] == [('range robot_1->robot_2', '3')]
-    assert 0.0 < float(found[0][2]) - float(found[0][1]) < 1.0
-
-
 def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
-    def longer(topic, message):
+    """The ranges of one pair are 0.5 m too long; one robot goes farther than its odometry says."""
+
+    def spoiled(topic, message):
         if topic == 'robot_1/range/robot_2':
             message.range += 0.5
+        if topic == 'robot_2/odom':
+            message.pose.pose.position.x *= 0.8
+            message.pose.pose.position.y *= 0.8
         return message
 
-    bag = record(tmp_path / 'bag', change=longer, odometry=True)
-    code, found = learn(bag, '--truth', TRUTH)
+    bag = record(tmp_path / 'bag', seconds=40.0, change=spoiled, odometry=True)
+    code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
     assert code == 0
     settings = told()
     fleet = settings.fleet
@@ -194,63 +177,29 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
     assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
     assert half_width_of(settings, 'robot_1', 'robot_2') <= 0.025
     assert len(found['links']) == 9 + 18
-    assert set(fleet.robot_odometry_error) == set(ROBOTS)
     error, learned = fleet.odometry_error, found['odometry']
     assert error.translation_per_m == learned['translation_per_m']
     assert error.rotation_per_rad == learned['rotation_per_rad']
-    assert (error.constant_m, error.constant_rad) == (
-        learned['constant_translation'],
-        learned['constant_rotation'],
-    )
-    assert error.translation_per_rad == error.rotation_per_m == error.latency_s == 0.0
-
-
-def test_each_robot_has_a_scale_of_its_own(tmp_path, learn, told):
-    def shorter(topic, message):
-        if topic == 'robot_2/odom':
-            message.pose.pose.position.x *= 0.8
-            message.pose.pose.position.y *= 0.8
-        return message
-
-    bag = record(tmp_path / 'bag', seconds=40.0, change=shorter, odometry=True, cameras=False)
-    code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
-    assert code == 0
-    fleet = told().fleet
-    learned = found['robot_odometry']
-    assert set(learned) == set(ROBOTS)
     # It is simulated to 5 %.
     for robot, scale in zip(ROBOTS[:3], (1.0, 1.25, 1.0), strict=True):
-        error = fleet.odometry_error_of(robot)
-        assert error.translation_scale == learned[robot]['translation_scale']
-        assert error.translation_scale == pytest.approx(scale, rel=0.06)
-        assert error.translation_per_m < 0.08
+        assert fleet.odometry_error_of(robot).translation_scale == pytest.approx(scale, rel=0.06)
 
 
 def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
-    count = 0
-
-    def later_longer(topic, message):
-        nonlocal count
-        if topic == 'robot_1/range/robot_2':
-            count += 1
-            message.range += 5.0 if count > 120 else 0.0
-        return message
-
-    def shares_of_links(bag):
-        code, _ = learn(bag, '--truth', TRUTH)
-        assert code == 0
-        found = re.findall(
-            r'(robot_\d->robot_\d): [^;]*; [^;]*; '
-            r'learned of the first half alone, (\S+) % of the second excluded',
-            ' '.join(learn.output.replace('#', ' ').split()),
-        )
-        return {pair: float(share) for pair, share in found}
-
-    shares = shares_of_links(record(tmp_path / 'bag', change=later_longer, cameras=False))
+    recorder, rng = Recorder(), np.random.default_rng(0)
+    for count, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
+        late_m = 5.0 if count >= 120 else 0.0
+        recorder.add_range('r1', 'r2', 4.0 + late_m + rng.uniform(-0.02, 0.02), stamp_s, stamp_s)
+        for robot, place_m in PLACES_M.items():
+            recorder.add_truth(robot, place_m, 0.0, stamp_s)
+    recorder.write(tmp_path / 'bag')
+    state(learn)
+    code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth')
+    assert code == 0
+    text = ' '.join(learn.output.replace('#', ' ').split())
+    (share,) = set(re.findall(r'the first half alone, (\S+) % of the second excluded', text))
     # The last 80 of its 100 readings.
-    assert shares['robot_1->robot_2'] == pytest.approx(80.0, abs=2.0)
-    assert shares['robot_2->robot_3'] < 20.0
-    assert shares_of_links(record(tmp_path / 'short', seconds=3.0, cameras=False)) == {}
+    assert float(share) == pytest.approx(80.0, abs=2.0)
 
 
 def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
@@ -262,21 +211,6 @@ def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
     for target in (*ROBOTS[1:], *LANDMARKS_M):
         assert range_error_of(settings, 'robot_1', target).max_error_relative < 0.05
         assert half_width_of(settings, 'robot_1', target) < 0.03
-
-
-def test_without_truth_the_bias_is_left_open(tmp_path, learn):
-    def longer(topic, message):
-        if '/range/' in topic:
-            message.range += 1.0
-        return message
-
-    bag = record(tmp_path / 'bag', change=longer, error=0.01, cameras=False)
-    code, found = learn(bag, '--per', 'all')
-    assert code == 0
-    assert found['range']['max_error_relative'] == 0.2, 'the stated bounds are kept'
-    text = ' '.join(learn.output.replace('#', '').split())
-    assert 'a bias, is not seen' in text
-    assert 'Without --truth the bounds are those that you stated, widened where' in text
 
 
 def state(learn, **fleet):
@@ -296,52 +230,49 @@ def state(learn, **fleet):
 
 WIDE_LINK = '/r1/range/r3 sensor_msgs/msg/Range r1 r3 max_error=2.0'
 OTHER_LINK = '/r1/range/r2 sensor_msgs/msg/Range r1 r2'
+BARO_LINK = '/baro geometry_msgs/msg/PointStamped r1 min_error=-2.0 max_error=3.0'
+PLACES_M = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0), 'r3': (0.0, 5.0)}
 
 
-def record_three(bag, n_biased=200, truth=('r1', 'r2', 'r3')):
+def record_three(bag, n_biased=200, truth=()):
     """Write 200 ranges of r1 to r2, and the first of those to r3, 1.5 m too long."""
     recorder, rng = Recorder(), np.random.default_rng(0)
-    places_m = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0), 'r3': (0.0, 5.0)}
     for count, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
         noise_m = rng.uniform(-0.02, 0.02, 2)
         recorder.add_range('r1', 'r2', 4.0 + noise_m[0], stamp_s, stamp_s)
         if count < n_biased:
             recorder.add_range('r1', 'r3', 6.5 + noise_m[1], stamp_s, stamp_s)
         for robot in truth:
-            recorder.add_truth(robot, places_m[robot], 0.0, stamp_s)
+            recorder.add_truth(robot, PLACES_M[robot], 0.0, stamp_s)
     recorder.write(bag)
     return bag
 
 
 @pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
-@pytest.mark.parametrize('n_biased', [200, 10, 0])
-def test_without_truth_no_link_gets_narrower_bounds_than_it_states(
-    tmp_path, learn, told, per, n_biased
+@pytest.mark.parametrize(
+    ('n_biased', 'truth'), [(200, ()), (10, ()), (0, ()), (200, ('r1', 'r2'))]
+)
+def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
+    tmp_path, learn, told, per, n_biased, truth
 ):
-    state(learn, links=[WIDE_LINK, OTHER_LINK])
-    code, _ = learn(record_three(tmp_path / 'bag', n_biased), '--per', per)
-    assert code == 0
-    settings = told()
-    biased, other = (range_error_of(settings, 'r1', target) for target in ('r3', 'r2'))
-    assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
-    assert (other.min_error_m, other.max_error_m) == (-0.1, 0.1)
-    kept = '/r1/range/r3 has no range to learn from' in learn.output
-    assert kept == (n_biased == 0)
-
-
-@pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
-def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(tmp_path, learn, told, per):
     """Also the least error, which it leaves to those of all ranges, where another was learned."""
-    state(learn, links=[WIDE_LINK, OTHER_LINK])
-    bag = record_three(tmp_path / 'bag', truth=('r1', 'r2'))
-    code, _ = learn(bag, '--truth', '/{robot}/truth', '--per', per)
+    state(learn, links=[WIDE_LINK, OTHER_LINK, BARO_LINK])
+    bag = record_three(tmp_path / 'bag', n_biased, truth)
+    code, _ = learn(bag, '--per', per, *(('--truth', '/{robot}/truth') if truth else ()))
     assert code == 0
     settings = told()
     biased, other = (range_error_of(settings, 'r1', target) for target in ('r3', 'r2'))
     assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
     assert (biased.min_error_relative, biased.max_error_relative) == (0.0, 0.0)
-    assert -0.05 < other.min_error_m + 4.0 * other.min_error_relative < 0.0
-    assert '/r1/range/r3 has no range to learn from' in learn.output.replace('\n#  ', '')
+    if truth:
+        assert -0.05 < other.min_error_m + 4.0 * other.min_error_relative < 0.0
+    else:
+        assert (other.min_error_m, other.max_error_m) == (-0.1, 0.1)
+    text = ' '.join(learn.output.replace('\n#', '').split())
+    nothing = '/r1/range/r3 has no range to learn from' in text
+    assert nothing == (n_biased == 0 or bool(truth))
+    assert ('a bias, is not seen' in text) == (not truth)
+    assert BARO_LINK in learn.output
 
 
 @pytest.mark.parametrize('per', ['link', 'all'])
@@ -392,91 +323,31 @@ def test_nothing_is_learned_of_what_the_localizer_rejects(
     assert f'what the localizer does not accept: in 20 messages (20 {reason})' in learn.errors
 
 
-def test_of_peers_only_the_rows_that_are_accepted_are_learned_of():
-    now_s = float(START_S)
-    config = FleetConfig(('a', 'b', 'c'), range_error=RangeErrorModel(-0.1, 0.1))
-    rows = [('b', 4.0), ('a', 0.2), ('stranger', 7.0), ('b', [2.0, 0.0, 0.0]), ('c', math.nan)]
-    gatherer = Gatherer(config)
-    rejections = gatherer.add_peers('a', rows, now_s, now_s)
-    expected = Localizer(config).add_peers('a', rows, now_s, now_s)
-    assert rejections == expected and len(expected) == 3
-    ranges = LinkKey(LinkKind.RANGE, 'a', 'b')
-    assert gatherer.readings.pop(ranges) == [(now_s, 4.0)]
-    (((_, ray),),) = gatherer.readings.values()
-    assert ray.tolist() == [1.0, 0.0, 0.0]
-    # One for all rows, as of the localizer.
-    assert len(gatherer.add_peers('a', rows, 0.0, now_s)) == 1
-
-
-def test_odometry_is_learned_of_between_its_restarts(tmp_path, learn):
-    """It starts anew elsewhere once; the localizer forgets what was before."""
+@pytest.mark.parametrize('per', ['link', 'all'])
+def test_odometry_is_learned_between_its_restarts_and_of_whom_there_is_a_truth(
+    tmp_path, learn, told, per
+):
+    """That of r1, which counts 0.8 m for 1 m, starts anew elsewhere once; r2 has no truth."""
     recorder = Recorder()
     for step, stamp_s in enumerate(START_S + np.arange(0.0, 60.0, 0.1)):
         yaw, jump_m = 0.2 * (stamp_s - START_S), 20.0 if step >= 300 else 0.0
         place_m = 1.5 * np.array([math.sin(yaw), 1.0 - math.cos(yaw)])
         recorder.add_truth('r1', place_m, yaw, stamp_s)
-        recorder.add_odometry('r1', place_m + jump_m, yaw, stamp_s)
-    recorder.write(tmp_path / 'bag')
-    state(learn)
-    code, found = learn(tmp_path / 'bag', '--truth', '/{robot}/truth')
-    assert code == 0
-    learned = found['robot_odometry']['r1']
-    assert learned['translation_scale'] == pytest.approx(1.0, abs=1e-3)
-    assert learned['translation_per_m'] + learned['constant_translation'] < 1e-3
-    assert 'Odometry of r1 started anew 1 times' in learn.output.replace('\n#  ', '')
-
-
-@pytest.mark.parametrize('per', ['link', 'all'])
-def test_a_robot_without_truth_keeps_the_odometry_that_is_stated_of_all(
-    tmp_path, learn, told, per
-):
-    """What was learned of another, here that it goes 0.8 times as far, says nothing of it."""
-    recorder = Recorder()
-    for stamp_s in START_S + np.arange(0.0, 20.0, 0.1):
-        way_m = 0.3 * (stamp_s - START_S)
-        recorder.add_truth('r1', (way_m, 0.0), 0.0, stamp_s)
-        for robot, reported_m in (('r1', way_m / 0.8), ('r2', way_m)):
-            recorder.add_odometry(robot, (reported_m, 0.0), 0.0, stamp_s)
+        recorder.add_odometry('r1', 0.8 * place_m + jump_m, yaw, stamp_s)
+        recorder.add_odometry('r2', place_m, yaw, stamp_s)
     recorder.write(tmp_path / 'bag')
     state(learn, odometry={'translation_per_m': 0.07})
     stated = read_task(learn.params, []).settings.fleet.odometry_error
     code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', per)
     assert code == 0
     fleet = told().fleet
-    assert fleet.odometry_error_of('r1').translation_scale == 0.8
+    learned = fleet.odometry_error_of('r1')
+    assert learned.translation_scale == pytest.approx(1.25, abs=1e-3)
+    assert learned.translation_per_m + learned.constant_m < 1e-3
     assert fleet.odometry_error_of('r2') == stated
-    assert 'Nothing was learned of the odometry of r2, r3: it is as' in learn.output
-
-
-def test_without_truth_relative_bounds_hold_the_scatter_of_near_readings(tmp_path, learn, told):
-    """From 20 m to 1 m and back; 3 % of 1 m are less than the errors of 0.2 m."""
-    recorder, rng = Recorder(), np.random.default_rng(0)
-    distances_m, ranges_m = [], []
-    for stamp_s in START_S + np.arange(0.0, 60.0, 0.05):
-        distance_m = 10.5 + 9.5 * math.cos(2.0 * math.pi * (stamp_s - START_S) / 60.0)
-        range_m = distance_m + rng.uniform(-0.2, 0.2)
-        recorder.add_range('r1', 'r2', range_m, stamp_s, stamp_s)
-        distances_m.append(distance_m)
-        ranges_m.append(range_m)
-    recorder.write(tmp_path / 'bag')
-    relative = {'min_error_relative': -0.03, 'max_error_relative': 0.03}
-    state(learn, range={'min_error': 0.0, 'max_error': 0.0, **relative})
-    code, _ = learn(tmp_path / 'bag')
-    assert code == 0 and 'widened; 0.00 % excluded' in learn.output.replace('\n#    ', '')
-    ranges_m, distances_m = np.array(ranges_m), np.array(distances_m)
-    model = range_error_of(told(), 'r1', 'r2')
-    assert excluded_ranges(model, ranges_m, ranges_m - distances_m) == 0
-    assert model.max_error_m < 0.35
-
-
-def test_links_of_elevations_keep_their_bounds(tmp_path, learn):
-    link = '/baro geometry_msgs/msg/PointStamped robot_1 min_error=-2.0 max_error=3.0'
-    params = json.loads(learn.params.read_text())
-    params['/**']['ros__parameters']['links'] = [link]
-    learn.params.write_text(json.dumps(params))
-    code, found = learn(record(tmp_path / 'bag', seconds=5.0, cameras=False), '--truth', TRUTH)
-    assert code == 0
-    assert link in found['links']
+    text = learn.output.replace('\n#  ', '')
+    assert 'Odometry of r1 started anew 1 times' in text
+    assert 'Nothing was learned of the odometry of r2, r3: it is as' in text
 
 
 def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, learn):
@@ -536,19 +407,6 @@ def test_stamps_on_two_clocks_are_explained(tmp_path, learn):
     assert "are the stamps of both on one clock (parameter 'stamp_source')" in learn.errors
 
 
-def test_a_damaged_bag_ends_with_sentences(tmp_path, learn):
-    bag = record(tmp_path / 'bag', seconds=10.0)
-    (database,) = bag.glob('*.db3')
-    data = bytearray(database.read_bytes())
-    rng = np.random.default_rng(1)
-    for place in rng.integers(len(data) // 3, len(data), 400):
-        data[place] ^= 255
-    database.write_bytes(data)
-    code, _ = learn(bag, '--truth', TRUTH)
-    assert code == 1
-    assert 'Traceback' not in learn.errors and learn.errors.strip()
-
-
 def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared, learn):
     bag = shared / 'data/tiers_uwb/rosbag2_shortbag'
     truth = '/vrpn_client_node/{robot}_cap/pose'
@@ -565,6 +423,9 @@ def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared
         widths.append(json.loads(report.read_text())['median_enclosure_width_m'])
     for robot in ('turtlebot3', 'turtlebot4', 'turtlebot5'):
         assert widths[1][robot] < 0.6 * widths[0][robot]
+
+
+GROSS_LINK = 'range robot_1->robot_3'
 
 
 def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
@@ -593,6 +454,8 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     assert link.split()[2:4] == list(ROBOTS[:2])
     assert float(link.partition('stamp_offset=')[2]) == pytest.approx(0.15, abs=0.03)
     assert 'sets a bound that would be less than half as wide without it' in text
+    broken = re.findall(rf'The stated bounds of {GROSS_LINK} are broken from .*? s: (\S+)', text)
+    assert broken == ['1']
     assert 'window_outliers' not in text
     learn(bag, '--truth', TRUTH, '--keep', '0.99')
     assert 'window_outliers: 1' in ' '.join(learn.output.replace('\n#', ' ').split())

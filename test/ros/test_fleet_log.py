@@ -5,10 +5,8 @@
 
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from dg_localization.ros.node.lifecycle import LOOKS_BETWEEN, FleetLog  # noqa: E402
-from msg_adapters import Level, Status  # noqa: E402
+from dg_localization.ros.node.lifecycle import LOOKS_BETWEEN, FleetLog
+from msg_adapters import Level, Status
 
 
 class Logger:
@@ -48,12 +46,6 @@ def test_what_lasts_is_said_once_with_its_severity(logger):
         ('error', 'fleet: contradiction: a - b'),
         ('info', 'fleet: localized: one hypothesis'),
     ]
-
-
-def test_what_comes_and_goes_is_not_said(logger):
-    good, wide = (Level.OK, 'localized'), (Level.WARN, 'one hypothesis, 6.2 m wide')
-    look(FleetLog(logger), good, good, wide, good, wide, good, good)
-    assert logger.lines == [('info', 'fleet: localized')]
 
 
 def test_what_comes_and_goes_slowly_is_said_at_times(logger):

@@ -5,18 +5,12 @@
 
 from dataclasses import replace
 
+from diagnostic_msgs.msg import DiagnosticArray
+from processes import Listener
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-import rclpy  # noqa: E402
-from rclpy.context import Context  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.node import Node  # noqa: E402
-
-from dg_localization.ros.fleet_status import FleetStatusNode, screen  # noqa: E402
-from msg_adapters import Diagnostics, Level, Status, adapter_for  # noqa: E402
+from dg_localization.ros.fleet_status import FleetStatusNode, screen
+from msg_adapters import Diagnostics, Level, Status, adapter_for
 
 to_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').to_message
 
@@ -81,29 +75,18 @@ def test_a_silent_or_unknown_localizer_is_named_and_a_plane_has_no_z():
     assert 'z m' not in '\n'.join(screen('localizer', FLEET[:2], 0.0))
 
 
-def test_the_node_shows_its_localizer_and_no_other():
-    context = Context()
-    rclpy.init(context=context)
+def test_the_node_shows_its_localizer_and_no_other(node):
     shown: list[str] = []
-    try:
-        node = FleetStatusNode(shown.append, context=context)
-        sender = Node('sender', context=context)
-        publisher = sender.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        other = Status(Level.ERROR, 'other: fleet', 'not mine')
+    status_node = FleetStatusNode(shown.append, context=node.context)
+    publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    other = Status(Level.ERROR, 'other: fleet', 'not mine')
 
-        def send():
-            publisher.publish(to_message(Diagnostics(1.0, FLEET)))
-            publisher.publish(to_message(Diagnostics(1.0, (other,))))
+    def send():
+        publisher.publish(to_message(Diagnostics(1.0, FLEET)))
+        publisher.publish(to_message(Diagnostics(1.0, (other,))))
 
-        sender.create_timer(0.1, send)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        executor.add_node(sender)
-        for _ in range(600):
-            executor.spin_once(timeout_sec=0.1)
-            if any('ambiguous' in text for text in shown):
-                break
-        assert 'localizer: WARN: ambiguous: 2 hypotheses' in shown[-1]
-        assert not any('not mine' in text for text in shown)
-    finally:
-        rclpy.try_shutdown(context=context)
+    node.create_timer(0.1, send)
+    listener = Listener(node, {}, status_node)
+    assert listener.spin_until(lambda: any('ambiguous' in text for text in shown))
+    assert 'localizer: WARN: ambiguous: 2 hypotheses' in shown[-1]
+    assert not any('not mine' in text for text in shown)

@@ -8,23 +8,20 @@ from dataclasses import replace
 import os
 from random import Random
 
+from hostile_ids import IdFleet
+from hostile_messages import CLOUD, HostileFleet, serialized
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from hostile_ids import IdFleet  # noqa: E402
-from hostile_messages import CLOUD, HostileFleet, serialized  # noqa: E402
-from rclpy.serialization import deserialize_message  # noqa: E402
-
-from dg_localization import Verdict  # noqa: E402
-from dg_localization.fleet import Localizer  # noqa: E402
-from dg_localization.fleet.constraints.constrain import constrain  # noqa: E402
-from dg_localization.ros.interface.diagnostics import Report, statuses  # noqa: E402
-from dg_localization.ros.interface.intake import Intake  # noqa: E402
-from dg_localization.ros.interface.outputs import estimate_messages  # noqa: E402
-from msg_adapters import Diagnostics, adapter_for, register  # noqa: E402
-from msg_adapters.diagnostics import diagnostics_to_cdr  # noqa: E402
+from dg_localization import Verdict
+from dg_localization.fleet import Localizer
+from dg_localization.fleet.constraints.constrain import constrain
+from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.interface.outputs import estimate_messages
+from msg_adapters import Diagnostics, adapter_for, register
+from msg_adapters.diagnostics import diagnostics_to_cdr
 
 # The long run: DG_FUZZ_INPUTS=10000000 make test PYTEST_ARGS=test/ros/test_fuzz.py
 INPUTS = int(os.environ.get('DG_FUZZ_INPUTS', '100000'))

@@ -10,30 +10,27 @@ import re
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import String
 import yaml
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from rclpy.serialization import serialize_message  # noqa: E402
-from sensor_msgs.msg import CameraInfo  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
-
-from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionReason  # noqa: E402
-from dg_localization.ros.bags.report import inputs_tree  # noqa: E402
-from dg_localization.ros.interface.identities import (  # noqa: E402
+from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionReason
+from dg_localization.ros.bags.report import inputs_tree
+from dg_localization.ros.interface.identities import (
     MOST_CAMERAS,
     MOST_UNKNOWN,
     OTHER_UNKNOWN,
     parse_ids,
 )
-from dg_localization.ros.interface.intake import Intake  # noqa: E402
-from dg_localization.ros.interface.links import parse_link  # noqa: E402
-from dg_localization.ros.interface.parameters.settings import (  # noqa: E402
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.interface.links import parse_link
+from dg_localization.ros.interface.parameters.settings import (
     check_values,
     settings_from,
 )
-from dg_localization.ros.interface.parameters.spec import WrongParameterError  # noqa: E402
-from msg_adapters import (  # noqa: E402
+from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from msg_adapters import (
     Adapter,
     CameraReading,
     IdentifiedReading,
@@ -48,6 +45,7 @@ NOW_S = 10.0
 TEXT = 'std_msgs/msg/String'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 TABLE = ['7 a', '8 b', '9 b', '30 -']
+ANCHORED = {'robots': ['a', 'b'], 'anchors.names': ['p'], 'anchors.p.position': [0.0, 0.0]}
 CAMERA = CameraReading(NOW_S, 'eye', (100.0, 100.0), (50.0, 50.0))
 
 
@@ -100,7 +98,6 @@ def counts(localizer):
     ('observer', 'text', 'pair'),
     [
         ('*', '7 8:3.0', 'range a->b'),
-        ('*', '9 7:3.0', 'range b->a'),
         ('a', '7 9:3.0', 'range a->b'),
         ('a', '- 8:3.0', 'range a->b'),
         # The name of a robot stands for itself.
@@ -156,18 +153,6 @@ def test_more_readings_of_robots_than_the_fleet_can_need_are_refused(localizer, 
     text = '7 ' + ' '.join(['8:3.0'] * 7)
     _, malformed = take(intake, f'/uwb {TEXT} *', String(data=text))
     assert '7 robots and anchors were measured, for this fleet at most 6' in malformed.last
-    assert counts(localizer) == {}
-
-
-def test_message_that_cannot_be_read_is_not_taken_in_part(localizer, intake, text_messages):
-    def read(message):
-        nonsense = np.array([3.0, 'far'], dtype=object)
-        rays = np.array([[math.nan] * 3, [1.0, 0.0, 0.0]])
-        return IdentifiedReading(NOW_S, '7', ('8', 'c'), nonsense, rays)
-
-    text_messages(IdentifiedReading, read)
-    _, malformed = take(intake, f'/uwb {TEXT} *', String())
-    assert malformed.count == 1 and 'TypeError' in malformed.last
     assert counts(localizer) == {}
 
 
@@ -255,42 +240,24 @@ def test_cameras_are_counted_and_bounded(intake):
     [
         (['7'], "'7' is not allowed: it must read 'ID NAME'"),
         (['7 a b'], "'7 a b' is not allowed: .* with double quotes around an ID that has blanks"),
-        (['"7 a"'], 'it must read'),
-        (['"7 8" a', '"7 8" b'], "id '7 8' is named twice"),
         (['7 a', '7 b'], "'7 b' is not allowed: id '7' is named twice"),
         (['7 z'], "'z' is not allowed, it must be one of a, b, p, or '-'"),
     ],
 )
 def test_wrong_table_is_refused(texts, wanted):
-    values = {
-        'robots': ['a', 'b'],
-        'anchors.names': ['p'],
-        'anchors.p.position': [0.0, 0.0],
-        'ids': texts,
-    }
     with pytest.raises(WrongParameterError, match=wanted):
-        settings_from(check_values(values))
+        settings_from(check_values({**ANCHORED, 'ids': texts}))
 
 
 def test_ids_of_robots_and_anchors_are_accepted():
-    values = {
-        'robots': ['a', 'b'],
-        'anchors.names': ['p'],
-        'anchors.p.position': [0.0, 0.0],
-        'ids': ['7 a', '1:0 p', '9 -', '', '"potted plant" -', ' "stop sign"  p '],
-    }
-    assert settings_from(check_values(values)).ids == {
+    texts = ['7 a', '1:0 p', '9 -', '', '"potted plant" -', ' "stop sign"  p ']
+    assert settings_from(check_values({**ANCHORED, 'ids': texts})).ids == {
         '7': 'a',
         '1:0': 'p',
         '9': '-',
         'potted plant': '-',
         'stop sign': 'p',
     }
-
-
-def test_types_of_packages_that_are_missing_are_named():
-    with pytest.raises(ValueError, match='install the ROS package apriltag_msgs'):
-        parse_link('/tags apriltag_msgs/msg/AprilTagDetectionArray a')
 
 
 def test_a_fleet_whose_radios_share_one_topic_is_localized(bench, make_node):

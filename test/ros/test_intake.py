@@ -6,16 +6,13 @@
 from dataclasses import replace
 import math
 
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Range
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from nav_msgs.msg import Odometry  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from sensor_msgs.msg import Range  # noqa: E402
-
-from dg_localization.fleet import (  # noqa: E402
+from dg_localization.fleet import (
     Anchor,
     FleetConfig,
     LinkKey,
@@ -24,9 +21,9 @@ from dg_localization.fleet import (  # noqa: E402
     RangeErrorModel,
     RejectionReason,
 )
-from dg_localization.ros.interface.intake import Intake  # noqa: E402
-from dg_localization.ros.interface.links import Link  # noqa: E402
-from msg_adapters import (  # noqa: E402
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.interface.links import Link
+from msg_adapters import (
     Adapter,
     PeersReading,
     RangeReading,
@@ -47,66 +44,6 @@ AHEAD = [1.0, 0.0, 0.0]
 def localizer():
     anchors = {'a': Anchor((0.0, 0.0)), 'beacon': Anchor((5.0, 0.0))}
     return Localizer(FleetConfig(robots=('a', 'b'), anchors=anchors))
-
-
-def add(localizer, *rows, stamp_s=NOW_S):
-    """Add rows of (peer, range, ray); return the first rejection."""
-    peers, ranges, rays = zip(*rows, strict=True) if rows else ((), (), ())
-    reading = PeersReading(
-        stamp_s, np.array(peers, int), np.array(ranges), np.array(rays).reshape(-1, 3)
-    )
-    data = serialize_message(adapter_for(CLOUD).to_message(reading))
-    return Intake(localizer, True).take(CLOUDS, data, NOW_S)
-
-
-def taken(localizer):
-    """Return the kind and target of every range and bearing, and how many were accepted."""
-    states = [s for s in localizer.input_states(NOW_S) if s.key.kind is not LinkKind.PEERS]
-    return {(s.key.kind.value, s.key.target): s.accepted for s in states}
-
-
-def together(localizer):
-    """Return what is counted of the messages."""
-    (state,) = [s for s in localizer.input_states(NOW_S) if s.key.kind is LinkKind.PEERS]
-    return state
-
-
-@pytest.mark.parametrize(
-    'row, expected',
-    [
-        ((1, 3.0, NO_RAY), {('range', 'b'): 1}),
-        ((1, math.nan, AHEAD), {('bearing', 'b'): 1}),
-        ((1, 3.0, AHEAD), {('range', 'b'): 1, ('bearing', 'b'): 1}),
-        # Points that are no robots come after the robots.
-        ((2, 5.0, NO_RAY), {('range', 'beacon'): 1}),
-    ],
-)
-def test_row_is_a_range_or_a_bearing_or_both(localizer, row, expected):
-    assert add(localizer, row) is None
-    assert taken(localizer) == expected
-
-
-@pytest.mark.parametrize(
-    'row, reason, target',
-    [
-        ((0, 3.0, NO_RAY), RejectionReason.SAME_ROBOT, 'a'),
-        ((3, 3.0, NO_RAY), RejectionReason.UNKNOWN_ROBOT, 'peer beyond 2'),
-        ((2**32 - 1, math.nan, AHEAD), RejectionReason.UNKNOWN_ROBOT, 'peer beyond 2'),
-        ((1, math.nan, NO_RAY), RejectionReason.NAN, 'b'),
-        ((1, -3.0, NO_RAY), RejectionReason.NEGATIVE, 'b'),
-        ((1, math.nan, [0.0, 0.0, 0.0]), RejectionReason.ZERO_RAY, 'b'),
-        ((1, math.nan, [math.nan, 1.0, 0.0]), RejectionReason.INVALID_RAY, 'b'),
-    ],
-)
-def test_wrong_row_is_rejected_and_the_next_one_is_not(localizer, row, reason, target):
-    rejection = add(localizer, row, (2, 5.0, NO_RAY))
-    assert rejection.reason is reason
-    (wrong,) = [s for s in localizer.input_states(NOW_S) if s.rejected and s.key.target]
-    assert (wrong.key.target, wrong.rejected) == (target, {reason: 1})
-    assert taken(localizer)['range', 'beacon'] == 1
-    found = together(localizer)
-    assert (found.accepted, found.rejected, found.in_use) == (1, {reason: 1}, True)
-    assert found.last_reason_text == rejection.text
 
 
 def take(localizer, link, message, use_header_stamp=False):
@@ -199,14 +136,6 @@ def test_a_clock_that_comes_after_what_it_dates_proves_no_stamp_wrong(
     assert intake.take(RANGES, serialize_message(Range()), NOW_S).reason is RejectionReason.FUTURE
 
 
-def test_no_stamp_is_none_after_a_correction(localizer, adapt_ranges):
-    adapt_ranges(lambda message: RangeReading(0.0, 3.0))
-    corrected = replace(RANGES, overrides={'stamp_offset': 0.05})
-    # Simulated time has just begun.
-    rejection = Intake(localizer, True).take(corrected, serialize_message(Range()), 0.2)
-    assert rejection.reason is RejectionReason.ZERO_STAMP
-
-
 def test_a_range_from_before_iron_is_named(localizer):
     data = serialize_message(Range(range=3.0))[:-4]
     assert 'before Iron' in take(localizer, RANGES, data).last
@@ -257,58 +186,16 @@ def test_an_input_that_rejects_most_of_its_readings_lately_is_named_with_the_cau
     assert 'is negative' in found[RANGES.key]
 
 
-@pytest.mark.parametrize(
-    'answer, wanted',
-    [
-        (lambda message: None, 'returned NoneType, it must return RangeReading'),
-        (lambda message: 3.0, 'returned float, it must return RangeReading'),
-        (lambda message: message.nothing, 'AttributeError'),
-    ],
-)
-def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt_ranges, answer, wanted):
-    adapt_ranges(answer)
+def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt_ranges):
+    adapt_ranges(lambda message: None)
     found = take(localizer, RANGES, Range(range=3.0), use_header_stamp=True)
-    assert found.count == 1 and wanted in found.last and len(found.last) <= 300
-    assert taken(localizer) == {}
-    adapt_ranges(lambda message: RangeReading(NOW_S, 3.0))
-    assert take(localizer, RANGES, Range()) is None
-    assert taken(localizer) == {('range', 'b'): 1}
-
-
-@pytest.mark.parametrize(
-    'reading, wanted',
-    [
-        (RangeReading(NOW_S, None), 'range None'),
-        (RangeReading(NOW_S, '3 m'), "range '3 m'"),
-        (RangeReading(NOW_S, [3.0] * 10_000), 'range [3.0, 3.0,'),
-        (RangeReading(None, 3.0), 'stamp None'),
-    ],
-)
-def test_wrong_values_of_an_adapter_are_rejected_by_name(localizer, adapt_ranges, reading, wanted):
-    adapt_ranges(lambda message: reading)
-    intake = Intake(localizer, use_header_stamp=True)
-    rejection = intake.take(RANGES, serialize_message(Range(range=3.0)), NOW_S)
-    assert rejection.text.startswith(wanted) and len(rejection.text) <= 300
-    assert taken(localizer) == {('range', 'b'): 0} and not intake.malformed
-
-
-def test_peers_of_unequal_lengths_are_not_taken_in_part(localizer, monkeypatch):
-    reading = PeersReading(NOW_S, np.array([1]), np.array([3.0]), np.full((4, 3), math.nan))
-    adapter = replace(adapter_for(CLOUD), from_message=lambda message: reading)
-    monkeypatch.setattr('dg_localization.ros.interface.intake.adapter_for', lambda _: adapter)
-    assert 'ValueError' in take(localizer, CLOUDS, cloud_of(1)).last
-    assert taken(localizer) == {}
+    assert found.count == 1
+    assert 'returned NoneType, it must return RangeReading' in found.last
 
 
 def test_cloud_has_no_more_rows_than_the_fleet_can_need(localizer):
     n_most = 2 * len(localizer.config.points)
     found = take(localizer, CLOUDS, cloud_of(n_most + 1))
     assert f'the cloud has {n_most + 1} points, for this fleet at most {n_most}' in found.last
-    assert taken(localizer) == {}
+    assert localizer.input_states(NOW_S) == []
     assert take(localizer, CLOUDS, cloud_of(0)) is None
-
-
-def test_long_message_is_not_decoded(localizer, monkeypatch):
-    monkeypatch.setattr('dg_localization.ros.interface.intake.deserialize_message', None)
-    found = take(localizer, CLOUDS, bytes(1_000_000))
-    assert 'the message has 1000000 bytes, for this fleet at most' in found.last

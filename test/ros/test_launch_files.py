@@ -6,14 +6,11 @@
 from importlib.util import find_spec
 from pathlib import Path
 
+from launch_stand_ins import MissingArgumentError, install, launched
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from launch_stand_ins import MissingArgumentError, install, launched  # noqa: E402
-
-from dg_localization.ros.executables import EXECUTABLES  # noqa: E402
-from dg_localization.ros.simulation.simulate_fleet import PARAMETERS  # noqa: E402
+from dg_localization.ros.executables import EXECUTABLES
+from dg_localization.ros.simulation.simulate_fleet import PARAMETERS
 
 REPOSITORY = Path(__file__).parents[2]
 LAUNCH = REPOSITORY / 'launch'

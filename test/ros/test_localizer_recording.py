@@ -6,15 +6,14 @@
 from contextlib import ExitStack
 from itertools import groupby, pairwise
 import json
-import os
 import subprocess
 import sys
 
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('rosbags', reason='rosbags is not installed')
 
+from processes import start  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from small_bags import START_NS, read  # noqa: E402
@@ -34,7 +33,6 @@ poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 scene_from_message = adapter_for('visualization_msgs/msg/MarkerArray').from_message
 
 
-REPLAY = [sys.executable, '-m', 'dg_localization.ros', 'replay']
 RECORDED_S, ODOMETRY_FROM_S, BUSY = 12.0, 4.0, 2
 
 
@@ -89,7 +87,7 @@ def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, t
         bench.clear()
         bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', deadline_s=120.0)
         bench.clear()
-        replay = subprocess.Popen([*REPLAY, str(bag)], stderr=subprocess.DEVNULL)
+        replay = start('replay', bag, stderr=subprocess.DEVNULL)
         bench.until(lambda: replay.poll() is not None, 'the end of the replay', deadline_s=120.0)
         states = dict(bench.heard.statuses)
         assert process.stop()[0] == 0
@@ -100,12 +98,8 @@ def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, t
 def test_true_placement_is_in_every_answer(bench, start_localizer, uwb_recording):
     process = start_localizer('--params-file', CONFIG, '-p', 'use_sim_time:=true')
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', deadline_s=60.0)
-    replay = subprocess.Popen(
-        [*REPLAY, str(uwb_recording.path), '--rate', REPLAY_RATE],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env=os.environ,
-    )
+    paced = uwb_recording.path, '--rate', REPLAY_RATE
+    replay = start('replay', *paced, stderr=subprocess.DEVNULL)
     bench.clear()
     bench.until(lambda: replay.poll() is not None, 'the end of the replay', deadline_s=60.0)
     assert replay.returncode == 0

@@ -6,10 +6,6 @@
 import subprocess
 import sys
 
-import pytest
-
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
 CODE = """
 import gc
 from dg_localization.ros.node.worker import load_for_good

@@ -5,10 +5,8 @@
 
 import pytest
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-
-from dg_localization.ros.executables import self_test  # noqa: E402
-from dg_localization.ros.self_test import Observed  # noqa: E402
+from dg_localization.ros.executables import self_test
+from dg_localization.ros.self_test import Observed
 
 CHECKS = ('numba', 'kernels', 'answers', 'delay', 'messages', 'clock', 'memory')
 

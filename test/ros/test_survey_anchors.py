@@ -9,11 +9,9 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 
-pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-yaml = pytest.importorskip('yaml')
-
-from dg_localization.ros.executables import survey_anchors  # noqa: E402
+from dg_localization.ros.executables import survey_anchors
 
 PLACES = {'n1': (0.0, 0.0), 'n2': (4.0, 0.0), 'n3': (4.0, 3.0), 'n4': (0.0, 3.0)}
 

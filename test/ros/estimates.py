@@ -1,0 +1,34 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Placements as the localizer makes them, of robots at stated places."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from dg_localization.fleet import Placement
+
+
+def placement_at(positions_m, /, **changes):
+    """Return a placement without headings, which knows known positions to 0.1 m."""
+    positions_m = np.array(positions_m, dtype=float)
+    n_robots, dimension = positions_m.shape
+    half_widths_m = np.where(np.isnan(positions_m), np.inf, 0.1)
+    middles_m = np.nan_to_num(positions_m)
+    made = Placement(
+        positions_m=positions_m,
+        enclosure_m=np.stack([middles_m - half_widths_m, middles_m + half_widths_m], axis=1),
+        orientations_xyzw=np.full((n_robots, 4), math.nan),
+        heading_known=np.zeros(n_robots, dtype=bool),
+        heading_half_width_rad=np.full(n_robots, math.pi),
+        proved=True,
+        flexible=False,
+        mirrored=False,
+        landmarks_m=np.zeros((0, dimension)),
+        landmark_enclosure_m=np.zeros((0, 2, dimension)),
+        lower_m=np.zeros((n_robots, n_robots)),
+        upper_m=np.where(np.eye(n_robots, dtype=bool), 0.0, np.inf),
+    )
+    return replace(made, **changes)

@@ -1,0 +1,63 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Executables in processes of their own, and a node that listens to them."""
+
+from functools import partial
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+from rclpy.executors import SingleThreadedExecutor
+
+REPOSITORY = Path(__file__).parents[2]
+COMMAND = (sys.executable, '-m', 'dg_localization.ros')
+PIPES = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
+
+
+def start(name, *arguments, **options):
+    """Start an executable; the options are those of `subprocess.Popen`."""
+    return subprocess.Popen(
+        [*COMMAND, name, *map(str, arguments)],
+        cwd=REPOSITORY,
+        env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        text=True,
+        **options,
+    )
+
+
+def wait_for(condition, deadline_s=120.0):
+    """Return what a condition gives as soon as that is true."""
+    give_up_s = time.monotonic() + deadline_s
+    while not (found := condition()):
+        assert time.monotonic() < give_up_s, f'nothing for {deadline_s} s'
+        time.sleep(0.02)
+    return found
+
+
+class Listener:
+    """What a node hears on {topic: (class, QoS)}, in the order of arrival; others spin beside."""
+
+    def __init__(self, node, topics, *others):
+        self.received, self._nodes = [], (node, *others)
+        for topic, (message_class, qos) in topics.items():
+            node.create_subscription(message_class, topic, partial(self._take, topic), qos)
+
+    def _take(self, topic, message):
+        self.received.append((topic, message))
+
+    def on(self, topic):
+        return [message for name, message in self.received if name == topic]
+
+    def spin_until(self, condition, timeout_s=30.0):
+        """Spin until a condition is met, and return whether it is."""
+        executor = SingleThreadedExecutor(context=self._nodes[0].context)
+        for node in self._nodes:
+            executor.add_node(node)
+        deadline_s = time.monotonic() + timeout_s
+        while not condition() and time.monotonic() < deadline_s:
+            executor.spin_once(timeout_sec=0.05)
+        executor.shutdown()
+        return bool(condition())
