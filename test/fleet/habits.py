@@ -1,14 +1,23 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a fleet of a drawn history is told besides, and how it is asked."""
+"""What is odd about a drawn history: shapes, heights, offsets at their bounds, settings, lies."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 import math
 
+from drives import SAMPLE_S, direction
 import numpy as np
 
-from dg_localization.fleet import SensorBounds
+from dg_localization.fleet import Anchor, ElevationErrorModel, SensorBounds
+
+CLIMBING_M_S = 0.3
+FORMATIONS = ('none', 'none', 'in line', 'abreast', 'together')
+SPACING_M = 1.5
+ANCHORED_M = (-4.0, 3.0, 8.0, 12.0, 20.0)
+"""Where anchors are on the line of the robots."""
+LATENCIES_S = (0.0, 0.0, 0.03, 0.045)
+ANCHOR_BOUNDS_M = (0.0, 0.0, 0.05, 0.5)
 
 
 def has_resets(seed):
@@ -17,19 +26,111 @@ def has_resets(seed):
 
 
 def draw_habits(history, seed):
+    """Return a history with all that a seed draws besides."""
+    rng = np.random.default_rng([seed, history.config.dimension, 14])
+    _draw_formation(history, rng)
+    _draw_offsets(history, rng)
+    if rng.random() < 0.5:
+        _limit_motion(history)
+    _draw_settings(history, rng)
+    if rng.random() < 0.2:
+        drive = history.drives[int(rng.integers(len(history.drives)))]
+        leap_m = 100.0 * direction(rng) * [1.0, 1.0, 0.0]
+        drive.start_anew(int(rng.integers(5, len(drive.true))), leap_m, rng.uniform(-3.0, 3.0))
+    in_plane = history.config.dimension == 2
+    if in_plane and not history.heights.waves and rng.random() < 0.2:
+        history.park(int(rng.integers(len(history.drives))), rng)
+    # After a reset nothing is known of a robot whose odometry is missing.
+    if in_plane and history.config.memory_s > 0.0 and not has_resets(seed):
+        history.lies = _draw_lies(history, rng)
+    return history
+
+
+def _draw_formation(history, rng):
     """
-    Return a history with the habits that a seed draws.
+    Let robots start in a formation, if any: shapes that a rounding error turns over.
+
+    In line or abreast they look the same way. Half of these go straight ahead, all alike, so that
+    their shape stays; together, at one place, each goes its own way. The anchors of half of these
+    fleets are on the line of the robots.
+    """
+    formation, alike = str(rng.choice(FORMATIONS)), int(rng.integers(2**32))
+    if formation == 'none':
+        return
+    dimension, are_together = history.config.dimension, formation == 'together'
+    if not are_together and rng.random() < 0.5:
+        for robot in range(len(history.drives)):
+            history.go_straight(robot, np.random.default_rng(alike))
+    for robot, drive in enumerate(history.drives):
+        start_m = np.zeros(3)
+        if not are_together:
+            start_m[int(formation == 'abreast')] = SPACING_M * robot
+        drive.start(start_m, None if are_together else 0.0)
+    if rng.random() < 0.5:
+        anchors = {
+            name: Anchor((x_m, *np.zeros(dimension - 1)))
+            for name, x_m in zip(history.config.anchors, ANCHORED_M, strict=False)
+        }
+        history.config = replace(history.config, anchors=anchors)
+
+
+def _draw_offsets(history, rng):
+    """Let stamps of odometry be late, and anchors be elsewhere, as far as bounds that hold say."""
+    config = history.config
+    latencies_s = rng.choice(LATENCIES_S, len(config.robots)).tolist()
+    errors = {
+        robot: replace(config.robot_odometry_error.get(robot, config.odometry_error), latency_s=s)
+        for robot, s in zip(config.robots, latencies_s, strict=True)
+    }
+    history.late_s = [
+        _draw_late(rng, len(drive.true), s)
+        for drive, s in zip(history.drives, latencies_s, strict=True)
+    ]
+    bound_m, q = float(rng.choice(ANCHOR_BOUNDS_M)), config.dimension
+    anchors = {name: replace(anchor, bound_m=bound_m) for name, anchor in config.anchors.items()}
+    history.off_m = {name: 0.999 * bound_m * direction(rng)[:q] for name in anchors}
+    history.config = replace(config, robot_odometry_error=errors, anchors=anchors)
+
+
+def draw_clocks(rng, robots):
+    """Draw how far clocks may be wrong, and how far they are."""
+    error_s = float(rng.choice([0.0, 0.0, 0.005, 0.05]))
+    return error_s, (0.999 * error_s * rng.choice([-1.0, 0.3, 1.0], robots)).tolist()
+
+
+def _draw_late(rng, count, latency_s):
+    """Draw how much later than true each sample of an odometry is stamped; their order stays."""
+    if latency_s > 0.3 * SAMPLE_S:
+        return 0.999 * latency_s * np.cos(rng.uniform(0.0, 6.0) + 0.3 * np.arange(count))
+    return 0.999 * latency_s * rng.choice([-1.0, 0.5, 1.0], count)
+
+
+def _limit_motion(history):
+    """Limit robots to the speeds that they have, and in the plane to their turn rates."""
+    config = history.config
+    limits = {'robot_max_speed_m_s': {}}
+    for robot, (name, drive) in enumerate(zip(config.robots, history.drives, strict=True)):
+        places = [history.place(robot, k * SAMPLE_S) for k in range(len(drive.true))]
+        _, swing_m, frequency_rad_s, _ = history.heights.waves.get(name, (0.0,) * 4)
+        level_m_s = np.linalg.norm(np.diff(places, axis=0), axis=1).max() / SAMPLE_S
+        fastest_m_s = 1.001 * math.hypot(level_m_s, swing_m * frequency_rad_s)
+        limits['robot_max_speed_m_s'][name] = fastest_m_s
+    if config.dimension == 2:
+        turns = [np.abs(np.diff([yaw for _, yaw, *_ in d.true])).max() for d in history.drives]
+        limits['max_turn_rate_rad_s'] = 1.001 * max(turns) / SAMPLE_S
+    history.config = replace(config, **limits)
+
+
+def _draw_settings(history, rng):
+    """
+    Draw what a fleet is told besides, and how it is asked.
 
     Another robot may be the reference, single links may have bounds of their own, sensors limits
-    and variances (REP-117), odometries may start anew, a robot of the plane may be parked as an
-    anchor, and answers may be for a time a little before. In the plane as many observations are
-    wrong as are tolerated.
+    and variances (REP-117), and answers may be for a time a little before.
     """
-    rng = np.random.default_rng([seed, 14])
-    config = history.config
     history.config = replace(
-        config,
-        reference_robot=str(rng.choice(config.robots)),
+        history.config,
+        reference_robot=str(rng.choice(history.config.robots)),
         max_repeats=int(rng.choice([1, 2, 8])),
         max_outliers=int(rng.choice([0, 0, 1])),
     )
@@ -38,15 +139,6 @@ def draw_habits(history, seed):
         _override_links(history, rng)
     if rng.random() < 0.3:
         _limit_ranges(history, rng)
-    if rng.random() < 0.2:
-        drive = history.drives[int(rng.integers(len(config.robots)))]
-        drive.start_anew(int(rng.integers(5, len(drive.true))), *_draw_leap(rng))
-    if config.dimension == 2 and not history.heights.waves and rng.random() < 0.2:
-        history.park(int(rng.integers(len(config.robots))), rng)
-    # After a reset nothing is known of a robot whose odometry is missing.
-    if config.dimension == 2 and config.memory_s > 0.0 and not has_resets(seed):
-        history.lies = _draw_lies(history, rng)
-    return history
 
 
 def _draw_lies(history, rng):
@@ -107,7 +199,46 @@ def _limit_ranges(history, rng):
         history.bounds[names] = replace(own, range_error=replace(own.range_error, **told))
 
 
-def _draw_leap(rng):
-    """Draw where an odometry goes on that starts anew, too far away to have driven there."""
-    angle = rng.uniform(-math.pi, math.pi)
-    return 100.0 * np.array([math.cos(angle), math.sin(angle)]), rng.uniform(-3.0, 3.0)
+def beyond_limits(reading_m, least_m, most_m):
+    """Return what a sensor of limited range reads, as in REP-117."""
+    if least_m <= reading_m <= most_m:
+        return reading_m
+    return math.copysign(math.inf, reading_m - least_m)
+
+
+@dataclass
+class Heights:
+    """Robots that rise and sink, and anchors that stay; without `stated_m` all are at 0."""
+
+    stated_m: dict = field(default_factory=dict)
+    error: ElevationErrorModel = ElevationErrorModel()
+    every_s: dict = field(default_factory=dict)
+    """How often the elevation of a robot is read, of those that read it."""
+    waves: dict = field(default_factory=dict)
+    """The middle (m), the amplitude (m), the frequency (rad/s) and the phase (rad) of each."""
+
+    @classmethod
+    def draw(cls, rng, robots, anchors):
+        """Draw those of robots and anchors by name; most fleets are flat."""
+        if rng.random() < 0.7:
+            return cls()
+        heights = cls(error=ElevationErrorModel(-float(rng.choice([0.0, 0.1])), 0.05))
+        for name in (*robots, *anchors):
+            swing_m = rng.uniform(0.0, 1.5) if name in robots else 0.0
+            wave = (rng.uniform(-3.0, 3.0), swing_m, CLIMBING_M_S / 1.5, rng.uniform(0.0, 6.0))
+            low_m, high_m = rng.choice([0.0, 0.1, 2.0], 2)
+            heights.waves[name] = wave
+            heights.stated_m[name] = (wave[0] - swing_m - low_m, wave[0] + swing_m + high_m)
+            if name in robots and rng.random() < 0.7:
+                heights.every_s[name] = rng.choice([0.1, 0.4])
+        return heights
+
+    def at_m(self, name, time_s):
+        """Return how high a robot or an anchor is, some seconds after the start."""
+        middle_m, swing_m, frequency_rad_s, phase_rad = self.waves.get(name, (0.0,) * 4)
+        return middle_m + swing_m * math.sin(frequency_rad_s * time_s + phase_rad)
+
+    def read_m(self, name, time_s, share):
+        """Return what is read of it: `share` tells where in its bounds the error is."""
+        low_m, high_m = self.error.min_error_m, self.error.max_error_m
+        return self.at_m(name, time_s) + low_m + share * (high_m - low_m)

@@ -3,14 +3,12 @@
 
 """The best point: least squares over the readings, inside the hypothesis."""
 
-from dataclasses import replace
 from itertools import combinations, permutations
 import math
 
 import numpy as np
 import pytest
 
-from dg_localization import Problem
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
@@ -18,13 +16,9 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.best_point.best_point import BestPointFinder
-from dg_localization.fleet.best_point.least_squares import Bodies, fit_terms
 from dg_localization.fleet.best_point.normal_equations import normal_equations
 from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN, Term, Terms
 from dg_localization.fleet.error_models import likeliest_distance_m
-from dg_localization.interval.arrays import Interval
-from dg_localization.solver.place.proofs import agrees
 
 NOW_S = 10.0
 RANGE_ERROR = 0.03
@@ -155,40 +149,6 @@ def test_the_gradient_is_that_of_the_cost(seed, robust):
     assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > -1e-6
 
 
-@pytest.mark.parametrize('seed', range(20))
-@pytest.mark.parametrize('robust', [False, True])
-def test_a_fit_is_never_worse_than_its_start_and_stays_in_its_bounds(seed, robust):
-    rng = np.random.default_rng(seed)
-    start_m = rng.normal(size=(3, 3))
-    start = Bodies(
-        start_m,
-        np.array([rotation(rng, 3) for _ in range(3)]),
-        start_m - rng.uniform(0.0, 0.5, (3, 3)),
-        start_m + rng.uniform(0.0, 0.5, (3, 3)),
-        rng.random((3, 6)) < 0.7,
-    )
-    packed = Terms.of(random_terms(rng, 3))
-    fit = fit_terms(packed, start, robust=robust)
-    fixed = replace(start, free=np.zeros((3, 6), dtype=bool))
-    assert fit.cost < fit_terms(packed, fixed, robust=robust).cost
-    found_m, turned = fit.bodies.positions_m, fit.bodies.rotations
-    assert (start.lower_m <= found_m).all() and (found_m <= start.upper_m).all()
-    held = ~start.free[:, :3]
-    assert (found_m[held] == start_m[held]).all()
-    assert np.allclose(turned @ np.swapaxes(turned, 1, 2), np.eye(3))
-
-
-@pytest.mark.parametrize('dimension', [2, 3])
-@pytest.mark.parametrize('anchors', [True, False])
-@pytest.mark.parametrize('cameras', [True, False])
-def test_the_point_is_in_its_enclosure(dimension, anchors, cameras):
-    for seed in range(3):
-        fleet = Fleet(seed, dimension, 5, anchors, cameras)
-        estimate = fleet.step()
-        assert estimate.placements
-        assert all(inside(placement) for placement in estimate.placements)
-
-
 @pytest.mark.parametrize('dimension', [2, 3])
 @pytest.mark.parametrize('cameras', [True, False])
 def test_right_readings_give_the_true_point(dimension, cameras):
@@ -201,101 +161,6 @@ def test_right_readings_give_the_true_point(dimension, cameras):
     ]
     assert min(off_m) < 1e-3
     assert all(placement.proved for placement in estimate.placements)
-
-
-def test_the_point_is_nearer_to_the_truth_than_what_the_bounds_leave():
-    off_m = []
-    for seed in range(20):
-        fleet = Fleet(seed, robots=5, cameras=True)
-        (placement,) = fleet.step().placements
-        off_m.append(np.linalg.norm(placement.positions_m - fleet.positions_m[:5], axis=1))
-    # Readings of about 5 m to 3 %, seven or more of each robot.
-    assert np.median(off_m) < 0.05
-
-
-def test_mirror_images_have_mirrored_points():
-    fleet = Fleet(3, robots=5, anchors=False)
-    placements = fleet.step().placements
-    assert [placement.mirrored for placement in placements] == [False, True]
-    images = [placement.positions_m for placement in placements]
-    assert np.allclose(images[0] * [1.0, -1.0], images[1], atol=1e-4)
-
-
-def test_a_robot_that_is_not_connected_has_no_point():
-    fleet = Fleet(2, robots=3)
-    config = FleetConfig(robots=[*fleet.robots, 'lost'], anchors=fleet.anchors)
-    localizer = Localizer(config)
-    for k, robot in enumerate(fleet.robots):
-        for j, anchor in enumerate(fleet.anchors):
-            range_m = np.linalg.norm(fleet.positions_m[k] - ANCHORS[2][j])
-            localizer.add_range(robot, anchor, range_m, NOW_S, NOW_S)
-    (placement,) = localizer.step(NOW_S).placements
-    assert np.isnan(placement.positions_m[3]).all() and np.isnan(placement.covariances[3]).all()
-    assert np.allclose(placement.positions_m[:3], fleet.positions_m[:3], atol=1e-3)
-    assert np.isfinite(placement.covariances[:3]).all()
-
-
-def test_points_of_several_hypotheses_are_in_their_own():
-    """A robot that two ranges leave on either side of the line between two others."""
-    anchors = {'a0': Anchor((0.0, 0.0)), 'a1': Anchor((6.0, 0.0)), 'a2': Anchor((0.0, 6.0))}
-    localizer = Localizer(FleetConfig(robots=['r'], anchors=anchors))
-    for name in ('a0', 'a1'):
-        range_m = math.dist(anchors[name].coordinates_m, (2.0, 3.0))
-        localizer.add_range('r', name, range_m, NOW_S, NOW_S)
-    found = np.array([p.positions_m[0] for p in localizer.step(NOW_S).placements])
-    assert np.allclose(found[:, 0], 2.0) and np.allclose(sorted(found[:, 1]), [-3.0, 3.0])
-
-
-def test_many_fits_of_a_large_fleet_end_at_their_budget(monkeypatch):
-    places = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
-    box = Interval(places - 1.0, places + 1.0)
-    finder = BestPointFinder(triangle(0.0, 9.0), [distance(0, 1, 4.5, 0.1)], ())
-    monkeypatch.setattr('dg_localization.fleet.best_point.best_point.MOST_EFFORT', 6**3)
-    among = np.zeros((3, 3)), np.full((3, 3), 81.0) * (1.0 - np.eye(3))
-    assert (finder.find(places, box, among).positions_m != places).any()
-    assert (finder.find(places, box, among).positions_m == places).all()
-
-
-def test_a_flexible_fleet_has_points():
-    localizer = Localizer(FleetConfig(robots=['a', 'b', 'c', 'd']))
-    for first, second in ('ab', 'bc', 'cd'):
-        localizer.add_range(first, second, 2.0, NOW_S, NOW_S)
-    placements = localizer.step(NOW_S).placements
-    assert placements and all(inside(placement) for placement in placements)
-    for placement in placements:
-        assert placement.flexible
-        steps_m = np.linalg.norm(np.diff(placement.positions_m, axis=0), axis=1)
-        assert steps_m == pytest.approx([2.0] * 3, abs=1e-3)
-
-
-def test_one_robot_among_anchors_has_a_point_and_alone_it_has_none():
-    fleet = Fleet(4, robots=1)
-    (placement,) = fleet.step().placements
-    assert np.linalg.norm(placement.positions_m[0] - fleet.positions_m[0]) < 0.2
-    assert Fleet(4, robots=1, anchors=False).step().placements == ()
-
-
-def test_what_is_remembered_leads_to_the_point():
-    """A robot that drives straight on and sees one landmark at a time."""
-    off_m = {}
-    for memory_s in (0.0, 30.0):
-        anchors = {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])}
-        config = FleetConfig(['r'], anchors=anchors, memory_s=memory_s, max_age_s=0.4)
-        localizer = Localizer(config)
-        for tick in range(12):
-            now_s, yaw = NOW_S + 0.5 * tick, 0.6
-            position_m = np.array([2.0, 1.0]) + 0.2 * tick * np.array([np.cos(yaw), np.sin(yaw)])
-            quaternion = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
-            localizer.add_odometry('r', [*position_m, 0.0], quaternion, now_s, now_s)
-            line_m = ANCHORS[2][tick % 3] - position_m
-            bearing = math.atan2(line_m[1], line_m[0]) - yaw
-            ray = [math.cos(bearing), math.sin(bearing), 0.0]
-            localizer.add_range('r', f'a{tick % 3}', np.linalg.norm(line_m), now_s, now_s)
-            localizer.add_bearing('r', f'a{tick % 3}', ray, now_s, now_s)
-            placements = localizer.step(now_s).placements
-        off_m[memory_s] = np.linalg.norm(placements[0].positions_m[0] - position_m)
-        assert inside(placements[0])
-    assert off_m[30.0] < 0.02 < off_m[0.0]
 
 
 def drive(localizer, anchors_m, seconds, sees, drift_rad=0.0, misread=()):
@@ -361,31 +226,6 @@ def test_misread_landmarks_hardly_pull():
     assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
 
 
-def test_a_robot_that_sees_nothing_now_has_its_point_by_what_it_saw():
-    localizer = driver()
-    pose, now_s = drive(localizer, ANCHORS[2], 15.0, lambda tick: tick < 26)
-    # Something has to be measured now for an answer.
-    localizer.add_range('r', 'a0', np.linalg.norm(pose[:2] - ANCHORS[2][0]), now_s, now_s)
-    (placement,) = localizer.step(now_s).placements
-    assert inside(placement)
-    assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
-
-
-def test_what_was_seen_before_the_odometry_started_anew_hardly_pulls():
-    """The limits alone say how far it went in the 2.5 s between."""
-    localizer = driver()
-    drive(localizer, ANCHORS[2], 5.0, lambda tick: True)
-    after_m = np.array([6.0, 4.0])
-    now_s = NOW_S + 7.0
-    localizer.add_odometry('r', [50.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
-    for name, place in zip('012', ANCHORS[2], strict=True):
-        line_m = place - after_m
-        localizer.add_range('r', f'a{name}', np.linalg.norm(line_m), now_s, now_s)
-        localizer.add_bearing('r', f'a{name}', [*line_m, 0.0], now_s, now_s)
-    (placement,) = localizer.step(now_s).placements
-    assert np.linalg.norm(placement.positions_m[0] - after_m) < 0.02
-
-
 @pytest.mark.parametrize('is_wrong', [False, True])
 def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
     """Its ranges are one and a half half widths too long, which contradicts nothing."""
@@ -407,61 +247,6 @@ def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
     ]
     assert ('ranges r - a1' in named) is is_wrong
     assert ('bounds look too narrow' in estimate.reason) is is_wrong
-
-
-def test_a_dropped_reading_does_not_pull():
-    fleet = Fleet(5, robots=2, noise=0.0)
-    config = FleetConfig(robots=fleet.robots, anchors=fleet.anchors, max_outliers=1)
-    localizer = Localizer(config)
-    for j, anchor in enumerate(fleet.anchors):
-        for k, robot in enumerate(fleet.robots):
-            range_m = np.linalg.norm(fleet.positions_m[k] - ANCHORS[2][j])
-            localizer.add_range(robot, anchor, range_m, NOW_S, NOW_S)
-    range_m = np.linalg.norm(fleet.positions_m[0] - fleet.positions_m[1])
-    localizer.add_range('r0', 'r1', 3.0 * range_m, NOW_S, NOW_S)
-    right = [
-        placement
-        for placement in localizer.step(NOW_S).placements
-        if [(key.observer, key.target) for key in placement.dropped] == [('r0', 'r1')]
-    ]
-    assert np.allclose(right[0].positions_m, fleet.positions_m[:2], atol=1e-3)
-
-
-def test_contradictory_readings_leave_no_point():
-    localizer = Localizer(FleetConfig(robots=['a', 'b', 'c']))
-    for first, second, range_m in (('a', 'b', 1.0), ('b', 'c', 1.0), ('a', 'c', 9.0)):
-        localizer.add_range(first, second, range_m, NOW_S, NOW_S)
-    assert localizer.step(NOW_S).placements == ()
-
-
-def triangle(lower_m, upper_m):
-    """Return the problem of three points whose distances have the same bounds."""
-    lower, upper = np.full((3, 3), lower_m**2), np.full((3, 3), upper_m**2)
-    np.fill_diagonal(lower, 0.0)
-    np.fill_diagonal(upper, 0.0)
-    return Problem(lower, upper)
-
-
-START_M = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]])
-BOX = Interval(np.array([[0.0, 0.0], [0.0, 0.0], [-2.0, 0.0]]), np.array([[0, 0], [2, 0], [2, 2]]))
-
-
-def test_a_point_that_readings_pull_out_of_the_bounds_is_taken_back_until_it_agrees():
-    problem = triangle(0.7, 1.2)
-    terms = [distance(i, j, 3.0, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
-    best = BestPointFinder(problem, terms, ()).find(START_M, BOX)
-    assert best.proved and agrees(problem, best.positions_m)
-    # At least most of the way to the bounds that stop it.
-    assert np.linalg.norm(best.positions_m[1]) > 1.1
-
-
-def test_nothing_is_proved_where_neither_start_nor_point_agrees():
-    problem = triangle(5.0, 6.0)
-    terms = [distance(i, j, 1.5, 0.1) for i, j in ((0, 1), (0, 2), (1, 2))]
-    finder = BestPointFinder(problem, terms, ())
-    best = finder.find(START_M, BOX)
-    assert not best.proved
-    assert np.linalg.norm(best.positions_m[1]) == pytest.approx(1.5, abs=1e-3)
 
 
 def test_a_proved_point_as_published_meets_every_range():
@@ -487,24 +272,6 @@ def test_a_proved_point_as_published_meets_every_range():
             distance_m = math.dist(placement.positions_m[i], placement.positions_m[j])
             is_met = abs(distance_m - range_m) <= 0.01 * range_m + 1e-12
             assert is_met or not placement.proved
-
-
-def test_a_start_without_numbers_stays_unknown():
-    best = BestPointFinder(triangle(0.7, 1.2), [], ()).find(np.full((3, 2), np.nan), BOX)
-    assert np.isnan(best.positions_m).all() and np.isnan(best.covariances).all()
-
-
-def test_the_covariance_is_that_of_uniform_errors_and_not_wider_than_the_enclosure():
-    """Two ranges at a right angle: each coordinate has the variance of its range."""
-    places = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
-    box = Interval(places - [[1.0, 1.0], [0, 0], [0, 0]], places + [[1.0, 1.0], [0, 0], [0, 0]])
-    terms = [distance(0, 1, 4.0, 0.3), distance(0, 2, 3.0, 0.06)]
-    best = BestPointFinder(triangle(0.0, 9.0), terms, ()).find(places, box)
-    deviations = np.sqrt(np.diagonal(best.covariances[0])[:2])
-    assert deviations == pytest.approx([0.3 / math.sqrt(3.0), 0.06 / math.sqrt(3.0)], rel=0.02)
-    assert (best.covariances[1:] == 0.0).all()
-    unmeasured = BestPointFinder(triangle(0.0, 9.0), [], ()).find(places, box)
-    assert np.diagonal(unmeasured.covariances[0])[:2] == pytest.approx([1.0, 1.0])
 
 
 @pytest.mark.parametrize('near_m', [0.1, 0.3])

@@ -16,10 +16,6 @@ from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 SEEN = tuple(Suspect(SuspectKind.OBSERVATION, f'r{i}', 's', (LinkKind.RANGE,)) for i in range(8))
 EVERYTHING = frozenset(SEEN)
 ALONE = {one: frozenset([one]) for one in SEEN}
-SENSORS = {
-    Suspect(SuspectKind.SENSOR, f'r{i}', measures=(LinkKind.RANGE,)): frozenset(SEEN[i : i + 2])
-    for i in range(0, 8, 2)
-}
 AMPLE = (10_000, 60.0)
 
 conflict_sets = st.lists(
@@ -64,48 +60,6 @@ def test_all_minimal_corrections(conflicts, max_outliers, regions, efforts):
         assert any(conflict <= found for conflict in conflicts)
     expected = hitting(conflicts, ALONE, max_outliers) if max_outliers else set()
     assert set(explanation.corrections) == expected
-
-
-@settings(deadline=None)
-@given(conflicts=conflict_sets, max_outliers=st.integers(0, 3), regions=parts)
-def test_conflicts_that_the_solver_sees_are_minimal(conflicts, max_outliers, regions):
-    explanation = explained(conflicts, max_outliers, regions=regions)
-    minimal = {c for c in conflicts if not any(o < c for o in conflicts)}
-    assert set(explanation.conflicts) <= minimal
-
-
-@settings(deadline=None)
-@given(conflicts=conflict_sets, max_outliers=st.integers(1, 3))
-def test_all_minimal_sets_of_sensors(conflicts, max_outliers):
-    explanation = explained(conflicts, max_outliers, named=(SENSORS,))
-    assert set(explanation.corrections) == hitting(conflicts, SENSORS, max_outliers)
-
-
-@settings(deadline=None)
-@given(conflicts=conflict_sets)
-def test_culprits_are_the_smallest_that_explain_everything(conflicts):
-    explanation = explained(conflicts, 0, named=(ALONE, SENSORS))
-    single = [{s for (s,) in hitting(conflicts, named, 1)} for named in (ALONE, SENSORS)]
-    assert set(explanation.culprits) == (single[0] or single[1])
-
-
-@pytest.mark.parametrize(('solves', 'seconds'), [(3, 60.0), (10_000, 0.0)])
-def test_a_used_up_budget_is_reported(solves, seconds):
-    limits = Limits(2, solves, seconds)
-    contradicts = contradiction_of([frozenset(SEEN[:4])])
-    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, limits)
-    assert explanation.searched < 2
-    assert explanation.stopped
-
-
-def test_a_correction_is_only_taken_after_every_effort():
-    # With little effort the pair looks harmless.
-    def contradicts(observations, effort):
-        hard = effort is Effort.THOROUGH
-        return {SEEN[0], SEEN[1]} <= observations and (hard or len(observations) > 2)
-
-    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE))
-    assert set(explanation.corrections) == {frozenset({SEEN[0]}), frozenset({SEEN[1]})}
 
 
 def test_a_cancelled_search_claims_nothing():

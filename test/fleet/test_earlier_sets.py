@@ -104,29 +104,6 @@ def test_the_likely_point_is_carried_through_a_gap(restart_s):
         assert off_m < 3.0 * deviation_m
 
 
-def test_what_is_measured_now_counts_without_memory():
-    """Nothing is carried on where a window remembers nothing: deviations do not grow."""
-    deviations_m = []
-    for time_s, estimate in drive(0.0, lambda t: True, 20.0, seen='ab'):
-        (placement,) = estimate.placements
-        assert np.linalg.norm(placement.positions_m[0] - pose(time_s)[0]) < 0.1
-        deviations_m.append(math.sqrt(placement.covariances[0, 0, 0]))
-    assert max(deviations_m[1:]) < 1.5 * min(deviations_m[1:])
-
-
-def test_after_a_gap_new_ranges_narrow_what_was_carried():
-    def ranged(time_s):
-        return time_s < 8.0 or time_s > 28.0
-
-    widths = {}
-    for time_s, estimate in drive(5.0, ranged, 36.0):
-        if estimate.placements:
-            lower, upper = estimate.placements[0].enclosure_m[0]
-            assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
-            widths[round(time_s)] = float((upper - lower).max())
-    assert widths[35] < widths[27]
-
-
 @pytest.mark.parametrize('tick_s', [1.0, 7.0, 11.0])
 def test_a_set_that_odometry_does_not_reach_any_more_claims_nothing(tick_s):
     """Answers that are asked for less often than memory lasts, without readings in between."""

@@ -54,19 +54,3 @@ def test_idle_anchors_change_no_answer_and_keep_their_places(monkeypatch, bound_
     assert placement.landmarks_m == pytest.approx(landmarks, abs=bound_m + 1e-9)
     off = np.abs(placement.landmark_enclosure_m - landmarks[:, None])
     assert np.all(off <= bound_m + 1e-9)
-
-
-def test_where_those_measured_fix_no_frame_others_do():
-    found = localizer(MAP, 0.0)
-    anchors = found.snapshot(1.0).anchors
-    assert 3 <= len(anchors.spanning) <= 4
-    two = anchors.among([*anchors.boxes][:2])
-    assert len(two.boxes) == 2 and len(two.cores) == 1 and not two.chiralities
-    assert anchors.among([0]).boxes == {}
-    config = FleetConfig(
-        robots=('r0', 'r1'),
-        anchors={f'a{k}': Anchor((float(k), 0.0), 0.0) for k in range(5)},
-        max_age_s=1.0,
-    )
-    in_line = Localizer(config).snapshot(1.0).anchors
-    assert in_line.spanning == {*in_line.boxes}

@@ -17,10 +17,6 @@ TICK_S = 0.05
 TOLERANCE_M = 1e-7
 
 
-def rotation_2d(angle):
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
 def rotation_about(vector):
     angle = np.linalg.norm(vector)
     if angle == 0.0:

@@ -5,7 +5,6 @@
 
 import math
 
-from histories import History, localizer_of, truth_is_inside
 import numpy as np
 import pytest
 
@@ -176,21 +175,6 @@ def noisy(sensor, memory_s, seed):
         if tick >= 60 and tick % 20 == 0:
             (placement, *_) = localizer.step(time_s).placements
             yield np.linalg.norm(placement.positions_m[0] - place[:2])
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_after_a_broken_bound_what_sensors_measured_is_forgotten(seed):
-    memory_s, kicked_s = 4.0, 5.0
-    history = History.draw([seed, 9], 2, 3, 13.0, mounted=2, memory_s=memory_s)
-    history.drives[0].kick(round(kicked_s / 0.1), [1.5, -2.0])
-    forgot = []
-    for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, 13.0, 0.7)):
-        forgot += [forgotten.text for forgotten in estimate.forgotten]
-        if time_s < kicked_s - 0.1 or time_s > kicked_s + memory_s:
-            assert truth_is_inside(history, time_s, estimate), time_s
-        if time_s > kicked_s + memory_s:
-            assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
-    assert forgot
 
 
 def test_ranges_of_two_sensors_that_differ_make_nobody_suspect():

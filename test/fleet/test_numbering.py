@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
-from dg_localization.fleet.estimate import FixedFrame, FrameKind
 from dg_localization.fleet.window.follow import Framed, matches
 
 STAMP_S = 10.0
@@ -45,16 +44,6 @@ def test_twins_beside_two_anchors_keep_their_numbers(twins):
     snapshot, estimate = twins
     first, second = (Framed(one, estimate.frame) for one in estimate.placements)
     assert matches(snapshot, STAMP_S, [first, second], [second, first]) == {0: 1, 1: 0}
-
-
-def test_positions_in_frames_that_differ_are_not_compared(twins):
-    """Their shapes are the same, so that the first goes on from the first."""
-    snapshot, estimate = twins
-    moving = FixedFrame(FrameKind.ROBOTS, ('a',))
-    first, second = estimate.placements
-    before = [Framed(one, estimate.frame) for one in (first, second)]
-    now = [Framed(one, moving) for one in (second, first)]
-    assert matches(snapshot, STAMP_S, before, now) == {0: 0, 1: 1}
 
 
 def test_what_shares_one_robot_of_several_does_not_go_on():

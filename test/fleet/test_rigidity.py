@@ -96,27 +96,6 @@ def test_every_turn_of_a_hinge_is_enclosed(sign):
         assert any(is_in(placement, positions_m) for placement in estimate.placements)
 
 
-def test_what_turns_has_the_bounding_box_of_its_ring():
-    pairs = [*within('r1 r2 r3'), ('r3', 'r4')]
-    places = {name: TWO_FOURS[name] for name in ('r1', 'r2', 'r3', 'r4')}
-    estimate = localizer_of(places, pairs).step(NOW_S)
-    arm_m = math.dist(places['r3'], places['r4'])
-    assert len(estimate.placements) == 2
-    for placement in estimate.placements:
-        width_m = np.ptp(placement.enclosure_m[3], axis=0)
-        assert (2.0 * arm_m <= width_m).all() and (width_m < 2.0 * arm_m + 0.1).all()
-        assert is_in(placement, placement.positions_m)
-
-
-def test_a_chain_of_robots_is_one_hypothesis():
-    """Nothing in it is rigid, so that it turns into its own mirror image."""
-    places = {name: TWO_FOURS[name] for name in ('r1', 'r2', 'r3')}
-    (placement,) = localizer_of(places, [('r1', 'r2'), ('r2', 'r3')]).step(NOW_S).placements
-    assert placement.flexible
-    for sign in (1.0, -1.0):
-        assert is_in(placement, in_frame(places, 'r1', 'r2') * [1.0, sign])
-
-
 def strip(length):
     """Return the corners of a strip of fours, two by two, and the pairs within the fours."""
     rng = np.random.default_rng(1)
@@ -139,15 +118,6 @@ def test_hypotheses_are_counted_without_being_listed(length):
     if length == 2:
         truth_m = in_frame(places, 's0', 's1')
         assert any(is_in(placement, truth_m) for placement in estimate.placements)
-
-
-def test_anchors_leave_the_folds_of_the_rest():
-    places, pairs = strip(3)
-    anchors = {name: Anchor(places[name]) for name in ('s0', 's1', 's2')}
-    estimate = localizer_of(places, pairs, anchors=anchors).step(NOW_S)
-    assert estimate.n_hypotheses == len(estimate.placements) == 4
-    truth_m = np.array(list(places.values()))
-    assert any(is_in(placement, truth_m) for placement in estimate.placements)
 
 
 def test_a_range_would_fix_a_hinge():

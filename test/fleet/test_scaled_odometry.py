@@ -65,8 +65,3 @@ def test_no_truth_is_lost_at_the_ends_of_the_bounds(scale, side):
         assert not estimate.forgotten
     # Ten seconds of it without a look at anything.
     assert np.ptp(estimate.placements[0].enclosure_m[0], axis=0).max() < 2.5 * scale
-
-
-def test_a_scale_that_is_not_stated_is_missed():
-    stated = OdometryErrorModel(translation_per_m=PER_M)
-    assert not all(holds(estimate, place) for place, estimate in drive(0.7, 0.0, stated))

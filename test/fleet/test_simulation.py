@@ -80,21 +80,6 @@ def test_small_bounds_hold_in_single_precision(error):
             assert abs(turn_rad) <= error
 
 
-def test_loops_turn_every_robot_around_within_the_speed():
-    speed = 0.2
-    motion = FleetMotion(speed_m_s=speed, seed=5, path=Path.LOOPS)
-    step_s = 1e-3
-    for time_s in TIMES_S[::10]:
-        now, later = motion.state(time_s), motion.state(time_s + step_s)
-        velocity = (later.positions_m - now.positions_m) / step_s
-        np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), speed, rtol=1e-4)
-        for robot in range(len(ROBOTS)):
-            forward = rotation(now.yaws_rad[robot])[:, 0]
-            assert velocity[robot] @ forward == pytest.approx(speed, rel=1e-3)
-    yaws = np.unwrap([motion.state(time_s).yaws_rad for time_s in np.arange(0.0, 60.0)], axis=0)
-    assert np.abs(yaws[-1] - yaws[0]).min() > 2.0 * np.pi
-
-
 def test_every_robot_measures_every_landmark_within_the_bounds():
     error, bound = 0.03, 0.02
     sensors = FleetSensors(error, bound, seed=3, landmarks_m=LANDMARKS_M)

@@ -4,20 +4,18 @@
 """What robots measured before they moved: mirror images go, headings come, contradictions pass."""
 
 from dataclasses import replace
-from itertools import combinations
 import math
 from threading import Event
 
+from circling import START_S, TICK_S, Circling
 import numpy as np
 import pytest
 
-from dg_localization import SolverOptions, Verdict
+from dg_localization import Verdict
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
     Localizer,
-    OdometryErrorModel,
-    RangeErrorModel,
 )
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimation import estimate_snapshot
@@ -26,98 +24,7 @@ from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.window.memory import NO_WINDOW
 
-START_S = 100.0
-TICK_S = 0.25
-CENTERS = np.array([[0.0, 0.0], [4.0, 0.5], [1.5, 3.5], [-2.5, 2.0]])
-RADII_M = np.array([0.8, -0.6, 1.0, 0.5])
-RATES = np.array([0.5, 0.8, 0.6, -0.7])
-"""Of the turn; the sign of a radius and of its rate tell whether a robot drives forward."""
-ERROR = OdometryErrorModel(translation_per_m=0.02, rotation_per_rad=0.02)
-
-
-class Circling:
-    """Robots that drive in circles, and a localizer that hears them."""
-
-    def __init__(self, robots, *, odometry_frame='', **settings):
-        defaults = {
-            'range_error': RangeErrorModel(min_error_relative=-0.02, max_error_relative=0.02),
-            'odometry_error': ERROR,
-            'max_age_s': 0.1,
-            'memory_max_seconds': math.inf,
-            'solver': SolverOptions(max_boxes=200),
-        }
-        self.names = tuple(f'r{i}' for i in range(robots))
-        self.config = FleetConfig(robots=self.names, **{**defaults, **settings})
-        self.localizer = Localizer(self.config)
-        self.odometry_frame = odometry_frame
-        self.time_s = 0.0
-        self.shift_m = np.zeros((robots, 2))
-
-    @property
-    def now_s(self):
-        return START_S + self.time_s
-
-    def poses(self):
-        """Return true positions (n, 2) and yaws (n,)."""
-        n = len(self.names)
-        angles = RATES[:n] * self.time_s + np.arange(n)
-        around = RADII_M[:n, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        forward = np.sign(RADII_M[:n] * RATES[:n])
-        yaws = angles + forward * 0.5 * math.pi
-        return CENTERS[:n] + around + self.shift_m, yaws
-
-    def measure(self, *, pairs=None, anchors=True):
-        """Measure pairs of robots, or all, once; odometry does not see a shift."""
-        places, yaws = self.poses()
-        apart = self.names
-        for name, place, yaw, shift in zip(self.names, places, yaws, self.shift_m, strict=True):
-            orientation = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
-            stated = [*(place - shift), 0.0]
-            rejection = self.localizer.add_odometry(
-                name, stated, orientation, self.now_s, self.now_s, self.odometry_frame
-            )
-            assert rejection is None
-        for i, j in combinations(range(len(apart)), 2) if pairs is None else pairs:
-            self._range(self.names[i], self.names[j], places[j] - places[i])
-        for name, anchor in self.config.anchors.items() if anchors else ():
-            for robot, place in zip(self.names, places, strict=True):
-                self._range(robot, name, anchor.coordinates_m - place)
-
-    def _range(self, observer, target, gap):
-        reading = float(np.linalg.norm(gap))
-        self.localizer.add_range(observer, target, reading, self.now_s, self.now_s)
-
-    def drive(self, seconds, **measured):
-        """Drive on, measuring; yield an estimate every second."""
-        for tick in range(round(seconds / TICK_S)):
-            self.time_s += TICK_S
-            self.measure(**measured)
-            if tick % 4 == 3:
-                yield self.localizer.step(self.now_s)
-
-    def truth(self, estimate):
-        """Return positions and yaws in the frame of an estimate."""
-        places, yaws = self.poses()
-        # Odometry frames are those of the world here.
-        if estimate.frame.kind in ('anchors', 'odometry'):
-            return places, yaws
-        origin, towards = (self.names.index(name) for name in estimate.frame.points)
-        x, y = places[towards] - places[origin]
-        turn = math.atan2(y, x)
-        c, s = math.cos(turn), math.sin(turn)
-        return (places - places[origin]) @ np.array([[c, -s], [s, c]]), yaws - turn
-
-    def holds(self, placement, estimate):
-        places, yaws = self.truth(estimate)
-        low, high = placement.enclosure_m[:, 0] - 1e-9, placement.enclosure_m[:, 1] + 1e-9
-        known = placement.heading_known
-        z, w = placement.orientations_xyzw[known, 2:].T
-        off = 2.0 * np.arctan2(z, w) - yaws[known]
-        off = np.abs(np.remainder(off + math.pi, 2.0 * math.pi) - math.pi)
-        return bool(
-            np.all((low <= places) & (places <= high))
-            and np.all(off <= placement.heading_half_width_rad[known] + 1e-9)
-        )
+NOISE = 0.02
 
 
 @pytest.mark.parametrize('robots', [3, 4])
@@ -125,8 +32,8 @@ def test_robots_that_move_lose_their_mirror_image_and_get_headings(robots):
     fleet = Circling(robots)
     numbers, ruled_out = [], []
     for estimate in fleet.drive(15.0):
-        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
-        numbers.append(next(p.number for p in estimate.placements if fleet.holds(p, estimate)))
+        assert fleet.holding(estimate)
+        numbers.append(fleet.holding(estimate)[0].number)
         ruled_out += estimate.ruled_out
     assert estimate.n_hypotheses == 1
     assert not estimate.placements[0].mirrored
@@ -137,27 +44,6 @@ def test_robots_that_move_lose_their_mirror_image_and_get_headings(robots):
     assert 'mirror image ruled out by' in estimate.reason
 
 
-def test_what_was_ruled_out_stays_so_where_the_window_alone_does_not_tell():
-    fleet = Circling(3)
-    *_, before = fleet.drive(10.0)
-    assert before.n_hypotheses == 1
-    snapshot = fleet.localizer.snapshot(fleet.now_s)
-    forgetful = replace(snapshot, window=NO_WINDOW)
-    assert estimate_snapshot(forgetful)[0].n_hypotheses == 2
-    after = fleet.localizer.estimate(forgetful)
-    assert after.n_hypotheses == 1
-    assert fleet.holds(after.placements[0], after)
-    assert after.ruled_out == ('mirror image ruled out by the estimate 0.0 s ago',)
-
-
-def test_the_next_chain_is_ready_when_one_is_dropped():
-    fleet = Circling(3, memory_s=6.0)
-    *_, estimate = fleet.drive(3.0)
-    for estimate in fleet.drive(12.0):
-        # What one rules out is ruled out by the next before the first is dropped.
-        assert estimate.n_hypotheses == 1
-
-
 @pytest.mark.parametrize('measured', [((0, 1), (2, 3)), ((0, 1),), ()])
 def test_what_robots_remember_of_each_other_connects_them(measured):
     fleet = Circling(4)
@@ -165,7 +51,7 @@ def test_what_robots_remember_of_each_other_connects_them(measured):
     for estimate in fleet.drive(3.0, pairs=measured):
         assert estimate.groups == ()
         assert estimate.frame.points[0] == 'r0'
-        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        assert fleet.holding(estimate)
         assert all(np.isfinite(p.enclosure_m).all() for p in estimate.placements)
     assert estimate.n_hypotheses == 1
 
@@ -180,26 +66,15 @@ def test_robots_are_connected_for_half_the_memory():
     assert 'stale' in estimate.reason
 
 
-class Noisy(Circling):
-    """Robots whose ranges err anywhere in their bounds."""
-
-    def __init__(self, robots, **settings):
-        super().__init__(robots, **settings)
-        self._rng = np.random.default_rng(0)
-
-    def _range(self, observer, target, gap):
-        super()._range(observer, target, gap / (1.0 + self._rng.uniform(-0.02, 0.02)))
-
-
 @pytest.mark.parametrize('anchors', [{}, {'a': Anchor((-4.0, -3.0)), 'b': Anchor((5.0, -3.0))}])
 def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors):
-    fleet = Noisy(3, anchors=anchors)
+    fleet = Circling(3, noise=NOISE, anchors=anchors)
     off_m, off_of_the_moment_m, off_rad = [], [], []
     for estimate in fleet.drive(15.0):
         if estimate.n_hypotheses > 1 or not estimate.placements[0].heading_known.all():
             continue
         (placement,) = estimate.placements
-        assert fleet.holds(placement, estimate)
+        assert fleet.holding(estimate)
         low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
         assert np.all((low <= placement.positions_m) & (placement.positions_m <= high))
         places, yaws = fleet.truth(estimate)
@@ -217,13 +92,13 @@ def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors)
 
 @pytest.mark.parametrize('robots', [3, 4])
 def test_the_best_point_is_turned_into_the_odometry_frame_by_the_best_heading(robots):
-    fleet, unnamed = Noisy(robots, odometry_frame='odom'), Noisy(robots)
+    fleet, unnamed = (Circling(robots, noise=NOISE, odometry_frame=name) for name in ('odom', ''))
     off_m, off_unturned_m = [], []
     for estimate, before in zip(fleet.drive(15.0), unnamed.drive(15.0), strict=True):
         if estimate.frame.kind != 'odometry' or estimate.n_hypotheses > 1:
             continue
         (placement,), (unturned,) = estimate.placements, before.placements
-        assert fleet.holds(placement, estimate)
+        assert fleet.holding(estimate)
         places, yaws = fleet.truth(estimate)
         off_m.append(farthest_m(placement, places))
         off_unturned_m.append(farthest_m(unturned, unnamed.truth(before)[0]))
@@ -264,25 +139,6 @@ def test_a_point_that_the_window_pulls_into_another_hypothesis_stays():
     for share in (1.0 - 1e-9, 1.5):
         elsewhere = replace(bare, lower_m=share * placement.upper_m)
         assert fit_with_past(snapshot, constraints, (), plans.main, elsewhere) is elsewhere
-
-
-def test_a_heading_that_is_not_fitted_is_as_uncertain_as_its_bound():
-    fleet = Noisy(3)
-    *_, estimate = fleet.drive(12.0)
-    add = fleet.localizer.add_odometry
-    fleet.localizer.add_odometry = lambda name, *rest: None if name == 'r2' else add(name, *rest)
-    n_unfitted = 0
-    for _ in range(4):
-        fleet.time_s += TICK_S
-        fleet.measure()
-        for placement in fleet.localizer.step(fleet.now_s).placements:
-            known = placement.heading_known
-            unfitted = known & np.isnan(placement.fitted_yaws_rad)
-            n_unfitted += int(unfitted.sum())
-            half_widths = placement.heading_half_width_rad[unfitted]
-            assert np.array_equal(placement.covariances[unfitted, 5, 5], half_widths**2)
-            assert np.all(placement.covariances[known, 5, 5] > 0.0)
-    assert n_unfitted
 
 
 def test_an_answer_is_given_for_the_time_up_to_which_odometry_is_known():
@@ -332,14 +188,14 @@ ANCHORS = {'west': Anchor((-4.0, 0.0)), 'east': Anchor((6.0, 1.0)), 'north': Anc
 def test_robots_among_anchors_get_headings_and_stay_placed_without_measurements():
     fleet = Circling(2, anchors=ANCHORS)
     for estimate in fleet.drive(10.0):
-        assert fleet.holds(estimate.placements[0], estimate)
+        assert fleet.holding(estimate)
     assert estimate.n_hypotheses == 1
     assert estimate.placements[0].heading_known.all()
     before_m = np.ptp(estimate.placements[0].enclosure_m, axis=1).max()
     # Ranges between the robots go on.
     for estimate in fleet.drive(4.0, anchors=False):
         (placement,) = estimate.placements
-        assert fleet.holds(placement, estimate)
+        assert fleet.holding(estimate)
         assert estimate.frame.kind == 'anchors'
     assert before_m < np.ptp(placement.enclosure_m, axis=1).max() < 4.0 * before_m
 
@@ -353,7 +209,7 @@ def test_a_robot_that_was_carried_away_is_forgotten_and_found_again(outliers):
     texts = []
     for estimate in fleet.drive(12.0):
         assert estimate.verdict is Verdict.COVERED
-        assert fleet.holds(estimate.placements[0], estimate)
+        assert fleet.holding(estimate)
         texts.append([forgotten.text for forgotten in estimate.forgotten])
     assert texts[0] and 'r0' in texts[0][0] and 'contradicts' in texts[0][0]
     # It is in doubt for LONGEST_DOUBT_S; then all is forgotten that its odometry carries.
@@ -375,7 +231,7 @@ def test_one_wrong_range_leaves_what_was_measured_before_and_what_others_measure
     undisturbed, fleet = fleets
     both = zip(undisturbed.drive(14.0), fleet.drive(14.0), strict=True)
     for second, (expected, estimate) in enumerate(both, 1):
-        assert fleet.holds(estimate.placements[0], estimate)
+        assert fleet.holding(estimate)
         assert bool(estimate.forgotten) is (second == 9)
         assert all('r0' in ends for item in estimate.forgotten for ends in item.ends)
         widths_m = [np.ptp(e.placements[0].enclosure_m, axis=1) for e in (expected, estimate)]
@@ -408,7 +264,7 @@ def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
     # The others are stale by now, and right.
     assert estimate.reason.startswith('all fresh measurements contradict')
     for estimate in fleet.drive(6.0):
-        assert fleet.holds(estimate.placements[0], estimate)
+        assert fleet.holding(estimate)
         assert not estimate.forgotten and 'doubt' not in estimate.reason
     after = remembered(fleet)
     assert all(len(after[ends]) >= len(stamps) for ends, stamps in before.items())
@@ -431,7 +287,7 @@ def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing()
     for times in range(1, 4):
         fleet.shift_m[0] = [1.5 * times, -1.0]
         for estimate in fleet.drive(6.0):
-            assert fleet.holds(estimate.placements[0], estimate)
+            assert fleet.holding(estimate)
             forgotten += estimate.forgotten
     texts = [item.text for item in forgotten if 'odometry' in item.text]
     assert texts == ['the odometry of r0 may be wrong'] * 6
@@ -448,7 +304,7 @@ def test_what_the_moment_says_is_answered_when_the_window_contradicts_it():
     forgotten = []
     for estimate in fleet.drive(6.0):
         assert estimate.verdict is Verdict.COVERED
-        assert any(fleet.holds(placement, estimate) for placement in estimate.placements)
+        assert fleet.holding(estimate)
         forgotten += estimate.forgotten
     assert any('contradicts what is measured now' in item.text for item in forgotten)
     assert not estimate.forgotten
@@ -467,7 +323,7 @@ def test_a_cancelled_estimate_is_that_of_the_moment():
 def test_no_time_for_the_window_leaves_the_answer_of_the_moment():
     fleet = Circling(3, memory_max_seconds=0.0, anchors=ANCHORS)
     for estimate in fleet.drive(6.0):
-        assert fleet.holds(estimate.placements[0], estimate)
+        assert fleet.holding(estimate)
 
 
 def test_a_reset_forgets_and_numbers_are_not_used_again():

@@ -148,10 +148,3 @@ def _with_lies(rng, readings, liars, scale_m):
         readings.ray_errors_rad,
         readings.seen_by_b,
     )
-
-
-def range_of(anchor_m, low_m, high_m, sensor_m=(0.0, 0.0, 0.0), **rays):
-    """Return one reading of an anchor."""
-    distance = Interval(np.array([low_m]), np.array([high_m]))
-    points = Interval.point(np.array([anchor_m])), Interval.point(np.array([sensor_m]))
-    return PairReadings.of(*points, distance, **rays)

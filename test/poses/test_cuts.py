@@ -13,7 +13,6 @@ from dg_localization.poses.cuts import W_SIZE, cut_box
 from dg_localization.poses.half_spaces import HIGH, LOW, RULED_OUT, VIEW, view_box
 
 SAMPLES = 200
-PYTHAGOREAN = [[3, 4, 5], [-4, 3, 5], [5, 12, 13], [8, -15, 17], [0, 1, 1], [-12, -5, 13]]
 
 
 def cut(box, row):

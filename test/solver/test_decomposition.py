@@ -40,13 +40,6 @@ def decomposed(n_points, pairs, dimension=2):
     return set(pieces), joints
 
 
-def test_two_rigid_fours_that_share_a_robot_are_hinged():
-    first, second = (0, 1, 2, 3), (3, 4, 5, 6)
-    pieces, joints = decomposed(7, complete(*first) | complete(*second))
-    assert pieces == {first, second}
-    assert joints == {((3,), HINGE, frozenset({first, second}))}
-
-
 @pytest.mark.parametrize('length', [2, 10, 40])
 def test_a_strip_of_fours_reflects_at_every_shared_edge(length):
     fours = [tuple(range(2 * k, 2 * k + 4)) for k in range(length)]
@@ -63,12 +56,6 @@ def test_a_point_with_two_distances_takes_the_third_side_from_the_piece_it_hangs
     assert answer.pieces == ((0, 1, 2, 3), (1, 3, 4))
     (joint,) = answer.joints
     assert (joint.pieces, joint.points, joint.kind) == ((0, 1), (1, 3), REFLECTION)
-
-
-def test_on_a_line_a_shared_point_reflects():
-    pieces, joints = decomposed(5, {(0, 1), (1, 2), (2, 3), (1, 3)}, dimension=1)
-    assert pieces == {(0, 1), (1, 2, 3), (4,)}
-    assert joints == {((1,), REFLECTION, frozenset({(0, 1), (1, 2, 3)}))}
 
 
 def test_the_double_banana_turns_about_a_line():

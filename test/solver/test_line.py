@@ -20,7 +20,6 @@ from dg_localization.solver.contract.projection import whole_lanes
 from dg_localization.solver.contract.reduction import make_workspace
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
-SAME, FREE, OPPOSITE = -1, 0, 1
 
 
 def reduce(box, merged=-1, sigma=None, points=None):

@@ -27,14 +27,6 @@ def assert_same_cover(result, other, factor=1.0):
         assert np.array_equal(factor * box, other_box)
 
 
-def hull(result):
-    """Return the hull of all hypotheses."""
-    return (
-        np.min([h.lower for h in result.hypotheses], axis=0),
-        np.max([h.upper for h in result.hypotheses], axis=0),
-    )
-
-
 def is_flat(simplex):
     return orientation([[Fraction(x) for x in point] for point in simplex.tolist()]) == 0
 
@@ -127,13 +119,3 @@ def test_the_mirrored_question_has_the_same_distances():
         for hypothesis, twin in zip(result.hypotheses, other.hypotheses, strict=True):
             assert hypothesis.proved == twin.proved
     assert checked > 20
-
-
-def test_true_sides_only_take_away(paper_fleet):
-    free = solve(paper_fleet.noisy_problem(0.03))
-    low, high = hull(free)
-    for n_sides in (1, 2, 3):
-        result = solve(paper_fleet.noisy_problem(0.03, paper_fleet.SIDES[:n_sides]))
-        assert len(result.hypotheses) == 8 // 2**n_sides
-        new_low, new_high = hull(result)
-        assert (new_low >= low - 1e-9).all() and (new_high <= high + 1e-9).all()

@@ -11,8 +11,6 @@ from solver_cases import bounds, orientation, squared_distances
 from dg_localization import (
     Chirality,
     Problem,
-    Side,
-    SideConstraint,
     SolverOptions,
     Verdict,
     solve,
@@ -60,17 +58,6 @@ def test_every_turn_of_a_hinge_is_in_the_answer(angle_rad, mirrored):
     arms = (turned[3:] - turned[3]) * ([1.0, -1.0] if mirrored else 1.0)
     turned[3:] = turned[3] + arms @ turn
     assert holds(result, turned, squared_distances(turned))
-
-
-@pytest.mark.parametrize('side', [Side.SAME, Side.OPPOSITE])
-def test_a_side_decides_its_joint(side):
-    sides = [SideConstraint((2, 3), 0, 4, side)]
-    result = solve(strip(2, sides=sides))
-    assert result.n_hypotheses == 1
-    (hypothesis,) = result.hypotheses
-    assert hypothesis.proved
-    holds_truth = holds(result, strip_m(2), squared_distances(strip_m(2)))
-    assert holds_truth == (side is Side.OPPOSITE)
 
 
 @pytest.mark.parametrize('second_sign', [-1, 1])

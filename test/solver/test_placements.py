@@ -8,11 +8,9 @@ import math
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
-import pytest
-from solver_cases import box_of, orientation, squared_distances
+from solver_cases import orientation, squared_distances
 
-from dg_localization import Chirality, Problem, Side, SideConstraint
-from dg_localization.solver.place.placements import MOST_STEPS, place
+from dg_localization import Problem
 from dg_localization.solver.place.proofs import agrees, chirality_signs
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
@@ -64,33 +62,3 @@ def test_agreement_is_a_proof(seed):
         for i in range(n_points):
             for j in range(i):
                 assert lower[i, j] <= exact_squared(positions, i, j) <= upper[i, j]
-
-
-@pytest.mark.parametrize('size', [1e-12, 1.0, 1e12])
-def test_a_placement_well_inside_is_affirmed(size):
-    positions = np.array([[0.0, 0.0], [1.0, 0.2], [0.3, 0.9], [1.1, 1.2]]) * size
-    squared = squared_distances(positions)
-    lower, upper = squared * (1 - 1e-12), squared * (1 + 1e-12)
-    known = {
-        'sides': [SideConstraint((0, 3), 1, 2, Side.OPPOSITE)],
-        'chiralities': [Chirality((0, 1, 2), 1)],
-    }
-    wrong = {
-        'sides': [SideConstraint((0, 3), 1, 2, Side.SAME)],
-        'chiralities': [Chirality((0, 1, 2), -1)],
-    }
-    assert agrees(Problem(lower, upper, **known), positions)
-    for kind, constraints in wrong.items():
-        assert not agrees(Problem(lower, upper, **{kind: constraints}), positions)
-    assert not agrees(Problem(lower, upper, **known), np.full_like(positions, np.nan))
-
-
-@pytest.mark.parametrize('dimension', [1, 2, 3])
-@pytest.mark.parametrize('size', [1e-9, 1.0, 1e9, 1e150])
-def test_placing_exact_distances_restores_the_fleet(dimension, size):
-    rng = np.random.default_rng(dimension)
-    for n_points in (1, 2, 5, 8):
-        positions = rng.standard_normal((n_points, dimension)) * size
-        squared = squared_distances(positions)
-        placed = place(box_of(squared, squared), dimension, MOST_STEPS)
-        np.testing.assert_allclose(squared_distances(placed), squared, atol=1e-9 * size**2)

@@ -221,16 +221,6 @@ def test_a_projected_gap_holds_no_end_of_the_gap_wherever_the_points_are_along_t
 HUGE = 1.7e308
 
 
-@pytest.mark.parametrize('size', [1e-320, 1e-300, 1e160, 1e300, HUGE])
-def test_an_equilateral_triangle_of_any_size_is_one(size):
-    """Where squares overflow or vanish there is little to tell, but never that nothing is left."""
-    d_low, d_high = lengths((size, size))
-    low, high = axis_coordinate(size, size, size, size, d_low, d_high)
-    assert low <= 0.5 * d_low and 0.5 * d_high <= high
-    low, high = squared_height(size, size, size, size, size, size)
-    assert low <= 0.75 * size <= high
-
-
 def test_a_quotient_that_overflows_is_a_bound():
     """A point far beyond an end of a tiny axis; the triangle inequality is left to others."""
     tiny_m = 1e-160

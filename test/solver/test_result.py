@@ -171,13 +171,6 @@ def test_cancel_leaves_a_complete_cover(paper_fleet, boxes):
         assert covers(result, paper_fleet.squared(solution))
 
 
-def test_progress_is_told_once_a_box(paper_fleet):
-    seen = []
-    result = solve(paper_fleet.problem(), progress=seen.append)
-    assert 0 < len(seen) <= result.statistics.processed
-    assert [s.processed for s in seen] == sorted({s.processed for s in seen})
-
-
 @pytest.mark.parametrize('dimension', [1, 2, 3])
 @pytest.mark.parametrize(
     'ends', [(4.0, 9.0), (4.0, 4.0), (0.0, 0.0), (0.0, np.inf), (9.0, np.inf)]
@@ -206,16 +199,6 @@ def test_disconnected_groups_stay_unbounded():
     assert np.isinf(hypothesis.upper[:3, 3:]).all()
     assert (hypothesis.lower[:3, 3:] == 0.0).all()
     assert np.isfinite(hypothesis.upper[:3, :3]).all()
-
-
-@pytest.mark.parametrize('handedness', [-1, 1])
-def test_positions_have_the_handedness_asked_for(paper_fleet, handedness):
-    problem = paper_fleet.problem(chiralities=[Chirality((0, 1, 2), handedness)])
-    result = solve(problem)
-    assert len(result.hypotheses) == 8
-    for hypothesis in result.hypotheses:
-        assert hypothesis.proved
-        assert orientation(hypothesis.positions[:3].tolist()) == handedness
 
 
 def test_a_placement_on_the_hyperplane_meets_either_side():

@@ -86,17 +86,6 @@ def test_which_side_is_which(constraints, squared_m2):
     assert hypothesis.upper[1, 3] - hypothesis.lower[1, 3] < 1e-6
 
 
-def test_a_free_side_says_nothing():
-    constraint = SideConstraint((0, 2), 1, 3, Side.FREE)
-    assert len(solve(Problem(*bounds(4, SQUARE), sides=[constraint])).hypotheses) == 2
-
-
-def test_sides_that_contradict_each_other():
-    sides = [SideConstraint((0, 2), 1, 3, side) for side in (Side.SAME, Side.OPPOSITE)]
-    result = solve(Problem(*bounds(4, SQUARE), sides=sides))
-    assert not any(hypothesis.proved for hypothesis in result.hypotheses)
-
-
 def test_two_chiralities_of_disjoint_triangles():
     """They share no face: only the product of their volumes tells them apart."""
     positions = np.array([[0, 0], [4, 0], [0, 3], [9, 9], [13, 9], [9, 12]])
