@@ -325,7 +325,9 @@ class History:
         """Return where a point truly is, some seconds after the start; heights are left out."""
         name, body = self.config.points[point], self.body(point)
         if body is None:
-            return in_space(self.config.anchors[name].coordinates_m + self.off_m.get(name, 0.0))
+            return in_space(
+                np.add(self.config.anchors[name].coordinates_m, self.off_m.get(name, 0.0))
+            )
         if name not in self.arms_m:
             return self.drives[body].place(time_s)
         place, rotation = self.drives[body].pose(time_s)

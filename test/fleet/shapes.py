@@ -64,14 +64,6 @@ def holds(estimate, places, rotations=None):
     return not all(missing(one, places, rotations) for one in estimate.placements)
 
 
-def random_rotation(rng, dimension):
-    """Draw a body frame: any in space, about the vertical axis in the plane."""
-    if dimension == 2:
-        return turn(2, rng.uniform(-3.0, 3.0))
-    turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return turned * np.linalg.det(turned)
-
-
 def axes_along(edges, dimension):
     """Return axes as columns: x along the first edge, y on the side of the second."""
     if dimension == 2:
